@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Perceptual models and the shipped avatar: what they hold, and how they are stored.
+
+All coordinates are *rest space*: the space of the canonical armature in its rest pose, metres,
+Z up, the body facing -Y, its left at +X, the soles at Z = 0.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ... import resources
+from ...errors import InputError
+
+FORMAT_VERSION = 1
+
+F32 = npt.NDArray[np.float32]
+I32 = npt.NDArray[np.int32]
+U8 = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class SkinWeights:
+    """Sparse skin weights: row ``v`` is ``slice(offsets[v], offsets[v + 1])``.
+
+    Rows are sorted by bone, values are positive and sum to 1 in each row.
+    """
+
+    offsets: I32  # (V + 1,)
+    bones: I32  # (N,) index into the bone names of the owner
+    values: F32  # (N,)
+
+
+@dataclass(frozen=True, eq=False)
+class PerceptualModel:
+    """A body mesh for one modality, its vertices one two-point threshold apart.
+
+    Source of the idea: Danieau et al., VRST 2018, section 3.1.
+    """
+
+    id: str
+    modality: str  # "vibration", "pressure" or "temperature"
+    vertices: F32  # (V, 3) rest space, metres
+    triangles: I32  # (F, 3) counter-clockwise seen from outside
+    normals: F32  # (V, 3) unit length, outward
+    areas_m2: F32  # (V,) one vertex's share of the skin
+    part: U8  # (V,) index into parts.PARTS
+    side: U8  # (V,) index into parts.SIDES
+    mirror: I32  # (V,) the vertex at (-x, y, z); its own inverse
+    bone_names: tuple[str, ...]  # of the canonical skeleton
+    weights: SkinWeights
+    avatar_vertices: I32  # (V, 3) triangle of avatar vertices that a vertex lies over
+    avatar_weights: F32  # (V, 3) barycentric, sum 1
+    avatar_offset_m: F32  # (V,) distance from that triangle along its normal
+    provenance: dict[str, Any]  # source, licence, method, statistics
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 over everything that gives a vertex id its meaning, as hex."""
+        return _content_hash(self)
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """The canonical skeleton (MakeHuman's default rig), parents before children."""
+
+    bone_names: tuple[str, ...]
+    parents: I32  # (B,) -1 for a root
+    rest: F32  # (B, 4, 4) bone to rest space, as Blender's ``bone.matrix_local``
+    lengths_m: F32  # (B,)
+
+
+@dataclass(frozen=True, eq=False)
+class Avatar:
+    """The shipped avatar: skin mesh, skeleton and skin weights."""
+
+    id: str
+    vertices: F32  # (V, 3) rest space, metres
+    faces: I32  # (F, 4) quads; a triangle repeats its last corner as -1
+    uv: F32  # (F, 4, 2)
+    part: U8  # (V,)
+    side: U8  # (V,)
+    skeleton: Skeleton
+    weights: SkinWeights
+    provenance: dict[str, Any]
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 over mesh, skeleton and weights, as hex."""
+        return _content_hash(self)
+
+
+@dataclass(frozen=True, eq=False)
+class WalkCycle:
+    """One cycle of walking in place for the canonical skeleton, to be repeated."""
+
+    rate_hz: float
+    stride_m: float  # way covered in one cycle
+    bone_names: tuple[str, ...]
+    rotations: F32  # (T, B, 4) ``rotation_quaternion`` (w, x, y, z); the first is not repeated
+    root_offset_m: F32  # (T, 3) rest-space offset of the root bone
+    provenance: dict[str, Any]
+
+
+_Stored = TypeVar("_Stored", PerceptualModel, Avatar, WalkCycle)
+
+
+def _arrays(item: Any, prefix: str = "") -> dict[str, npt.NDArray[Any]]:
+    found: dict[str, npt.NDArray[Any]] = {}
+    for field in fields(item):
+        value = getattr(item, field.name)
+        if isinstance(value, np.ndarray):
+            found[prefix + field.name] = value
+        elif isinstance(value, SkinWeights | Skeleton):
+            found |= _arrays(value, f"{prefix}{field.name}.")
+    return found
+
+
+def _facts(item: Any) -> dict[str, Any]:
+    facts: dict[str, Any] = {}
+    for field in fields(item):
+        value = getattr(item, field.name)
+        if isinstance(value, Skeleton):
+            facts[field.name] = {"bone_names": list(value.bone_names)}
+        elif not isinstance(value, np.ndarray | SkinWeights):
+            facts[field.name] = list(value) if isinstance(value, tuple) else value
+    return facts
+
+
+def _content_hash(item: PerceptualModel | Avatar) -> str:
+    digest = hashlib.sha256()
+    names = item.bone_names if isinstance(item, PerceptualModel) else item.skeleton.bone_names
+    digest.update("\0".join((item.id, *names)).encode())
+    for name, array in sorted(_arrays(item).items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def save(item: PerceptualModel | Avatar | WalkCycle, path: Path) -> None:
+    """Write a model, the avatar or a walk cycle as ``.npz`` (same bytes for the same content)."""
+    meta = {"format": type(item).__name__, "version": FORMAT_VERSION, **_facts(item)}
+    meta_bytes = np.frombuffer(json.dumps(meta, sort_keys=True).encode(), np.uint8)
+    np.savez_compressed(path, meta=meta_bytes, **_arrays(item))
+
+
+def load(kind: type[_Stored], path: Path) -> _Stored:
+    """Read what :func:`save` wrote.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not such a file, or is of a newer version.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        meta = json.loads(arrays.pop("meta").tobytes())
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a readable body model ({error}).") from error
+    if meta.pop("format") != kind.__name__ or meta.pop("version") > FORMAT_VERSION:
+        raise InputError(
+            f"{path}: expected a {kind.__name__} of version {FORMAT_VERSION} or older."
+        )
+    for name in ("weights", "skeleton"):
+        members = {
+            key.partition(".")[2]: arrays.pop(key)
+            for key in list(arrays)
+            if key.startswith(name + ".")
+        }
+        if name == "skeleton" and members:
+            bones = tuple(meta["skeleton"]["bone_names"])
+            meta["skeleton"] = Skeleton(bone_names=bones, **members)
+        elif members:
+            meta[name] = SkinWeights(**members)
+    if "bone_names" in meta:
+        meta["bone_names"] = tuple(meta["bone_names"])
+    return kind(**meta, **arrays)
+
+
+@lru_cache(maxsize=1)
+def manifest() -> dict[str, Any]:
+    """The index of ``body_models/``: for each id its file, hash, source, licence, statistics."""
+    path = resources.body_models() / "manifest.json"
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}).") from error
+    return found
+
+
+@lru_cache(maxsize=8)
+def load_model(model_id: str) -> PerceptualModel:
+    """A shipped perceptual model, by its id (``"hfx-pressure-1"``); loaded once a process.
+
+    Raises
+    ------
+    InputError
+        No shipped model has this id.
+    """
+    models = manifest()["models"]
+    if model_id not in models:
+        raise InputError(f"Body model '{model_id}' is unknown; there are: {', '.join(models)}.")
+    return load(PerceptualModel, resources.body_models() / models[model_id]["file"])
+
+
+@lru_cache(maxsize=1)
+def load_avatar() -> Avatar:
+    """The shipped avatar."""
+    return load(Avatar, resources.body_models() / manifest()["avatar"]["file"])
+
+
+@lru_cache(maxsize=1)
+def load_walk() -> WalkCycle:
+    """The shipped walk cycle."""
+    return load(WalkCycle, resources.body_models() / manifest()["walk"]["file"])

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The four haptic modalities: their parameters, units and how effects combine.
+
+Physical units everywhere: vibration m/s^2 (peak) and Hz, pressure kPa, temperature degrees
+Celsius, wind m/s. What an effect does at a place is ``weight * level * parameter``; for
+temperature that product scales the deviation from a neutral temperature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+AMBIENT_NEUTRAL_C: Final = 24.0
+"""Air that neither warms nor cools a clothed person at rest: neutral for ambient effects."""
+
+CONTACT_NEUTRAL_C: Final = 33.0
+"""Skin temperature at rest: neutral for touched objects.
+
+HFX Studio's 30 degC area by a fire must warm, and a 30 degC object must cool (our reading of
+Danieau et al. 2018, section 4.1), so one neutral temperature cannot serve both.
+"""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One physical parameter of a modality."""
+
+    name: str
+    unit: str
+    default: float
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True)
+class Modality:
+    """A kind of touch: the perceptual model it is felt on, and its parameters.
+
+    ``strength`` names the parameter that the level scales: it is what a device turns up
+    and down. The other parameters only describe.
+    """
+
+    name: str
+    model: str  # modality of the perceptual model that it is felt on
+    parameters: tuple[Parameter, ...]
+    strength: str
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        return tuple(parameter.name for parameter in self.parameters)
+
+
+MODALITIES: Final[dict[str, Modality]] = {
+    modality.name: modality
+    for modality in (
+        Modality(
+            "vibration",
+            "vibration",
+            (
+                Parameter("amplitude_m_s2", "m/s^2", 10.0, 0.0, 1000.0),
+                Parameter("frequency_hz", "Hz", 100.0, 0.1, 1000.0),
+            ),
+            strength="amplitude_m_s2",
+        ),
+        Modality(
+            "pressure",
+            "pressure",
+            (Parameter("pressure_kpa", "kPa", 5.0, 0.0, 100.0),),
+            strength="pressure_kpa",
+        ),
+        Modality(
+            "temperature",
+            "temperature",
+            (Parameter("temperature_c", "degC", 30.0, -20.0, 60.0),),
+            strength="temperature_c",
+        ),
+        Modality(
+            "wind",
+            "pressure",
+            (
+                Parameter("speed_m_s", "m/s", 5.0, 0.0, 60.0),
+                Parameter("direction_x", "1", 0.0, -1.0, 1.0),
+                Parameter("direction_y", "1", 0.0, -1.0, 1.0),
+                Parameter("direction_z", "1", 1.0, -1.0, 1.0),
+            ),
+            strength="speed_m_s",
+        ),
+    )
+}
+
+
+def neutral_temperature_c(is_contact: bool) -> float:
+    """Temperature at which an effect does nothing, degrees Celsius."""
+    return CONTACT_NEUTRAL_C if is_contact else AMBIENT_NEUTRAL_C
+
+
+def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[float, float]:
+    """Amplitude and frequency of several vibrations at one place.
+
+    Equal frequencies (within 1 Hz) are taken to be in phase and add; groups of unequal
+    frequency add as powers. The frequency is that of the strongest group.
+
+    Parameters
+    ----------
+    amplitudes : (n,) float64
+        Peak acceleration of each, m/s^2.
+    frequencies_hz : (n,) float64
+
+    Returns
+    -------
+    amplitude : float
+        m/s^2.
+    frequency_hz : float
+        0 where nothing vibrates.
+    """
+    order = np.argsort(frequencies_hz, kind="stable")
+    amplitudes, frequencies_hz = amplitudes[order], frequencies_hz[order]
+    if not amplitudes.any():
+        return 0.0, 0.0
+    starts = np.flatnonzero(np.diff(frequencies_hz, prepend=-np.inf) > 1.0)
+    groups = np.add.reduceat(amplitudes, starts)
+    strongest = int(np.argmax(groups))
+    return float(np.sqrt(np.sum(groups**2))), float(frequencies_hz[starts[strongest]])
+
+
+def combine_pressure(pressures_kpa: F64) -> float:
+    """Pressures at one place add, kPa."""
+    return float(np.sum(pressures_kpa))
+
+
+def combine_wind(speeds_m_s: F64, directions: F64) -> tuple[float, F64]:
+    """Winds at one place add as vectors.
+
+    Parameters
+    ----------
+    speeds_m_s : (n,) float64
+    directions : (n, 3) float64
+        Unit vectors, world space, the way that the air moves.
+
+    Returns
+    -------
+    speed_m_s : float
+    direction : (3,) float64
+        Zero where the winds cancel.
+    """
+    total = np.asarray(speeds_m_s)[:, None] * np.asarray(directions)
+    velocity = total.sum(axis=0)
+    speed = float(np.linalg.norm(velocity))
+    return speed, velocity / speed if speed > 0.0 else np.zeros(3)
+
+
+def combine_temperature(temperatures_c: F64, strengths: F64, neutrals_c: F64) -> float:
+    """Deviation from neutral of several effects at one place, degrees Celsius.
+
+    Each effect contributes ``strength * (temperature - its own neutral)``; the sum is the
+    deviation that a device adds to its own neutral temperature.
+    """
+    return float(np.sum(strengths * (temperatures_c - neutrals_c)))

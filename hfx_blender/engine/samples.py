@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the engine yields: which vertices feel which effect, when and how strongly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """One effect on one body: what a run of samples belongs to."""
+
+    effect_id: str
+    body_id: str
+    modality: str
+    model_id: str
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One effect on one body at one time."""
+
+    time_s: float
+    stream: Stream
+    vertices: I32  # (n,) ascending ids of the stream's model
+    weights: F32  # (n,) space only, in (0, 1]
+    level: float  # time only, in (0, 1]
+    parameters: F64  # (P,) in the order of the modality's parameters
+    positions: F32 | None = None  # (n, 3) world space, metres
+    velocities: F32 | None = None  # (n, 3) world space, m/s
+    depth_m: F32 | None = None  # (n,) distance to the volume's boundary
+
+
+@dataclass(frozen=True, eq=False)
+class SampleRun:
+    """The samples of one stream over a block of times, in columns.
+
+    Sample ``k`` has the vertices ``slice(offsets[k], offsets[k + 1])``. Only times at which
+    something is felt have a sample.
+    """
+
+    stream: Stream
+    indices: I64  # (n,) sample indices of the time base, ascending
+    times_s: F64  # (n,)
+    levels: F64  # (n,) in (0, 1]
+    parameters: F64  # (n, P)
+    offsets: I64  # (n + 1,)
+    vertices: I32  # (total,) ascending within a sample
+    weights: F32  # (total,) in (0, 1]
+    positions: F32 | None = None  # (total, 3)
+    velocities: F32 | None = None  # (total, 3)
+    depth_m: F32 | None = None  # (total,)
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __iter__(self) -> Iterator[Sample]:
+        for k in range(len(self.indices)):
+            part = slice(int(self.offsets[k]), int(self.offsets[k + 1]))
+            yield Sample(
+                time_s=float(self.times_s[k]),
+                stream=self.stream,
+                vertices=self.vertices[part],
+                weights=self.weights[part],
+                level=float(self.levels[k]),
+                parameters=self.parameters[k],
+                positions=None if self.positions is None else self.positions[part],
+                velocities=None if self.velocities is None else self.velocities[part],
+                depth_m=None if self.depth_m is None else self.depth_m[part],
+            )

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The door in: a scene as plain data, free of Blender.
+
+A :class:`SceneDescription` says what there is and does not change over time; blocks of
+:class:`AnimationBlock` say what is where at which time. Spaces: *world* is the scene's, metres;
+*rest space* is that of the perceptual models; *shape space* is that of the unit shapes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .volume.shape import Falloff, Shape
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+Bool = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """When samples are taken.
+
+    Sample ``i`` is taken ``i / rate_hz`` after ``frame_first``, at a sub-frame if it falls
+    between frames. Time zero is the scene's own first frame, whatever range is exported.
+    """
+
+    fps: Fraction
+    rate_hz: Fraction
+    scene_start: int  # frame at time zero
+    frame_first: int  # exported range, both included
+    frame_last: int
+
+    def __post_init__(self) -> None:
+        if self.fps <= 0 or self.rate_hz <= 0:
+            raise ValueError(f"rates must be positive: fps {self.fps}, rate {self.rate_hz} Hz")
+        if self.frame_last < self.frame_first:
+            raise ValueError(f"empty frame range {self.frame_first} to {self.frame_last}")
+
+    @property
+    def sample_count(self) -> int:
+        """Samples that cover the range; the last frame lasts a whole frame."""
+        duration = Fraction(self.frame_last - self.frame_first + 1) / self.fps
+        return -int(-duration * self.rate_hz // 1)
+
+    def frame(self, index: int) -> Fraction:
+        """Exact frame of a sample; not a whole number at a sub-frame."""
+        return self.frame_first + Fraction(index) * self.fps / self.rate_hz
+
+    def times_s(self, indices: I64) -> F64:
+        """Seconds since ``scene_start`` of the samples with these indices."""
+        start = (self.frame_first - self.scene_start) / self.fps
+        return float(start) + np.asarray(indices, np.float64) / float(self.rate_hz)
+
+
+@dataclass(frozen=True, eq=False)
+class SkinBinding:
+    """The body follows bones: linear blend skinning with each model's own weights."""
+
+    bone_names: tuple[str, ...]  # order of the pose matrices; a superset of the models' bones
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceAnchors:
+    """Where one model's vertices lie on an avatar's surface."""
+
+    corners: I32  # (V, 3) vertices of the avatar's mesh
+    weights: F64  # (V, 3) barycentric, sum 1
+    offset_m: F64  # (V,) along the unit normal of the triangle, avatar's local space
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceBinding:
+    """The body follows an avatar's evaluated surface (shape keys, cloth, Preserve Volume...)."""
+
+    anchors: Mapping[str, SurfaceAnchors]  # by model id
+    reason: str  # why bones alone would not do, for the report
+
+
+@dataclass(frozen=True, eq=False)
+class BodyDescription:
+    """One haptic body."""
+
+    id: str
+    name: str
+    binding: SkinBinding | SurfaceBinding
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A named stretch of the timeline, for the reader of a track; it does not drive anything."""
+
+    name: str
+    frame_start: float
+    frame_end: float
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedArea:
+    """An egocentric effect's area: vertices of the effect's model on one body."""
+
+    body_id: str
+    vertices: I32  # (n,) ascending
+    weights: F32  # (n,) in (0, 1]
+
+
+@dataclass(frozen=True, eq=False)
+class HapticVolume:
+    """An allocentric effect's shape; where it stands is in the blocks."""
+
+    falloff: Falloff
+
+
+@dataclass(frozen=True, eq=False)
+class EffectDescription:
+    """One effect of the scene, of one modality."""
+
+    id: str
+    name: str
+    modality: str  # key of modality.MODALITIES
+    model_id: str  # perceptual model that it is felt on
+    area: PaintedArea | HapticVolume
+    is_contact: bool = False  # temperature of a touched object, not of the air
+    clips: tuple[Clip, ...] = ()
+
+    @property
+    def kind(self) -> Literal["painted", "volume"]:
+        return "painted" if isinstance(self.area, PaintedArea) else "volume"
+
+
+@dataclass(frozen=True, eq=False)
+class SceneDescription:
+    """Everything of a scene that does not change over time."""
+
+    time: TimeBase
+    bodies: tuple[BodyDescription, ...]
+    effects: tuple[EffectDescription, ...]
+    source: Mapping[str, Any] = field(default_factory=dict)  # name, hash, versions
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class EffectBlock:
+    """One effect over the times of a block.
+
+    Rows where ``levels`` is 0 may hold anything else.
+    """
+
+    levels: F64  # (T,) activation times intensity, 0..1
+    parameters: F64  # (T, P) in the order of the modality's parameters
+    matrices: F64 | None = None  # (T, 4, 4) shape space to world; volumes only
+    shapes: tuple[Shape, ...] = ()  # volumes only; the shapes that occur in the block
+    shape_index: I32 | None = None  # (T,) index into shapes; None: always the first
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBlock:
+    """One body over the times of a block. Rows where ``valid`` is False were not read."""
+
+    valid: Bool  # (T,)
+    to_world: F64  # (T, 4, 4) armature (or avatar, for a surface binding) to world
+    bones: F64 | None = None  # (T, B, 3, 4) rest space to posed armature space
+    surface: F32 | None = None  # (T, A, 3) evaluated avatar vertices, avatar's local space
+
+
+@dataclass(frozen=True, eq=False)
+class AnimationBlock:
+    """What is where, at some times of the time base.
+
+    ``indices`` ascend and may have gaps (times at which nothing can be felt are left out).
+    The first ``history`` rows were evaluated before; they are only there so that velocities
+    do not depend on how time was split.
+    """
+
+    indices: I64  # (T,) sample indices
+    effects: tuple[EffectBlock, ...]  # in the order of the scene's effects
+    poses: tuple[PoseBlock, ...]  # in the order of the scene's bodies
+    history: int = 0

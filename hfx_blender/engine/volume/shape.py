@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What every haptic volume can tell, and the falloff from its boundary to its core."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+
+class Shape(Protocol):
+    """A closed solid in *shape space*. Points are (3, N) float64, one row a coordinate.
+
+    The boundary belongs to the solid. No method raises on NaN points: they are outside.
+    """
+
+    @property
+    def bounds(self) -> F64:
+        """Axis-aligned box, (2, 3): lowest and highest corner."""
+
+    def contains(self, points: F64) -> Bool:
+        """Whether each point is inside or on the boundary, (N,)."""
+
+    def rise(self, points: F64) -> F64:
+        """How far from the boundary towards the core each point is, (N,).
+
+        0 on the boundary, 1 at the core (the points farthest inside), linear between along
+        the way inwards; negative or 0 outside. Invariant under the placing matrix.
+        """
+
+    def depth_m(self, points: F64, to_world: F64) -> F64:
+        """World-space distance to the boundary of points that are inside, (N,) metres.
+
+        ``to_world`` is the (4, 4) placing matrix.
+        """
+
+
+class FalloffKind(StrEnum):
+    """How strength rises from the boundary inwards."""
+
+    NONE = "none"
+    LINEAR = "linear"
+    SMOOTH = "smooth"
+
+
+@dataclass(frozen=True)
+class Falloff:
+    """Full strength in the core, falling to nothing at the boundary.
+
+    ``share`` is the part of the way from boundary to core over which strength rises:
+    1 peaks only at the core, 0 (or kind NONE) is full strength everywhere inside.
+    """
+
+    kind: FalloffKind = FalloffKind.NONE
+    share: float = 1.0
+
+    def weight(self, rise: F64) -> F64:
+        """Contact weight in 0..1 for the ``rise`` of points that are inside, (N,)."""
+        if self.kind is FalloffKind.NONE or self.share <= 0.0:
+            return np.ones_like(rise)
+        t = np.clip(rise / self.share, 0.0, 1.0)
+        if self.kind is FalloffKind.SMOOTH:
+            t = t * t * (3.0 - 2.0 * t)
+        return t
