@@ -100,65 +100,72 @@ def neutral_temperature_c(is_contact: bool) -> float:
     return CONTACT_NEUTRAL_C if is_contact else AMBIENT_NEUTRAL_C
 
 
-def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[float, float]:
-    """Amplitude and frequency of several vibrations at one place.
+def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
+    """Amplitude and frequency of several vibrations at each place.
 
-    Equal frequencies (within 1 Hz) are taken to be in phase and add; groups of unequal
-    frequency add as powers. The frequency is that of the strongest group.
+    Equal frequencies (within 1 Hz of the lowest of their group) are taken to be in phase and
+    add; groups of unequal frequency add as powers. The frequency is that of the strongest group.
 
     Parameters
     ----------
-    amplitudes : (n,) float64
-        Peak acceleration of each, m/s^2.
-    frequencies_hz : (n,) float64
+    amplitudes : (n, ...) float64
+        Peak acceleration of each of n vibrations at each place, m/s^2.
+    frequencies_hz : (n, ...) float64
+        Broadcast against ``amplitudes``.
 
     Returns
     -------
-    amplitude : float
+    amplitude : (...) float64
         m/s^2.
-    frequency_hz : float
-        0 where nothing vibrates.
+    frequency_hz : (...) float64
+        The lowest of the strongest group; 0 where nothing vibrates.
     """
-    order = np.argsort(frequencies_hz, kind="stable")
-    amplitudes, frequencies_hz = amplitudes[order], frequencies_hz[order]
-    if not amplitudes.any():
-        return 0.0, 0.0
-    starts = np.flatnonzero(np.diff(frequencies_hz, prepend=-np.inf) > 1.0)
-    groups = np.add.reduceat(amplitudes, starts)
-    strongest = int(np.argmax(groups))
-    return float(np.sqrt(np.sum(groups**2))), float(frequencies_hz[starts[strongest]])
+    frequencies = np.where(np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz)  # silent: last
+    order = np.argsort(frequencies, axis=0, kind="stable")
+    frequencies = np.take_along_axis(frequencies, order, axis=0)
+    amplitudes = np.take_along_axis(np.broadcast_to(amplitudes, order.shape), order, axis=0)
+    group, power, strongest, frequency = np.zeros((4, *order.shape[1:]))
+    group_hz = np.full(order.shape[1:], -np.inf)
+    for amplitude, each_hz in zip(amplitudes, frequencies, strict=True):
+        begins = each_hz > group_hz + 1.0
+        power = power + np.where(begins, group**2, 0.0)
+        group = np.where(begins, 0.0, group) + amplitude
+        group_hz = np.where(begins, each_hz, group_hz)
+        frequency = np.where(group > strongest, group_hz, frequency)
+        strongest = np.maximum(group, strongest)
+    return np.sqrt(power + group**2), frequency
 
 
-def combine_pressure(pressures_kpa: F64) -> float:
-    """Pressures at one place add, kPa."""
-    return float(np.sum(pressures_kpa))
+def combine_pressure(pressures_kpa: F64) -> F64:
+    """Pressures at one place add: (n, ...) kPa of n effects to (...) kPa."""
+    return np.asarray(np.sum(pressures_kpa, axis=0))
 
 
-def combine_wind(speeds_m_s: F64, directions: F64) -> tuple[float, F64]:
+def combine_wind(speeds_m_s: F64, directions: F64) -> tuple[F64, F64]:
     """Winds at one place add as vectors.
 
     Parameters
     ----------
-    speeds_m_s : (n,) float64
-    directions : (n, 3) float64
-        Unit vectors, world space, the way that the air moves.
+    speeds_m_s : (n, ...) float64
+    directions : (n, ..., 3) float64
+        Unit vectors, world space, the way that the air moves; broadcast against the speeds.
 
     Returns
     -------
-    speed_m_s : float
-    direction : (3,) float64
+    speed_m_s : (...) float64
+    direction : (..., 3) float64
         Zero where the winds cancel.
     """
-    total = np.asarray(speeds_m_s)[:, None] * np.asarray(directions)
-    velocity = total.sum(axis=0)
-    speed = float(np.linalg.norm(velocity))
-    return speed, velocity / speed if speed > 0.0 else np.zeros(3)
+    velocity = np.sum(np.asarray(speeds_m_s)[..., None] * np.asarray(directions), axis=0)
+    speed = np.linalg.norm(velocity, axis=-1)
+    return speed, velocity / np.where(speed > 0.0, speed, 1.0)[..., None]
 
 
-def combine_temperature(temperatures_c: F64, strengths: F64, neutrals_c: F64) -> float:
-    """Deviation from neutral of several effects at one place, degrees Celsius.
+def combine_temperature(temperatures_c: F64, strengths: F64, neutrals_c: F64) -> F64:
+    """Deviation from neutral of several effects at each place, degrees Celsius.
 
-    Each effect contributes ``strength * (temperature - its own neutral)``; the sum is the
-    deviation that a device adds to its own neutral temperature.
+    Each of n effects, the first axis of all, contributes
+    ``strength * (temperature - its own neutral)``; the sum (...) is the deviation that
+    a device adds to its own neutral temperature.
     """
-    return float(np.sum(strengths * (temperatures_c - neutrals_c)))
+    return np.asarray(np.sum(strengths * (temperatures_c - neutrals_c), axis=0))

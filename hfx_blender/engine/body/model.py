@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import zipfile
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ... import resources
-from ...errors import InputError
+from ...errors import InputError, OutputError
 
 FORMAT_VERSION = 1
 
@@ -150,10 +151,24 @@ def _content_hash(item: PerceptualModel | Avatar) -> str:
 
 
 def save(item: PerceptualModel | Avatar | WalkCycle, path: Path) -> None:
-    """Write a model, the avatar or a walk cycle as ``.npz`` (same bytes for the same content)."""
+    """Write a model, the avatar or a walk cycle as ``.npz`` (same bytes for the same content).
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; what was there before is untouched.
+    """
     meta = {"format": type(item).__name__, "version": FORMAT_VERSION, **_facts(item)}
     meta_bytes = np.frombuffer(json.dumps(meta, sort_keys=True).encode(), np.uint8)
-    np.savez_compressed(path, meta=meta_bytes, **_arrays(item))
+    beside = path.with_name(path.name + ".tmp")
+    try:
+        with beside.open("wb") as file:
+            np.savez_compressed(file, meta=meta_bytes, **_arrays(item))
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}).") from error
 
 
 def load(kind: type[_Stored], path: Path) -> _Stored:

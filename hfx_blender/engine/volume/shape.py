@@ -21,6 +21,10 @@ class Shape(Protocol):
     """
 
     @property
+    def is_convex(self) -> bool:
+        """Whether a box is inside as soon as its corners are."""
+
+    @property
     def bounds(self) -> F64:
         """Axis-aligned box, (2, 3): lowest and highest corner."""
 
@@ -31,13 +35,13 @@ class Shape(Protocol):
         """How far from the boundary towards the core each point is, (N,).
 
         0 on the boundary, 1 at the core (the points farthest inside), linear between along
-        the way inwards; negative or 0 outside. Invariant under the placing matrix.
+        the way inwards; 0 outside and for NaN. Invariant under the placing matrix.
         """
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """World-space distance to the boundary of points that are inside, (N,) metres.
 
-        ``to_world`` is the (4, 4) placing matrix.
+        ``to_world`` is the (4, 4) placing matrix, finite. 0 outside and for NaN.
         """
 
 
@@ -60,11 +64,16 @@ class Falloff:
     kind: FalloffKind = FalloffKind.NONE
     share: float = 1.0
 
+    @property
+    def is_flat(self) -> bool:
+        """Full strength everywhere inside."""
+        return self.kind is FalloffKind.NONE or self.share <= 0.0
+
     def weight(self, rise: F64) -> F64:
         """Contact weight in 0..1 for the ``rise`` of points that are inside, (N,)."""
-        if self.kind is FalloffKind.NONE or self.share <= 0.0:
+        if self.is_flat:
             return np.ones_like(rise)
-        t = np.clip(rise / self.share, 0.0, 1.0)
+        t = np.clip(rise, 0.0, self.share) / self.share
         if self.kind is FalloffKind.SMOOTH:
             t = t * t * (3.0 - 2.0 * t)
         return t

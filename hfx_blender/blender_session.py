@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender without a screen, for the command line: starting it, opening a file, leaving it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from .errors import HfxError, InputError
+
+_SYSTEM_PACKAGES = (
+    "libx11-6 libxrender1 libxxf86vm1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1"
+)
+
+
+def start() -> Any:
+    """The ``bpy`` module, with this package registered.
+
+    Raises
+    ------
+    HfxError
+        Blender cannot be loaded on this machine; says what is missing.
+    """
+    try:
+        import bpy
+    except ModuleNotFoundError as error:
+        if error.name != "bpy":
+            raise
+        version = ".".join(map(str, sys.version_info[:2]))
+        raise HfxError(
+            f"Blender's Python module 'bpy' is not installed for Python {version}. It is published "
+            "for Python 3.11 (Blender 4.5) and 3.13 (Blender 5.2), not for 3.12."
+        ) from error
+    except ImportError as error:
+        raise HfxError(
+            f"Blender's Python module cannot be loaded ({error}). On Debian and Ubuntu it needs: "
+            f"{_SYSTEM_PACKAGES}."
+        ) from error
+    if not hasattr(bpy.types.Object, "hfx"):
+        from . import register
+
+        register()
+    return bpy
+
+
+def open_blend(path: Path) -> None:
+    """Open a .blend. No script, driver or handler of the file is run.
+
+    Raises
+    ------
+    InputError
+        It is missing, is not a .blend, or Blender cannot read it.
+    """
+    bpy = start()
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file.")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        reason = str(error).strip().removeprefix("Error: ").splitlines()[0]
+        raise InputError(f"{path}: Blender cannot open it ({reason}).") from error
+
+
+def leave(code: int) -> None:
+    """End the process at once.
+
+    Blender's module sometimes hangs while Python takes it down, after all work is done.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
+
+
+def without_chatter(work: Callable[[], int]) -> int:
+    """Run ``work`` with Blender's own output discarded, so that only ours reaches stdout.
+
+    Blender writes to the file descriptor, past ``sys.stdout``; Python's stream is moved to a
+    copy of it meanwhile.
+    """
+    sys.stdout.flush()
+    ours = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    kept = sys.stdout
+    try:
+        os.dup2(nowhere, 1)
+        with os.fdopen(ours, "w", encoding=kept.encoding, errors="replace", closefd=False) as out:
+            sys.stdout = out
+            return work()
+    finally:
+        sys.stdout = kept
+        os.dup2(ours, 1)
+        os.close(ours)
+        os.close(nowhere)

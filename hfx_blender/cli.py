@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command line ``hfx``: a thin shell over functions that are there for scripts as well."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import NoReturn
+
+from . import __version__
+from .console import Console
+from .errors import HfxError, UsageError
+
+EPILOG = """\
+exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a device failed;
+5 some of several inputs failed (the others are complete); 130 interrupted; 1 a defect of hfx.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.print_usage(sys.stderr)
+        raise UsageError(message)
+
+
+def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    from .commands import body, demo, device, export, info
+
+    parser = _Parser(
+        prog=prog,
+        description="Haptic tracks from Blender scenes.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"hfx {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for module in (demo, export, info, body, device):
+        module.add_parser(commands)
+    return parser
+
+
+def run(arguments: Sequence[str], prog: str = "hfx") -> int:
+    """Do one command and return its exit code; every fault of the user's is one line."""
+    console = Console(as_json="--json" in arguments)
+    try:
+        options = build_parser(prog).parse_args(arguments)
+        return int(options.run(options, console))
+    except HfxError as error:
+        console.warn(f"hfx: {error}")
+        console.result({"error": str(error)})
+        return error.exit_code
+    except KeyboardInterrupt:
+        console.warn("hfx: interrupted; nothing half written was left behind")
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has gone (``hfx info x | head``): that is no defect.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception:
+        console.warn("hfx: a defect of hfx, please report it:\n" + traceback.format_exc())
+        return 1
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    from . import blender_session
+
+    try:
+        code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
+    except SystemExit as finished:  # --help and --version
+        code = finished.code if isinstance(finished.code, int) else 0
+    if "bpy" in sys.modules:
+        blender_session.leave(code)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

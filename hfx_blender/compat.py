@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Differences between Blender 4.2 and 5.2, one function each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+from bpy_extras import anim_utils
+
+
+def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
+    """F-curves of the action that is assigned to a datablock.
+
+    ``Action.fcurves`` shows the first slot only in 4.4 and is gone in 5.0; the slot that is
+    assigned to this datablock is the right one.
+    """
+    data = owner.animation_data
+    if data is None or data.action is None:
+        return []
+    return action_fcurves(data.action, getattr(data, "action_slot", None))
+
+
+def action_fcurves(
+    action: bpy.types.Action, slot: bpy.types.ActionSlot | None
+) -> list[bpy.types.FCurve]:
+    """F-curves of an action for one slot (ignored before 4.4, which has no slots)."""
+    if not hasattr(action, "slots"):
+        return list(action.fcurves)
+    if slot is None:
+        return []
+    bag = anim_utils.action_get_channelbag_for_slot(action, slot)
+    return [] if bag is None else list(bag.fcurves)
+
+
+def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
+    """F-curves that an NLA strip plays."""
+    if strip.action is None:
+        return []
+    return action_fcurves(strip.action, getattr(strip, "action_slot", None))
+
+
+def new_fcurve(
+    owner: bpy.types.ID, action: bpy.types.Action, data_path: str, index: int = 0
+) -> bpy.types.FCurve:
+    """An F-curve for a datablock's property in an action that is assigned to it."""
+    if hasattr(action, "fcurve_ensure_for_datablock"):  # 4.4 and later
+        return action.fcurve_ensure_for_datablock(owner, data_path, index=index)
+    found = action.fcurves.find(data_path, index=index)
+    return found or action.fcurves.new(data_path, index=index)
+
+
+def set_keys(
+    curve: bpy.types.FCurve, keys: Iterable[tuple[float, float]], interpolation: str = "LINEAR"
+) -> None:
+    """Replace an F-curve's keys by (frame, value) pairs."""
+    flat = [number for key in keys for number in key]
+    curve.keyframe_points.clear()
+    curve.keyframe_points.add(len(flat) // 2)
+    curve.keyframe_points.foreach_set("co", flat)
+    for point in curve.keyframe_points:
+        point.interpolation = interpolation
+    curve.update()

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""JSON from strangers: read strictly, and every fault named with its place in the file."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NoReturn
+
+from ..errors import InputError
+
+MAX_BYTES: Final = 1 << 20
+MAX_DEPTH: Final = 16
+_SHOWN = 60  # characters of a value that a message repeats
+_STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"?', re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Node:
+    """A value of a JSON document that knows where it is."""
+
+    value: Any
+    file: str
+    path: str = ""
+
+    def fail(self, allowed: str) -> NoReturn:
+        """Raise an ``InputError`` that names file, place, what was found and what is allowed."""
+        found = json.dumps(self.value, ensure_ascii=True)
+        if len(found) > _SHOWN:
+            found = found[:_SHOWN] + "..."
+        where = self.path or "the document"
+        raise InputError(f"{self.file}: {where} is {found}, allowed is {allowed}.")
+
+    def _child(self, key: str) -> Node:
+        path = f"{self.path}.{key}" if self.path else key
+        return Node(self.value[key], self.file, path)
+
+    def members(self, required: Collection[str], optional: Collection[str] = ()) -> dict[str, Node]:
+        """The members of an object that has all required keys and no unknown ones."""
+        children = self.entries(allowed="an object")
+        place = f"{self.path}: " if self.path else ""
+        for key in required:
+            if key not in children:
+                raise InputError(f"{self.file}: {place}'{key}' is missing.")
+        for key in children:
+            if key not in required and key not in optional:
+                known = ", ".join([*required, *optional])
+                raise InputError(
+                    f"{self.file}: {place}'{key[:_SHOWN]}' is unknown, allowed are: {known}."
+                )
+        return children
+
+    def entries(self, *, allowed: str, least: int = 0) -> dict[str, Node]:
+        """The members of an object with free keys."""
+        if not isinstance(self.value, dict) or len(self.value) < least:
+            self.fail(allowed)
+        return {key: self._child(key) for key in self.value}
+
+    def items(self, *, least: int, most: int) -> list[Node]:
+        """The items of a list of bounded length."""
+        if not isinstance(self.value, list) or not least <= len(self.value) <= most:
+            self.fail(f"a list of {least} to {most} items" if least != most else f"{most} items")
+        return [Node(item, self.file, f"{self.path}[{i}]") for i, item in enumerate(self.value)]
+
+    def text(self, pattern: str = r"[^\x00-\x1f\x7f]{1,400}", described: str = "") -> str:
+        """A string that a pattern matches as a whole."""
+        if not isinstance(self.value, str) or not re.fullmatch(pattern, self.value):
+            self.fail(described or "text of 1 to 400 printable characters")
+        return self.value
+
+    def choice(self, allowed: Collection[str]) -> str:
+        """One of some strings."""
+        if not isinstance(self.value, str) or self.value not in allowed:
+            self.fail("one of " + ", ".join(allowed))
+        return self.value
+
+    def number(self, minimum: float, maximum: float, unit: str = "") -> float:
+        """A finite number in a range, both ends included."""
+        # bool is an int in Python, and a true amplitude would be full power.
+        is_number = isinstance(self.value, int | float) and not isinstance(self.value, bool)
+        if not is_number or not minimum <= self.value <= maximum:
+            self.fail(f"a number from {minimum:g} to {maximum:g} {unit}".rstrip())
+        return float(self.value)
+
+    def integer(self, minimum: int, maximum: int) -> int:
+        """A whole number, written without a decimal point, in a range."""
+        is_whole = isinstance(self.value, int) and not isinstance(self.value, bool)
+        if not is_whole or not minimum <= self.value <= maximum:
+            self.fail(f"a whole number from {minimum} to {maximum}")
+        return int(self.value)
+
+
+def read(path: Path) -> Node:
+    """Read a JSON document.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is larger than ``MAX_BYTES`` or deeper than ``MAX_DEPTH``, is not
+        UTF-8, is not JSON, repeats a key in an object or holds a number that is not finite.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    if len(content) > MAX_BYTES:
+        raise InputError(f"{path}: is larger than {MAX_BYTES} bytes, the most that is allowed.")
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8.") from None
+    if _depth(text) > MAX_DEPTH:
+        raise InputError(f"{path}: is nested deeper than {MAX_DEPTH}, the most that is allowed.")
+    try:
+        value = json.loads(
+            text,
+            object_pairs_hook=_object,
+            parse_float=_finite,
+            parse_int=_whole,
+            parse_constant=_finite,
+        )
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid JSON ({error}).") from None
+    return Node(value, str(path))
+
+
+def _depth(text: str) -> int:
+    """Deepest nesting, counted before the recursive parser sees the text."""
+    depth = deepest = 0
+    for character in _STRINGS.sub("", text):
+        if character in "[{":
+            depth += 1
+            deepest = max(deepest, depth)
+        elif character in "]}":
+            depth -= 1
+    return deepest
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key '{twice[:_SHOWN]}' is there twice in one object")
+    return found
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:_SHOWN]} is not finite")
+    return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > 20:
+        raise ValueError(f"the number {text[:20]}... is too long")
+    return int(text)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects as scene objects: making them, finding them, their stable ids and painted areas."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from . import volumes
+from .engine.body.model import load_model
+from .engine.modality import MODALITIES
+from .errors import InputError
+
+COLLECTION = "HFX Effects"
+
+VERTICES = "hfx_vertices"
+WEIGHTS = "hfx_weights"
+"""ID properties that carry a painted area along with its object, wherever it is copied."""
+
+
+def effects_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The scene's effects, by name."""
+    found = [obj for obj in scene.objects if obj.hfx.role == "EFFECT"]
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The scene's haptic bodies (armatures), by name."""
+    found = [obj for obj in scene.objects if obj.hfx.role == "BODY"]
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def model_id_for(modality: str) -> str:
+    """The perceptual model on which a modality is painted and felt."""
+    return f"hfx-{MODALITIES[modality].model}-1"
+
+
+def add_volume(
+    scene: bpy.types.Scene, modality: str, shape: str, name: str | None = None
+) -> bpy.types.Object:
+    """An allocentric effect at the origin: a wire frame that is never rendered."""
+    title = name or f"{modality.title()} {shape.title()}"
+    effect = _new_effect(scene, title, bpy.data.meshes.new(title), modality)
+    effect.hfx.kind = "VOLUME"
+    effect.hfx.shape = shape
+    effect.display_type = "WIRE"
+    effect.hide_render = True
+    volumes.refresh_display(effect)
+    return effect
+
+
+def volume_from_mesh(
+    scene: bpy.types.Scene, modality: str, source: bpy.types.Object, name: str | None = None
+) -> bpy.types.Object:
+    """An allocentric effect with exactly the shape of a mesh object, moving along with it."""
+    if source.type != "MESH":
+        raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
+    effect = _new_effect(scene, name or f"{source.name} {modality.title()}", source.data, modality)
+    effect.hfx.kind = "VOLUME"
+    effect.hfx.shape = "MESH"
+    effect.display_type = "WIRE"
+    effect.hide_render = True
+    effect.parent = source
+    return effect
+
+
+def add_painted(
+    scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
+) -> bpy.types.Object:
+    """An egocentric effect on a body; its area is empty until it is painted."""
+    if body.hfx.role != "BODY":
+        raise InputError(f"'{body.name}' is not a haptic body.")
+    effect = _new_effect(scene, name or f"Painted {modality.title()}", None, modality)
+    effect.empty_display_type = "SINGLE_ARROW"
+    effect.empty_display_size = 0.2
+    effect.hfx.kind = "PAINTED"
+    effect.hfx.body = body
+    set_area(effect, [], [])
+    return effect
+
+
+def _new_effect(
+    scene: bpy.types.Scene, name: str, data: bpy.types.ID | None, modality: str
+) -> bpy.types.Object:
+    effect = bpy.data.objects.new(name, data)
+    effect.hfx.role = "EFFECT"
+    effect.hfx.uid = uuid.uuid4().hex
+    effect.hfx.modality = modality
+    effect.color = volumes.MODALITY_COLOURS[modality]
+    _collection(scene).objects.link(effect)
+    return effect
+
+
+def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    for collection in scene.collection.children_recursive:
+        if collection.name.startswith(COLLECTION):
+            return collection
+    collection = bpy.data.collections.new(COLLECTION)
+    scene.collection.children.link(collection)
+    return collection
+
+
+def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterable[float]) -> None:
+    """Store a painted area: ids of the effect's perceptual model and a weight for each.
+
+    Raises
+    ------
+    InputError
+        An id is not of the model, or a weight is not in 0..1; the old area is kept.
+    """
+    model = load_model(model_id_for(effect.hfx.modality))
+    ids, strengths = checked_area(effect.name, list(vertices), list(weights), len(model))
+    effect[VERTICES] = ids.tolist()
+    effect[WEIGHTS] = strengths.tolist()
+    effect.hfx.model_id = model.id
+    effect.hfx.model_hash = model.content_hash
+
+
+def area(effect: bpy.types.Object) -> tuple[list[int], list[float]]:
+    """The painted vertex ids and weights of an effect; empty where nothing was painted."""
+    # An empty ID-property array has no element type and comes back as a plain list.
+    return list(effect.get(VERTICES, [])), list(effect.get(WEIGHTS, []))
+
+
+def checked_area(
+    name: str, vertices: list[int], weights: list[float], model_size: int
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    """Ids (ascending) and weights of the vertices that are painted at all."""
+    if len(vertices) != len(weights):
+        raise InputError(
+            f"Effect '{name}': {len(vertices)} painted vertices but {len(weights)} weights."
+        )
+    ids = np.array(vertices, np.int64)
+    strengths = np.array(weights, np.float32)
+    if len(ids) and not (0 <= ids.min() and ids.max() < model_size):
+        raise InputError(
+            f"Effect '{name}': painted vertex {max(ids.max(), -ids.min())} is not one of the "
+            f"model's {model_size} vertices."
+        )
+    if not (np.isfinite(strengths).all() and ((strengths >= 0) & (strengths <= 1)).all()):
+        raise InputError(f"Effect '{name}': a painted weight is not a number from 0 to 1.")
+    order = np.argsort(ids, kind="stable")
+    order = order[strengths[order] > 0]
+    ids, strengths = ids[order], strengths[order]
+    if (np.diff(ids) == 0).any():
+        raise InputError(f"Effect '{name}': a vertex is painted twice.")
+    return ids.astype(np.int32), strengths
+
+
+def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
+    """A stable id for each object, by object name.
+
+    Blender copies properties with the object, so copies share their ``uid``: the first by name
+    keeps it, each other gets one derived from it, the same on every run.
+    """
+    taken: dict[str, int] = {}
+    ids: dict[str, str] = {}
+    for obj in sorted(objects, key=lambda obj: obj.name):
+        uid = obj.hfx.uid or obj.name
+        copies = taken[uid] = taken.get(uid, 0) + 1
+        ids[obj.name] = uid if copies == 1 else f"{uid}-{copies}"
+    return ids

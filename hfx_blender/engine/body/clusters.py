@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clusters of neighbouring perceptual vertices: the unit that is tested and posed."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .model import PerceptualModel
+
+I32 = npt.NDArray[np.int32]
+
+LEAF_SIZE = 384
+"""Vertices in a cluster at most: smaller ones cost more calls, larger ones pose too much."""
+
+
+def clusters_of(model: PerceptualModel, leaf_size: int = LEAF_SIZE) -> list[I32]:
+    """Split a model into compact clusters, each within one body part and side.
+
+    Returns
+    -------
+    list of (n,) int32
+        Ascending vertex ids; every vertex is in exactly one cluster.
+    """
+    label = model.part.astype(np.int32) * 4 + model.side
+    leaves: list[I32] = []
+    for value in np.unique(label):
+        _split(np.flatnonzero(label == value).astype(np.int32), model.vertices, leaf_size, leaves)
+    return leaves
+
+
+def _split(ids: I32, vertices: npt.NDArray[np.float32], leaf_size: int, leaves: list[I32]) -> None:
+    """Halve ``ids`` at the median of its longest axis until every piece is small enough."""
+    if len(ids) <= leaf_size:
+        leaves.append(np.sort(ids))
+        return
+    points = vertices[ids]
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    order = np.argsort(points[:, axis], kind="stable")
+    middle = len(ids) // 2
+    _split(ids[order[:middle]], vertices, leaf_size, leaves)
+    _split(ids[order[middle:]], vertices, leaf_size, leaves)

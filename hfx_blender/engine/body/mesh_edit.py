@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edge collapses and flips on a triangle mesh, many at once, that never break its topology.
+
+The mesh is half a body: an open disc whose one border is the midline. Every operation keeps
+it a manifold disc; a set of operations is done together only if they cannot touch each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The edges of a triangle mesh with the two triangles at each."""
+
+    ends: I64  # (E, 2) lower vertex first
+    triangle: I64  # (E, 2) -1 where the border is
+    opposite: I64  # (E, 2) the third vertex of each triangle, -1 likewise
+    keys: I64  # (E,) ascending; see key()
+    count: int  # number of vertices
+
+    @property
+    def is_border(self) -> Bool:
+        return self.triangle[:, 1] < 0
+
+    def exists(self, one: I64, other: I64) -> Bool:
+        """Whether pairs of vertices are joined by an edge."""
+        wanted = key(one, other, self.count)
+        place = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
+        found: Bool = self.keys[place] == wanted
+        return found
+
+
+def key(one: I64, other: I64, count: int) -> I64:
+    """One number for an unordered pair of vertices."""
+    found: I64 = np.minimum(one, other) * count + np.maximum(one, other)
+    return found
+
+
+def edges_of(triangles: I64, count: int) -> Edges:
+    """Edges of an oriented manifold triangle mesh."""
+    starts, ends = triangles, np.roll(triangles, -1, axis=1)
+    opposite = np.roll(triangles, -2, axis=1).ravel()
+    keys = key(starts, ends, count).ravel()
+    order = np.argsort(keys, kind="stable")
+    sorted_keys = keys[order]
+    first = np.flatnonzero(np.diff(sorted_keys, prepend=-1))
+    is_paired = np.zeros(len(first), bool)
+    inner = first[first + 1 < len(keys)]
+    is_paired[: len(inner)] = sorted_keys[inner] == sorted_keys[inner + 1]
+    corner = np.column_stack((order[first], order[np.minimum(first + 1, len(keys) - 1)]))
+    triangle, across = corner // 3, opposite[corner]
+    triangle[~is_paired, 1] = across[~is_paired, 1] = -1
+    unique = sorted_keys[first]
+    return Edges(np.column_stack((unique // count, unique % count)), triangle, across, unique, count)
+
+
+def neighbours(edges: Edges) -> tuple[I64, I64]:
+    """Neighbours of each vertex: row ``v`` is ``slice(offsets[v], offsets[v + 1])``."""
+    starts = np.concatenate((edges.ends[:, 0], edges.ends[:, 1]))
+    ends = np.concatenate((edges.ends[:, 1], edges.ends[:, 0]))
+    order = np.lexsort((ends, starts))
+    offsets = np.searchsorted(starts[order], np.arange(edges.count + 1))
+    return offsets.astype(np.int64), ends[order]
+
+
+def expand(offsets: I64, rows: I64) -> tuple[I64, I64]:
+    """Positions of all entries of the given sparse rows, and which of ``rows`` each is of."""
+    lengths = offsets[rows + 1] - offsets[rows]
+    owner = np.repeat(np.arange(len(rows)), lengths)
+    start = np.repeat(offsets[rows] - (np.cumsum(lengths) - lengths), lengths)
+    return start + np.arange(len(owner)), owner
+
+
+def scatter_ranks(count: int, seed: int) -> I64:
+    """A fixed shuffle of ``count`` numbers, the same for the same seed."""
+    return np.random.default_rng(seed).permutation(count)
+
+
+def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
+    """Which of the candidate edges have the lowest rank of all within one step around them."""
+    worst = np.iinfo(np.int64).max
+    own = np.full(edges.count, worst)
+    np.minimum.at(own, one, rank)
+    np.minimum.at(own, other, rank)
+    around = own.copy()
+    np.minimum.at(around, edges.ends[:, 0], own[edges.ends[:, 1]])
+    np.minimum.at(around, edges.ends[:, 1], own[edges.ends[:, 0]])
+    found: Bool = (around[one] == rank) & (around[other] == rank)
+    return found
+
+
+def triangle_normals(points: F64, triangles: I64) -> F64:
+    """Normals, as long as twice the triangle's area."""
+    corners = points[triangles]
+    found: F64 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return found
+
+
+def collapsible(
+    points: F64, normals: F64, triangles: I64, edges: Edges, gone: I64, kept: I64
+) -> Bool:
+    """Whether ``gone[i]`` can be merged into ``kept[i]`` without a fold or a pinch.
+
+    The two may share exactly the neighbours across their edge (the link condition, Dey et al.
+    1999), and no triangle may turn its back on the skin.
+    """
+    offsets, around = neighbours(edges)
+    places, owner = expand(offsets, gone)
+    shared = edges.exists(around[places], kept[owner]) & (around[places] != kept[owner])
+    common = np.bincount(owner[shared], minlength=len(gone))
+    index = np.searchsorted(edges.keys, key(gone, kept, edges.count))
+    allowed = common == np.where(edges.is_border[index], 1, 2)
+
+    corner_order = np.argsort(triangles.ravel(), kind="stable")
+    corner_offsets = np.searchsorted(triangles.ravel()[corner_order], np.arange(edges.count + 1))
+    places, owner = expand(corner_offsets.astype(np.int64), gone)
+    moved = triangles[corner_order[places] // 3]
+    stays = ~(moved == kept[owner][:, None]).any(axis=1)
+    moved, owner = moved[stays], owner[stays]
+    after = np.where(moved == gone[owner][:, None], kept[owner][:, None], moved)
+    facing = triangle_normals(points, after)
+    skin = normals[after].sum(axis=1)
+    cosine = np.einsum("ij,ij->i", facing, skin) / np.maximum(
+        np.linalg.norm(facing, axis=1) * np.linalg.norm(skin, axis=1), 1e-30
+    )
+    allowed[owner[cosine < 0.2]] = False
+    return allowed
+
+
+def collapse(triangles: I64, gone: I64, kept: I64, count: int) -> I64:
+    """Merge each ``gone[i]`` into ``kept[i]`` and drop the triangles that vanish."""
+    target = np.arange(count)
+    target[gone] = kept
+    merged = target[triangles]
+    alive = (
+        (merged[:, 0] != merged[:, 1])
+        & (merged[:, 1] != merged[:, 2])
+        & (merged[:, 2] != merged[:, 0])
+    )
+    found: I64 = merged[alive]
+    return found
+
+
+def flip_to_delaunay(points: F64, triangles: I64, is_midline: Bool, rounds: int = 12) -> I64:
+    """Flip edges whose opposite angles add up to more than a half turn.
+
+    No flip makes an edge twice, folds the surface or joins two midline vertices by a chord.
+    """
+    triangles = triangles.copy()
+    for turn in range(rounds):
+        edges = edges_of(triangles, len(points))
+        index = np.flatnonzero(~edges.is_border)
+        a, b = edges.ends[index].T
+        c, d = edges.opposite[index].T
+        bad = _cotangent(points, c, a, b) + _cotangent(points, d, a, b) < -1e-9
+        bad &= ~(is_midline[c] & is_midline[d]) & (c != d)
+        index, a, b, c, d = index[bad], a[bad], b[bad], c[bad], d[bad]
+        bad = ~edges.exists(c, d)
+        index, a, b, c, d = index[bad], a[bad], b[bad], c[bad], d[bad]
+        # Orient: in the first triangle the edge runs from `start` to `end`, c is opposite.
+        first, second = edges.triangle[index].T
+        rows = triangles[first]
+        forward = ((rows == a[:, None]) & (np.roll(rows, -1, axis=1) == b[:, None])).any(axis=1)
+        start, end = np.where(forward, a, b), np.where(forward, b, a)
+        one, other = np.column_stack((start, d, c)), np.column_stack((d, end, c))
+        old = triangle_normals(points, rows) + triangle_normals(points, triangles[second])
+        safe = np.einsum("ij,ij->i", triangle_normals(points, one), old) > 0.0
+        safe &= np.einsum("ij,ij->i", triangle_normals(points, other), old) > 0.0
+        rank = scatter_ranks(len(index), turn)
+        rank[~safe] = np.iinfo(np.int64).max
+        best = np.full(len(triangles), np.iinfo(np.int64).max)
+        np.minimum.at(best, first, rank)
+        np.minimum.at(best, second, rank)
+        chosen = np.flatnonzero(safe & (best[first] == rank) & (best[second] == rank))
+        _, unique = np.unique(key(c[chosen], d[chosen], len(points)), return_index=True)
+        chosen = chosen[unique]
+        if not len(chosen):
+            break
+        triangles[first[chosen]] = one[chosen]
+        triangles[second[chosen]] = other[chosen]
+    return triangles
+
+
+def _cotangent(points: F64, apex: I64, one: I64, other: I64) -> F64:
+    u, v = points[one] - points[apex], points[other] - points[apex]
+    area = np.linalg.norm(np.cross(u, v), axis=1)
+    found: F64 = np.einsum("ij,ij->i", u, v) / np.maximum(area, 1e-30)
+    return found

@@ -1,0 +1,377 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An evenly spaced mesh of the skin: each part at its own spacing, without leaving its part.
+
+Half the body is thinned to a set number of vertices a part, then relaxed: each vertex moves to
+the centre of its cell of skin (Lloyd's method for centroidal Voronoi cells, Du et al. 1999),
+the cells and the triangulation follow, and vertices too many are merged until the mean
+spacing is the target. Only edge collapses and flips change the mesh, so that it stays closed
+and without handles however coarse it becomes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from . import mesh_edit
+from .mesh_edit import F64, I64, Bool
+from .parts import CENTRE, PARTS, RIGHT
+from .skin import Skins
+
+U8 = npt.NDArray[np.uint8]
+Progress = Callable[[float, str], None]
+
+METHOD: Final = "centroidal Voronoi cells of the skin, each within its part, mirrored"
+
+HEXAGON: Final = np.sqrt(3.0) / 2.0
+"""Area of one cell of an even triangular grid, over the square of its spacing."""
+
+SAMPLES_ACROSS: Final = 7
+"""Sample points of the skin across one cell, at least."""
+
+_START: Final = 1.10  # vertices to start with, over the number expected
+_SETTLE: Final = 25  # relaxation steps after each thinning
+_CORRECTIONS: Final = 4
+_FINAL: Final = 40
+_PUSH: Final = 1.6  # overshoot of the centres, which settles faster
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points spread evenly over the skin of the left half, each for a piece of skin."""
+
+    points: F64  # (S, 3)
+    normals: F64  # (S, 3)
+    areas_m2: F64  # (S,)
+    part: U8  # (S,)
+    vertex: I64  # (S,) a vertex of the medium half beside it
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """The left half of a mesh; its border is the midline at x = 0."""
+
+    points: F64  # (V, 3)
+    triangles: I64  # (F, 3)
+    part: U8  # (V,)
+    is_midline: Bool  # (V,)
+
+
+@dataclass(frozen=True, eq=False)
+class LeftSkin:
+    """The left half of the skin: what a mesh is thinned from, and what it is measured on."""
+
+    medium: Half  # on the first vertices of the dense half
+    points: F64  # (V, 3) dense
+    normals: F64  # (V, 3)
+    quads: I64  # (F, 4) dense; the first corner of each is a vertex of the medium half
+    kept: I64  # (V,) vertex of the whole dense skin
+
+    @property
+    def triangles(self) -> I64:
+        """The dense quads, split."""
+        return _split(self.quads)
+
+
+def _split(quads: I64) -> I64:
+    return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+
+
+def left_of(skins: Skins, part: U8, side: U8) -> LeftSkin:
+    """The left half of the skins, with the labels of the dense one."""
+    on_left = side != RIGHT
+    kept = np.flatnonzero(on_left)
+    renumber = np.full(len(side), -1, np.int64)
+    renumber[kept] = np.arange(len(kept))
+    quads, medium_quads = (
+        renumber[faces[on_left[faces].all(axis=1)]]
+        for faces in (skins.dense.faces, skins.medium_faces)
+    )
+    points = skins.dense.vertices[kept]
+    triangles = _split(quads)
+    facing = mesh_edit.triangle_normals(points, triangles)
+    normals = np.zeros_like(points)
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], facing)
+    is_midline = side[kept] == CENTRE
+    normals[is_midline, 0] = 0.0
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    count = int(medium_quads.max()) + 1
+    medium = Half(
+        points[:count], _split(medium_quads), part[kept[:count]], is_midline[:count]
+    )
+    return LeftSkin(medium, points, normals, quads, kept)
+
+
+def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
+    """Sample points in a regular grid on every quad, fine enough for the part's spacing.
+
+    Parameters
+    ----------
+    spacing_m : (parts,) float64
+    """
+    quads = skin.quads
+    vertex = quads[:, 0]
+    part = skin.medium.part[vertex]
+    corners, corner_normals = skin.points[quads], skin.normals[quads]
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1
+    )
+    divisions = np.ceil(np.sqrt(areas) * SAMPLES_ACROSS / spacing_m[part]).astype(int)
+    divisions = np.maximum(divisions, 1)
+    pieces: list[tuple[F64, F64, F64, I64]] = []
+    for division in np.unique(divisions):
+        chosen = np.flatnonzero(divisions == division)
+        steps = (np.arange(division) + 0.5) / division
+        for u in steps:
+            for v in steps:
+                share = np.array([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+                pieces.append(
+                    (
+                        np.einsum("k,nkd->nd", share, corners[chosen]),
+                        np.einsum("k,nkd->nd", share, corner_normals[chosen]),
+                        areas[chosen] / division**2,
+                        vertex[chosen],
+                    )
+                )
+    points, facing, sizes, beside = (
+        np.concatenate(columns) for columns in zip(*pieces, strict=True)
+    )
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+    return Samples(points, facing, sizes, skin.medium.part[beside], beside)
+
+
+class Remesher:
+    """Half a body being thinned and relaxed to one table of spacings."""
+
+    def __init__(self, skin: LeftSkin, spacing_m: F64) -> None:
+        half = skin.medium
+        self.spacing_m = spacing_m
+        self.samples = sample(skin, spacing_m)
+        self.points = half.points
+        self.normals = skin.normals[: len(half.points)]
+        self.triangles = half.triangles
+        self.part = half.part
+        self.is_midline = half.is_midline
+        self.owner = self.samples.vertex  # (S,) vertex in whose cell a sample lies
+        self.midline_m = self._midline_lengths()
+
+    def _midline_lengths(self) -> F64:
+        ends = mesh_edit.edges_of(self.triangles, len(self.points))
+        border = ends.ends[ends.is_border]
+        lengths = np.linalg.norm(self.points[border[:, 0]] - self.points[border[:, 1]], axis=1)
+        return np.bincount(self.part[border[:, 0]], lengths, minlength=len(PARTS))
+
+    def expected(self) -> tuple[I64, I64]:
+        """Vertices beside the midline and on it, for each part, by area and length."""
+        area = np.bincount(
+            self.samples.part, self.samples.areas_m2, minlength=len(PARTS)
+        )
+        on = np.rint(self.midline_m / self.spacing_m).astype(np.int64)
+        cells = area / (HEXAGON * self.spacing_m**2)
+        beside = np.maximum(np.rint(cells - 0.5 * on), 1).astype(np.int64)
+        return np.where(area > 0.0, beside, 0), on
+
+    def thin(self, beside: I64, on: I64) -> None:
+        """Merge vertices along short edges until each part has its number of them."""
+        seed = 0
+        reach = 0.35
+        while True:
+            kinds = self.part.astype(np.int64) + len(PARTS) * self.is_midline
+            excess = self._counts(kinds) - np.concatenate((beside, on))
+            if (excess <= 0).all() or reach > 8.0:
+                return
+            removed = self._thin_once(kinds, excess, reach, seed)
+            seed += 1
+            if removed < 0.02 * excess.clip(0).sum() or removed == 0:
+                reach *= 1.2
+
+    def _counts(self, kinds: I64) -> I64:
+        alive = np.unique(self.triangles)
+        return np.bincount(kinds[alive], minlength=2 * len(PARTS))
+
+    def _thin_once(self, kinds: I64, excess: I64, reach: float, seed: int) -> int:
+        edges = mesh_edit.edges_of(self.triangles, len(self.points))
+        one, other = edges.ends.T
+        lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
+        short = (kinds[one] == kinds[other]) & (excess[kinds[one]] > 0)
+        short &= lengths < reach * self.spacing_m[self.part[one]]
+        short &= ~self.is_midline[one] | edges.is_border
+        index = np.flatnonzero(short)
+        rank = mesh_edit.scatter_ranks(len(index), seed)
+        swap = (rank & 1).astype(bool)
+        gone = np.where(swap, one[index], other[index])
+        kept = np.where(swap, other[index], one[index])
+        good = mesh_edit.collapsible(
+            self.points, self.normals, self.triangles, edges, gone, kept
+        )
+        gone, kept, rank = gone[good], kept[good], rank[good]
+        chosen = mesh_edit.independent(edges, gone, kept, rank)
+        gone, kept, rank = gone[chosen], kept[chosen], rank[chosen]
+        order = np.argsort(rank, kind="stable")
+        gone, kept = gone[order], kept[order]
+        taken = _first_of_each(kinds[gone], excess)
+        gone, kept = gone[taken], kept[taken]
+        self.triangles = mesh_edit.collapse(self.triangles, gone, kept, len(self.points))
+        target = np.arange(len(self.points))
+        target[gone] = kept
+        self.owner = target[self.owner]
+        return len(gone)
+
+    def compact(self) -> None:
+        """Drop the vertices that no triangle uses any more."""
+        alive = np.unique(self.triangles)
+        renumber = np.full(len(self.points), -1, np.int64)
+        renumber[alive] = np.arange(len(alive))
+        self.points, self.normals = self.points[alive], self.normals[alive]
+        self.part, self.is_midline = self.part[alive], self.is_midline[alive]
+        self.triangles, self.owner = renumber[self.triangles], renumber[self.owner]
+
+    def relax(self, steps: int, push: float = 1.0) -> None:
+        """Move every vertex to the middle of its cell, steps times; ``push`` overshoots."""
+        for step in range(steps):
+            self.triangles = mesh_edit.flip_to_delaunay(
+                self.points, self.triangles, self.is_midline, rounds=4
+            )
+            self._find_owners(1)
+            self._centre(push)
+        self.triangles = mesh_edit.flip_to_delaunay(
+            self.points, self.triangles, self.is_midline
+        )
+        self._find_owners(3)
+
+    def _find_owners(self, rounds: int) -> None:
+        """Let each sample go to a neighbour of its owner that is nearer, in the same part."""
+        edges = mesh_edit.edges_of(self.triangles, len(self.points))
+        same = self.part[edges.ends[:, 0]] == self.part[edges.ends[:, 1]]
+        inner = mesh_edit.Edges(
+            edges.ends[same], edges.triangle[same], edges.opposite[same], edges.keys[same],
+            edges.count,
+        )
+        offsets, around = mesh_edit.neighbours(inner)
+        degree = offsets[1:] - offsets[:-1]
+        width = int(degree.max())
+        table = np.repeat(np.arange(len(self.points))[:, None], width + 1, axis=1)
+        row = np.repeat(np.arange(len(self.points)), degree)
+        table[row, 1 + np.arange(len(around)) - offsets[row]] = around
+        place = self.points.astype(np.float32)
+        where = self.samples.points.astype(np.float32)
+        for _ in range(rounds):
+            best = np.full(len(where), np.inf, np.float32)
+            found = self.owner.copy()
+            for column in range(width + 1):
+                candidate = table[self.owner, column]
+                if column:
+                    active = np.flatnonzero(candidate != self.owner)
+                else:
+                    active = np.arange(len(where))
+                offset = where[active] - place[candidate[active]]
+                distance = np.einsum("ij,ij->i", offset, offset)
+                nearer = distance < best[active]
+                best[active[nearer]] = distance[nearer]
+                found[active[nearer]] = candidate[active[nearer]]
+            self.owner = found
+
+    def _centre(self, push: float) -> None:
+        count = len(self.points)
+        weight = self.samples.areas_m2
+        total = np.bincount(self.owner, weight, minlength=count)
+        has = total > 0.0
+        centre = self.points.copy()
+        for axis in range(3):
+            mean = np.bincount(self.owner, weight * self.samples.points[:, axis], minlength=count)
+            centre[has, axis] = mean[has] / total[has]
+        centre = self.points + push * (centre - self.points)
+        centre[self.is_midline, 0] = 0.0
+        offset = self.samples.points - centre[self.owner]
+        distance = np.einsum("ij,ij->i", offset, offset)
+        order = np.lexsort((distance, self.owner))
+        first = order[np.flatnonzero(np.diff(self.owner[order], prepend=-1))]
+        owner = self.owner[first]
+        nearest, normal = self.samples.points[first], self.samples.normals[first]
+        # Onto the skin: into the tangent plane of the nearest sample, unless that is far.
+        height = np.einsum("ij,ij->i", centre[owner] - nearest, normal)
+        flat = centre[owner] - height[:, None] * normal
+        slip = np.linalg.norm(flat - nearest, axis=1)
+        limit = 1.0 * np.sqrt(self.samples.areas_m2[first])
+        place = np.where((slip < limit)[:, None], flat, nearest)
+        place[self.is_midline[owner], 0] = 0.0
+        self.points[owner], self.normals[owner] = place, normal
+
+    def result(self) -> Half:
+        """The mesh as it is."""
+        return Half(self.points, self.triangles, self.part, self.is_midline)
+
+    def areas_m2(self) -> F64:
+        """Skin in the cell of each vertex, on the left half."""
+        return np.bincount(self.owner, self.samples.areas_m2, minlength=len(self.points))
+
+    def largest_gaps_m(self) -> F64:
+        """Distance from the farthest skin of each part to the nearest vertex of all."""
+        from scipy.spatial import cKDTree
+
+        mirrored = self.points * (-1.0, 1.0, 1.0)
+        tree = cKDTree(np.concatenate((self.points, mirrored)))
+        distance = tree.query(self.samples.points)[0]
+        gaps = np.zeros(len(PARTS))
+        np.maximum.at(gaps, self.samples.part, distance)
+        return gaps
+
+    def mean_spacing(self) -> F64:
+        """Mean distance between neighbours of the same part, for each part, metres."""
+        edges = mesh_edit.edges_of(self.triangles, len(self.points))
+        one, other = edges.ends.T
+        lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
+        # An edge beside the midline stands for two, one on it for one.
+        copies = np.where(edges.is_border, 1.0, 2.0)
+        same = self.part[one] == self.part[other]
+        labels = self.part[one][same]
+        total = np.bincount(labels, (copies * lengths)[same], minlength=len(PARTS))
+        number = np.bincount(labels, copies[same], minlength=len(PARTS))
+        return total / np.maximum(number, 1.0)
+
+
+def _first_of_each(kinds: I64, limit: I64) -> I64:
+    """Positions of the first ``limit[k]`` entries of each kind ``k``."""
+    order = np.argsort(kinds, kind="stable")
+    sorted_kinds = kinds[order]
+    start = np.searchsorted(sorted_kinds, sorted_kinds)
+    taken: I64 = np.sort(order[np.arange(len(order)) - start < limit[sorted_kinds]])
+    return taken
+
+
+def remesh(
+    skin: LeftSkin, spacing_m: F64, progress: Progress
+) -> Remesher:
+    """Thin and relax the left half to the spacings.
+
+    Parameters
+    ----------
+    spacing_m : (parts,) float64
+        Wanted mean distance between neighbours.
+    progress : callable
+        Given the share that is done, 0..1, and what is being done.
+    """
+    mesh = Remesher(skin, spacing_m)
+    beside, on = mesh.expected()
+    progress(0.0, "thinning")
+    mesh.thin(np.rint(beside * _START).astype(np.int64), on)
+    mesh.compact()
+    for correction in range(_CORRECTIONS):
+        progress(0.2 + 0.6 * correction / _CORRECTIONS, "relaxing")
+        mesh.relax(_SETTLE, _PUSH)
+        kinds = mesh.part.astype(np.int64) + len(PARTS) * mesh.is_midline
+        now = mesh._counts(kinds)[: len(PARTS)]
+        wanted = (now + 0.5 * on) * (mesh.mean_spacing() / spacing_m) ** 2 - 0.5 * on
+        few = beside < 20
+        wanted = np.where(few, beside, np.minimum(now, np.rint(wanted)))
+        mesh.thin(wanted.astype(np.int64), on)
+        mesh.compact()
+    progress(0.8, "relaxing")
+    mesh.relax(_FINAL)
+    progress(1.0, "relaxed")
+    return mesh

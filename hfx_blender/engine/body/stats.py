@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx body stats``: how evenly a model's vertices are spaced, beside what was wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .mesh_edit import edges_of
+from .model import PerceptualModel
+from .parts import PARTS
+from .thresholds import TABLE_1_MM, TABLE_1_SD_MM
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One part of one model. Distances in millimetres; NaN where nothing can be measured."""
+
+    modality: str
+    part: str
+    vertices: int
+    target_mm: float
+    mean_mm: float
+    sd_mm: float
+    gap_mm: float
+    table_1_mm: float
+    table_1_sd_mm: float
+
+
+def spacing_m(model: PerceptualModel) -> tuple[F64, F64]:
+    """Mean and standard deviation of the distance between neighbours, for each part.
+
+    Neighbours are the ends of an edge of the mesh that are both in the part.
+
+    Returns
+    -------
+    mean, sd : (parts,) float64
+        Metres, NaN for a part without an edge of its own.
+    """
+    ends = edges_of(model.triangles.astype(np.int64), len(model)).ends
+    vertices = model.vertices.astype(np.float64)
+    lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    mean, sd = np.full(len(PARTS), np.nan), np.full(len(PARTS), np.nan)
+    for number in range(len(PARTS)):
+        own = lengths[(model.part[ends] == number).all(axis=1)]
+        if len(own):
+            mean[number], sd[number] = own.mean(), own.std()
+    return mean, sd
+
+
+def statistics(model: PerceptualModel, gaps_m: F64) -> dict[str, Any]:
+    """What the manifest and the provenance say of a model, for each part.
+
+    Parameters
+    ----------
+    gaps_m : (parts,) float64
+        Distance from the farthest point of the part's skin to the nearest vertex.
+    """
+    mean, sd = spacing_m(model)
+    result: dict[str, Any] = {}
+    for number, part in enumerate(PARTS):
+        result[part] = {
+            "vertices": int((model.part == number).sum()),
+            "area_cm2": round(1e4 * float(model.areas_m2[model.part == number].sum()), 1),
+            "target_mm": model.provenance["targets_mm"][part],
+            "mean_mm": _rounded(mean[number]),
+            "sd_mm": _rounded(sd[number]),
+            "gap_mm": _rounded(gaps_m[number]),
+        }
+    return result
+
+
+def _rounded(metres: float) -> float | None:
+    return None if np.isnan(metres) else round(1000.0 * float(metres), 3)
+
+
+def table(models: Iterable[PerceptualModel]) -> list[Row]:
+    """The table of Danieau et al. 2018, Table 1, for these models, spacings measured anew."""
+    rows: list[Row] = []
+    for model in models:
+        mean, sd = spacing_m(model)
+        stored = model.provenance["statistics"]
+        for number, part in enumerate(PARTS):
+            rows.append(
+                Row(
+                    modality=model.modality,
+                    part=part,
+                    vertices=int((model.part == number).sum()),
+                    target_mm=stored[part]["target_mm"],
+                    mean_mm=1000.0 * float(mean[number]),
+                    sd_mm=1000.0 * float(sd[number]),
+                    gap_mm=stored[part]["gap_mm"],
+                    table_1_mm=TABLE_1_MM[model.modality][number],
+                    table_1_sd_mm=TABLE_1_SD_MM[model.modality][number],
+                )
+            )
+    return rows
+
+
+def as_text(rows: Iterable[Row]) -> str:
+    """The table for a terminal."""
+    lines: list[str] = []
+    modality = ""
+    for row in rows:
+        if row.modality != modality:
+            modality = row.modality
+            lines += [
+                "",
+                f"{modality:<14}{'vertices':>9}{'target':>9}{'mean':>9}{'off':>8}{'SD':>8}"
+                f"{'SD/mean':>9}{'gap':>8}{'Table 1 (SD)':>18}",
+            ]
+        off = f"{100.0 * (row.mean_mm / row.target_mm - 1.0):+.1f}%"
+        lines.append(
+            f"{row.part:<14}{row.vertices:>9}{row.target_mm:>9.1f}{row.mean_mm:>9.2f}{off:>8}"
+            f"{row.sd_mm:>8.2f}{row.sd_mm / row.mean_mm:>9.3f}{row.gap_mm:>8.2f}"
+            f"{f'{row.table_1_mm:.2f} ({row.table_1_sd_mm:.2f})':>18}"
+        )
+    return "\n".join(lines[1:]) + "\n"

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the engine did, so that "only what a scene requires" can be tested and reported."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+
+
+@dataclass
+class Counters:
+    """Work done since the engine was made."""
+
+    models_loaded: list[str] = field(default_factory=list)
+    times_evaluated: int = 0  # rows of blocks that held an active effect
+    times_skipped: int = 0  # rows in which nothing was active
+    volume_tests: int = 0  # (volume, body, time) whose boxes were compared
+    clusters_tested: int = 0  # (cluster, volume, time) whose bounds were compared
+    vertices_posed: int = 0  # positions computed
+    contacts: int = 0  # (vertex, effect, time) felt
+    warnings: dict[str, int] = field(default_factory=dict)  # message -> how often
+
+    def warn(self, message: str, count: int = 1) -> None:
+        """Count a warning; each message is reported once, with how often it occurred."""
+        self.warnings[message] = self.warnings.get(message, 0) + count
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain data for a report."""
+        return asdict(self)

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine: from what is where, to which vertices feel what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from . import contact
+from .body.model import PerceptualModel, load_model
+from .body.posing import PosableModel, SkinnedModel, SurfaceModel
+from .counters import Counters
+from .modality import MODALITIES
+from .samples import SampleRun, Stream
+from .scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PaintedArea,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+)
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+
+ON_DEMAND = frozenset({"positions", "velocities", "depth"})
+
+
+class Engine:
+    """Evaluates one scene, block by block, and does only what its active effects require.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+    record : iterable of str
+        What samples carry besides vertices and weights: any of ``ON_DEMAND``.
+    models : callable
+        Loads a perceptual model by its id; called at the first moment it is needed.
+    """
+
+    def __init__(
+        self,
+        scene: SceneDescription,
+        *,
+        record: Iterable[str] = (),
+        models: Callable[[str], PerceptualModel] = load_model,
+    ) -> None:
+        self.scene = scene
+        self.counters = Counters()
+        self._record = frozenset(record)
+        if not self._record <= ON_DEMAND:
+            raise ValueError(f"record: expected some of {sorted(ON_DEMAND)}, got {record}")
+        self._load = models
+        self._models: dict[str, PerceptualModel] = {}
+        self._bound: dict[tuple[str, str], PosableModel] = {}
+        self._body_index = {body.id: i for i, body in enumerate(scene.bodies)}
+
+    def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
+        """Samples of a block: one run for each effect and body that felt something."""
+        rows_of = [self._active_rows(e, b, block) for e, b in self._effects(block)]
+        active = np.unique(np.concatenate([np.zeros(0, np.int64), *rows_of]))
+        self.counters.times_evaluated += len(active)
+        self.counters.times_skipped += len(block.indices) - block.history - len(active)
+        bounds: dict[tuple[str, str], contact.ReachableBounds] = {}
+        runs: list[SampleRun] = []
+        for (effect, animated), rows in zip(self._effects(block), rows_of, strict=True):
+            if not len(rows):
+                continue
+            if isinstance(effect.area, PaintedArea):
+                runs.append(self._painted_run(effect, effect.area, animated, rows, block))
+                continue
+            for body in self.scene.bodies:
+                run = self._volume_run(effect, effect.area, animated, rows, body, block, bounds)
+                if run is not None:
+                    runs.append(run)
+        self.counters.contacts += sum(len(run.vertices) for run in runs)
+        return runs
+
+    def _effects(self, block: AnimationBlock) -> Iterable[tuple[EffectDescription, EffectBlock]]:
+        return zip(self.scene.effects, block.effects, strict=True)
+
+    def _active_rows(
+        self, effect: EffectDescription, animated: EffectBlock, block: AnimationBlock
+    ) -> I64:
+        """Rows at which an effect is on and all its values are numbers."""
+        finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
+        finite[: block.history] = True
+        if not finite.all():
+            self.counters.warn(
+                f"effect '{effect.name}': a value is not a finite number; it is silent there",
+                int(np.count_nonzero(~finite)),
+            )
+        on = finite & (np.where(finite, animated.levels, 0.0) > 0.0)
+        on[: block.history] = False
+        return np.flatnonzero(on)
+
+    def _posable(self, body: BodyDescription, model_id: str) -> PosableModel:
+        key = (body.id, model_id)
+        if key not in self._bound:
+            model = self._model(model_id)
+            if isinstance(body.binding, SkinBinding):
+                self._bound[key] = SkinnedModel(model, body.binding)
+            else:
+                self._bound[key] = SurfaceModel(model, body.binding.anchors[model_id])
+        return self._bound[key]
+
+    def _model(self, model_id: str) -> PerceptualModel:
+        if model_id not in self._models:
+            self._models[model_id] = self._load(model_id)
+            self.counters.models_loaded.append(model_id)
+        return self._models[model_id]
+
+    def _painted_run(
+        self,
+        effect: EffectDescription,
+        area: PaintedArea,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+    ) -> SampleRun:
+        count = len(area.vertices)
+        pose = block.poses[self._body_index[area.body_id]]
+        positions = velocities = None
+        if self._record & {"positions", "velocities"}:
+            model = self._posable(
+                self.scene.bodies[self._body_index[area.body_id]], effect.model_id
+            )
+            positions, velocities = self._motion(
+                model, pose, rows, [area.vertices] * len(rows), block.indices
+            )
+        return self._run(
+            effect,
+            area.body_id,
+            animated,
+            rows,
+            block,
+            offsets=np.arange(len(rows) + 1, dtype=np.int64) * count,
+            vertices=np.tile(area.vertices, len(rows)),
+            weights=np.tile(area.weights, len(rows)),
+            positions=positions,
+            velocities=velocities,
+        )
+
+    def _volume_run(
+        self,
+        effect: EffectDescription,
+        volume: HapticVolume,
+        animated: EffectBlock,
+        rows: I64,
+        body: BodyDescription,
+        block: AnimationBlock,
+        bounds: dict[tuple[str, str], contact.ReachableBounds],
+    ) -> SampleRun | None:
+        pose = block.poses[self._body_index[body.id]]
+        posed = np.flatnonzero(pose.valid & _finite_rows(pose))
+        lost = len(rows) - np.count_nonzero(np.isin(rows, posed))
+        if lost:
+            self.counters.warn(
+                f"body '{body.name}': its pose is not a finite number; it feels nothing there", lost
+            )
+            rows = rows[np.isin(rows, posed)]
+        if not len(rows):
+            return None
+        model = self._posable(body, effect.model_id)
+        key = (body.id, effect.model_id)
+        if key not in bounds:
+            bounds[key] = contact.bounds_of(model, pose, posed)
+        hits = contact.find(animated, volume.falloff, rows, model, pose, bounds[key], self.counters)
+        if not len(hits.rows):
+            return None
+        felt, firsts = np.unique(hits.rows, return_index=True)
+        offsets = np.append(firsts, len(hits.rows)).astype(np.int64)
+        positions = velocities = depth = None
+        if self._record & {"positions", "velocities"}:
+            sets = [hits.vertices[a:b] for a, b in pairwise(offsets)]
+            positions, velocities = self._motion(model, pose, felt, sets, block.indices)
+        if hits.points is not None:
+            depth = _depths(animated, felt, offsets, hits.points)
+        return self._run(
+            effect,
+            body.id,
+            animated,
+            felt,
+            block,
+            offsets=offsets,
+            vertices=hits.vertices,
+            weights=hits.weights.astype(np.float32),
+            positions=positions,
+            velocities=velocities,
+            depth_m=depth,
+        )
+
+    def _run(
+        self,
+        effect: EffectDescription,
+        body_id: str,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+        *,
+        offsets: I64,
+        vertices: I32,
+        weights: F32,
+        positions: F32 | None,
+        velocities: F32 | None,
+        depth_m: F32 | None = None,
+    ) -> SampleRun:
+        indices = block.indices[rows]
+        parameters = MODALITIES[effect.modality].parameters
+        return SampleRun(
+            stream=Stream(effect.id, body_id, effect.modality, effect.model_id),
+            indices=indices,
+            times_s=self.scene.time.times_s(indices),
+            levels=np.clip(animated.levels[rows], 0.0, 1.0),
+            parameters=np.clip(
+                animated.parameters[rows],
+                [parameter.minimum for parameter in parameters],
+                [parameter.maximum for parameter in parameters],
+            ),
+            offsets=offsets,
+            vertices=vertices,
+            weights=weights,
+            positions=positions if "positions" in self._record else None,
+            velocities=velocities if "velocities" in self._record else None,
+            depth_m=depth_m,
+        )
+
+    def _motion(
+        self,
+        model: PosableModel,
+        pose: PoseBlock,
+        rows: I64,
+        vertices: list[I32],
+        indices: I64,
+    ) -> tuple[F32, F32]:
+        """World positions and velocities of the vertices of each row, concatenated.
+
+        Velocities are differences to the sample before, so that they do not look ahead;
+        where the block does not hold it, they are 0.
+        """
+        step_s = 1.0 / float(self.scene.time.rate_hz)
+        positions, velocities = [], []
+        for row, ids in zip(rows, vertices, strict=True):
+            here = model.points(ids, pose, int(row), pose.to_world[row])
+            speed = np.zeros_like(here)
+            known = row > 0 and indices[row - 1] == indices[row] - 1 and pose.valid[row - 1]
+            if "velocities" in self._record and known:
+                before = model.points(ids, pose, int(row) - 1, pose.to_world[row - 1])
+                speed = (here - before) / step_s
+            positions.append(here.T)
+            velocities.append(speed.T)
+        self.counters.vertices_posed += sum(len(ids) for ids in vertices)
+        return np.concatenate(positions).astype(np.float32), np.concatenate(velocities).astype(
+            np.float32
+        )
+
+
+def _finite_rows(pose: PoseBlock) -> npt.NDArray[np.bool_]:
+    finite: npt.NDArray[np.bool_] = np.isfinite(pose.to_world).all(axis=(1, 2))
+    for values in (pose.bones, pose.surface):
+        if values is not None:
+            finite &= np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    return finite
+
+
+def _depths(animated: EffectBlock, rows: I64, offsets: I64, points: F64) -> F32:
+    assert animated.matrices is not None
+    depths = np.zeros(points.shape[1], np.float32)
+    for k, row in enumerate(rows):
+        part = slice(int(offsets[k]), int(offsets[k + 1]))
+        which = 0 if animated.shape_index is None else int(animated.shape_index[row])
+        depths[part] = animated.shapes[which].depth_m(points[:, part], animated.matrices[row])
+    return depths

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The coverage scheme of HFX Studio: an actuator fires for the vertices that it shares.
+
+Danieau et al., VRST 2018, section 3.3: haptic data and devices speak in vertices of the same
+perceptual model; what they share is rendered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .device import Statistic
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+
+_DENSE_ENTRIES = 1 << 18
+"""Weights that are laid out densely at a time: 1 MiB, which stays in the processor's cache."""
+
+
+class ActuatorCells:
+    """Which vertices of one model each of A actuators reaches.
+
+    Parameters
+    ----------
+    rows : sequence of (n,) int32
+        Vertices of each actuator; may be empty and may overlap.
+    vertex_count : int
+        Size of the model.
+    """
+
+    def __init__(self, rows: Sequence[I32], vertex_count: int) -> None:
+        self.rows = tuple(rows)
+        self.counts = np.array([len(row) for row in rows], np.int64)
+        every = np.concatenate([np.zeros(0, np.int32), *rows])
+        reached, slots = np.unique(every, return_inverse=True)
+        self.reached = reached  # (D,) vertices that any actuator reaches
+        self._slots = slots.ravel()
+        self._slot_of = np.full(vertex_count, -1, np.int32)
+        self._slot_of[reached] = np.arange(len(reached), dtype=np.int32)
+
+    def gains(self, offsets: I64, vertices: I32, weights: F32, statistic: Statistic) -> F64:
+        """How strongly each actuator fires for each of n samples.
+
+        ``strongest`` is the largest weight among the shared vertices; ``mean`` is the mean
+        over all vertices of the actuator, those that are not shared counting as 0. 0 where
+        nothing is shared.
+
+        Parameters
+        ----------
+        offsets : (n + 1,) int64
+            Sample ``k`` has the entries ``slice(offsets[k], offsets[k + 1])``.
+        vertices : (total,) int32
+        weights : (total,) float32
+
+        Returns
+        -------
+        (n, A) float64
+        """
+        count = len(offsets) - 1
+        gains = np.zeros((count, len(self.rows)))
+        if not len(self.reached):
+            return gains
+        step = max(1, _DENSE_ENTRIES // len(self.reached))
+        for first in range(0, count, step):
+            stop = min(first + step, count)
+            entries = slice(int(offsets[first]), int(offsets[stop]))
+            dense = self._dense(offsets[first : stop + 1], vertices[entries], weights[entries])
+            gains[first:stop] = self._reduce(dense, statistic)
+        return gains
+
+    def _dense(self, offsets: I64, vertices: I32, weights: F32) -> F32:
+        """Weights (n, D) at the reached vertices, 0 where a sample does not have them."""
+        slots = self._slot_of[vertices]
+        shared = np.flatnonzero(slots >= 0)
+        samples = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))[shared]
+        dense = np.zeros((len(offsets) - 1, len(self.reached)), np.float32)
+        dense[samples, slots[shared]] = weights[shared]
+        return dense
+
+    def _reduce(self, dense: F32, statistic: Statistic) -> F64:
+        gains = np.zeros((len(dense), len(self.rows)))
+        filled = np.flatnonzero(self.counts)  # reduceat has no identity for an empty row
+        starts = (np.cumsum(self.counts) - self.counts)[filled]
+        spread = dense[:, self._slots]
+        if statistic == "strongest":
+            gains[:, filled] = np.maximum.reduceat(spread, starts, axis=1)
+        else:
+            sums = np.add.reduceat(spread, starts, axis=1, dtype=np.float64)
+            gains[:, filled] = sums / self.counts[filled]
+        return gains

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What rendering must know about a haptic device: facts only, as plain data.
+
+The content follows HFX Studio's device configuration (Danieau et al., VRST 2018, section 3.3)
+and Mango's hardware configuration file (Schneider et al., UIST 2015).
+:mod:`hfx_blender.devices.configuration` reads it from a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from ..modality import MODALITIES
+
+Statistic = Literal["strongest", "mean"]
+
+
+@dataclass(frozen=True)
+class Control:
+    """One control parameter of an actuator, in the modality's own unit."""
+
+    name: str  # of a parameter of the modality
+    minimum: float  # what the hardware takes
+    maximum: float
+    lowest: float  # what it is allowed to get: the range cut by the configured limits
+    highest: float
+    neutral: float  # what it gets while nothing is rendered
+
+
+@dataclass(frozen=True)
+class ActuatorType:
+    """A kind of actuator; its first control is the modality's strength."""
+
+    name: str
+    modality: str  # key of modality.MODALITIES
+    controls: tuple[Control, ...]
+    latency_ms: float
+    update_interval_ms: float
+
+    @property
+    def strength(self) -> Control:
+        """The control that makes the actuator feel stronger or weaker."""
+        return self.controls[0]
+
+    def unit(self, control: Control) -> str:
+        """Unit of one of the controls."""
+        parameters = MODALITIES[self.modality].parameters
+        return next(each.unit for each in parameters if each.name == control.name)
+
+
+@dataclass(frozen=True)
+class VertexSet:
+    """Vertices of one perceptual model."""
+
+    model_id: str
+    content_hash: str  # of the model that the ids were chosen on
+    vertices: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class VertexPlace:
+    """The vertices that an actuator reaches, named one by one for each model."""
+
+    sets: tuple[VertexSet, ...]
+
+
+@dataclass(frozen=True)
+class BodyPlace:
+    """A patch of skin: what lies in a ball, on certain parts and one side of the body."""
+
+    parts: tuple[str, ...]
+    centre_m: tuple[float, float, float]  # rest space
+    radius_m: float
+    side: str | None = None  # None: any
+
+
+@dataclass(frozen=True)
+class RoomPlace:
+    """Stands in the room and touches no skin; reaches whole parts of the body."""
+
+    parts: tuple[str, ...]
+
+
+Place = VertexPlace | BodyPlace | RoomPlace
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One actuator and where it works."""
+
+    id: str
+    type: ActuatorType
+    place: Place
+
+
+@dataclass(frozen=True)
+class Substitution:
+    """One modality shown as another.
+
+    ``strength of target = scale * strength of source``, where the strength of temperature is
+    its deviation from neutral (its magnitude, unless temperature is shown as temperature).
+    """
+
+    source: str
+    target: str
+    scale: float  # unit of the target per unit of the source
+    frequency_hz: float | None = None  # for vibration as target
+
+
+@dataclass(frozen=True)
+class Brand:
+    """Who made the device, and how it is recognised on a bus."""
+
+    vendor: str
+    model: str
+    usb: tuple[tuple[int, int], ...] = ()  # vendor id, product id
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceConfig:
+    """One haptic device."""
+
+    id: str
+    name: str
+    description: str
+    actuator_types: Mapping[str, ActuatorType]
+    actuators: tuple[Actuator, ...]
+    statistic: Statistic  # of the coverage scheme
+    substitutions: Mapping[str, Substitution]  # by source modality
+    gain: float  # times every strength, before the limits
+    brand: Brand | None = None
+    width_m: float | None = None
+    height_m: float | None = None
+    side: str | None = None  # of the body that it is worn on, if it can change sides
+    is_mirrored: bool = False  # places are written for the other side
+
+    @property
+    def modalities(self) -> tuple[str, ...]:
+        """What its actuators can do, without substitutions."""
+        return tuple(dict.fromkeys(each.type.modality for each in self.actuators))

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An actuator that can be updated only so often holds its value in between."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+
+def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F64:
+    """Give each update interval the strongest of its rows.
+
+    Intervals are counted from the first row, and a row belongs to the interval in which it
+    begins. A contact shorter than an interval so keeps its peak for a whole one; an update
+    comes at most one interval before what it shows.
+
+    Parameters
+    ----------
+    values : (T, P) float64
+        Controls of one actuator, its strength first.
+    neutral : (P,) float64
+        Strong is what is far from ``neutral[0]``.
+    rate_hz : Fraction
+        Of the rows.
+    interval_ms : float
+
+    Returns
+    -------
+    (T, P) float64
+        ``values`` itself if the rows are no closer than the interval.
+    """
+    rows_per_interval = Fraction(interval_ms) / 1000 * rate_hz
+    if rows_per_interval <= 1 or not len(values):
+        return values
+    numerator, denominator = rows_per_interval.as_integer_ratio()
+    if numerator >= 1 << 31:  # an interval such as 33.3 ms is a long binary fraction
+        exact = rows_per_interval.limit_denominator(1 << 16)
+        numerator, denominator = exact.as_integer_ratio()
+    intervals = np.arange(len(values), dtype=np.int64) * denominator // numerator
+    deviation = np.abs(values[:, 0] - neutral[0])
+    # Stable sort by interval, then the strongest, then the earliest comes first.
+    order = np.lexsort((-deviation, intervals))
+    peaks = order[np.flatnonzero(np.diff(intervals[order], prepend=-1))]
+    return np.asarray(values[peaks[intervals]])

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a device's actuators are on a perceptual model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ..body.model import PerceptualModel
+from ..body.parts import PARTS, SIDES
+from .coverage import ActuatorCells
+from .device import Actuator, BodyPlace, DeviceConfig, Place, RoomPlace, VertexPlace
+
+Bool = npt.NDArray[np.bool_]
+I32 = npt.NDArray[np.int32]
+
+MAX_MISS_M = 0.2
+"""How far outside its radius an actuator's nearest vertex may be.
+
+Temperature vertices are 150 mm apart (Danieau et al. 2018, Table 1), so a place on the skin
+is never this far from one; a place that is, was not written for this body.
+"""
+
+
+def cells_of(
+    device: DeviceConfig, actuators: Iterable[Actuator], model: PerceptualModel
+) -> ActuatorCells:
+    """Which vertices of a model each of some actuators reaches.
+
+    Raises
+    ------
+    InputError
+        A place does not fit this model.
+    """
+    rows = [_vertices(device, actuator, model) for actuator in actuators]
+    return ActuatorCells(rows, len(model))
+
+
+def _vertices(device: DeviceConfig, actuator: Actuator, model: PerceptualModel) -> I32:
+    try:
+        found = vertices_of(actuator.place, model)
+    except InputError as error:
+        raise InputError(f"Device '{device.id}', actuator '{actuator.id}': {error}") from None
+    return np.sort(model.mirror[found]) if device.is_mirrored else found
+
+
+def vertices_of(place: Place, model: PerceptualModel) -> I32:
+    """Vertices of ``model`` that a place reaches, ascending.
+
+    A place on the body always reaches the nearest vertex of its parts, so that an actuator
+    between the vertices of a coarse model is not lost. Vertices that are named one by one
+    are none on a model for which nothing is named.
+
+    Raises
+    ------
+    InputError
+        The place does not fit this model.
+    """
+    if isinstance(place, VertexPlace):
+        return _named(place, model)
+    if isinstance(place, RoomPlace):
+        return np.flatnonzero(_on_parts(place.parts, model)).astype(np.int32)
+    return _patch(place, model)
+
+
+def _on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:
+    return np.isin(model.part, [PARTS.index(part) for part in parts])
+
+
+def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
+    allowed = _on_parts(place.parts, model)
+    if place.side is not None:
+        allowed &= model.side == SIDES.index(place.side)
+    candidates = np.flatnonzero(allowed).astype(np.int32)
+    where = " or ".join(place.parts) + (f" ({place.side})" if place.side else "")
+    if not len(candidates):
+        raise InputError(f"model '{model.id}' has no vertex on {where}.")
+    offsets = model.vertices[candidates].astype(np.float64) - np.array(place.centre_m)
+    distances = np.linalg.norm(offsets, axis=1)
+    nearest = int(np.argmin(distances))
+    if distances[nearest] > place.radius_m + MAX_MISS_M:
+        raise InputError(
+            f"centre_m {list(place.centre_m)} is {distances[nearest]:.2f} m from the nearest "
+            f"vertex on {where} of model '{model.id}', allowed is radius_m + {MAX_MISS_M} m."
+        )
+    within = distances <= place.radius_m
+    within[nearest] = True
+    return np.asarray(candidates[within])
+
+
+def _named(place: VertexPlace, model: PerceptualModel) -> I32:
+    for each in place.sets:
+        if each.model_id != model.id:
+            continue
+        if each.content_hash != model.content_hash:
+            raise InputError(
+                f"its vertices were chosen on another '{model.id}' (hash "
+                f"{each.content_hash[:12]}..., this model has {model.content_hash[:12]}...)."
+            )
+        vertices = np.array(each.vertices, np.int32)
+        if vertices[-1] >= len(model):
+            raise InputError(
+                f"vertex {vertices[-1]} is not on model '{model.id}', which has {len(model)}."
+            )
+        return vertices
+    return np.zeros(0, np.int32)

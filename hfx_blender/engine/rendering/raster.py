@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The raster: what one device's actuators are given at which time.
+
+After the raster of Mango (Schneider et al., UIST 2015): actuators x time and a row of times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..samples import Stream
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+Reason = Literal["modality", "place", "frequency", "limit"]
+"""Why something is not rendered as it was felt.
+
+``modality``: the device has no actuator for it, nor a substitution; ``place``: none of its
+actuators is where it was felt; ``frequency``: outside the actuators' range, the nearest
+possible is played; ``limit``: stronger than an actuator may be, cut.
+"""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One parameter of one actuator."""
+
+    actuator: str
+    parameter: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """What a device could not render of one effect."""
+
+    effect_id: str
+    body_id: str
+    modality: str
+    reason: Reason
+    samples: int
+    share: float  # of the effect's samples
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What a stream made the wearer feel, and when the device rendered any of it."""
+
+    stream: Stream
+    indices: I64  # (n,) sample indices
+    strengths: F64  # (n,) level times strength parameter (temperature: deviation), >= 0
+    is_rendered: Bool  # (n,)
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Values for all actuators of a device on the sample clock of a track.
+
+    Row ``i`` is sample ``i`` of the track's time base; a value holds until the next row.
+    """
+
+    device_id: str
+    body_id: str
+    actuators: tuple[str, ...]
+    columns: tuple[Column, ...]  # actuator by actuator
+    times_s: F64  # (T,)
+    rate_hz: Fraction
+    values: F64  # (T, columns) finite and within the device's limits
+    neutral: F64  # (columns,) given while nothing is rendered
+    shortfalls: tuple[Shortfall, ...]
+    felt: tuple[Felt, ...]
+
+
+@dataclass(frozen=True)
+class Unrendered:
+    """What a body felt of one effect and no device rendered."""
+
+    effect_id: str
+    body_id: str
+    modality: str
+    samples: int
+    share: float  # of the effect's samples
+    energy_share: float  # of the sum of squared strengths
+    seconds: float
+
+
+def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
+    """What was felt but rendered by none of several devices.
+
+    A sample counts as rendered when one actuator of any device fires for it, however small
+    the part of the felt area that it covers.
+
+    Parameters
+    ----------
+    rasters : iterable of Raster
+        Of one track; each tells about the body that wears its device.
+
+    Returns
+    -------
+    list of Unrendered
+        Effects of which something is missing, in the order of the rasters' streams.
+    """
+    found: dict[tuple[str, str], Felt] = {}
+    rates: dict[tuple[str, str], float] = {}
+    for raster in rasters:
+        for felt in raster.felt:
+            key = (felt.stream.effect_id, felt.stream.body_id)
+            before = found.get(key)
+            if before is not None:
+                is_rendered = before.is_rendered | felt.is_rendered
+                felt = Felt(felt.stream, felt.indices, felt.strengths, is_rendered)
+            found[key], rates[key] = felt, float(raster.rate_hz)
+    missing = []
+    for key, felt in found.items():
+        lost = ~felt.is_rendered
+        count = int(np.count_nonzero(lost))
+        if not count:
+            continue
+        energy = float(np.sum(felt.strengths**2))
+        missing.append(
+            Unrendered(
+                *key,
+                felt.stream.modality,
+                samples=count,
+                share=count / len(lost),
+                energy_share=float(np.sum(felt.strengths[lost] ** 2)) / energy if energy else 0.0,
+                seconds=count / rates[key],
+            )
+        )
+    return missing

@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rendering: from samples to the values of one device's actuators.
+
+Order of work: match vertices, combine per modality, substitute, hold between updates, and
+only then the device's limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ..body.model import PerceptualModel, load_model
+from ..modality import MODALITIES, neutral_temperature_c
+from ..samples import SampleRun, Stream
+from ..track_header import TrackHeader
+from .coverage import ActuatorCells
+from .device import Actuator, DeviceConfig
+from .hold import held
+from .limits import limited
+from .mixing import Contribution, Mixed, merged, mix, substituted
+from .placement import cells_of
+from .raster import Column, Felt, Raster, Reason, Shortfall
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+ModelLoader = Callable[[str], PerceptualModel]
+
+
+def render(
+    header: TrackHeader,
+    runs: Iterable[SampleRun],
+    device: DeviceConfig,
+    models: ModelLoader = load_model,
+    *,
+    body_id: str | None = None,
+) -> Raster:
+    """Render a whole track for one device.
+
+    Parameters
+    ----------
+    header : TrackHeader
+    runs : iterable of SampleRun
+        Block after block in time; within a block in the order of ``header.streams``, as
+        ``TrackReader.runs()`` and ``Engine.evaluate`` yield them. One block is held at a time.
+    device : DeviceConfig
+    models : callable
+        Loads a perceptual model by its id.
+    body_id : str, optional
+        Who wears the device; may be left out if the track has one body.
+
+    Raises
+    ------
+    InputError
+        The wearer is not known, the device does not fit a model, or a model is not the one
+        that the track was recorded on.
+    """
+    renderer = Renderer(header, device, models, body_id=body_id)
+    for block in _blocks(header, runs):
+        renderer.add(block)
+    return renderer.raster()
+
+
+def _blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
+    place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
+    block: list[SampleRun] = []
+    last = -1
+    for run in runs:
+        here = place[run.stream.effect_id, run.stream.body_id]
+        if here <= last:
+            yield block
+            block = []
+        block.append(run)
+        last = here
+    if block:
+        yield block
+
+
+@dataclass(eq=False)
+class _Group:
+    """The device's actuators of one modality."""
+
+    modality: str
+    actuators: tuple[Actuator, ...]
+    strength_columns: I64  # (A,) into the raster
+    frequency_columns: I64 | None
+    neutral: F64  # (A,) of the strength
+    lowest: F64
+    highest: F64
+    lowest_hz: F64 | None = None
+    highest_hz: F64 | None = None
+    cells: dict[str, ActuatorCells] = field(default_factory=dict)  # by model id
+
+
+@dataclass(eq=False)
+class _Tally:
+    """What happened to the samples of one stream so far."""
+
+    indices: list[I64] = field(default_factory=list)
+    strengths: list[F64] = field(default_factory=list)
+    is_rendered: list[Bool] = field(default_factory=list)
+    off_frequency: int = 0
+    over_limit: int = 0
+
+
+@dataclass(eq=False)
+class _Played:
+    """A run's part in a block, at the actuators of one group."""
+
+    run: SampleRun
+    positions: I64  # (n,) rows of the block
+    gains: F64  # (n, A)
+
+
+class Renderer:
+    """Renders the blocks of one track for one device as they come.
+
+    Parameters are those of :func:`render`. Memory is one block's working arrays, the raster
+    (8 bytes per time and column) and 17 bytes per sample.
+    """
+
+    def __init__(
+        self,
+        header: TrackHeader,
+        device: DeviceConfig,
+        models: ModelLoader = load_model,
+        *,
+        body_id: str | None = None,
+    ) -> None:
+        self._header = header
+        self._device = device
+        self._models = models
+        self._body_id = _wearer(header, device, body_id)
+        self._effects = {effect.id: effect for effect in header.effects}
+        self._tallies = {s: _Tally() for s in header.streams if s.body_id == self._body_id}
+        self._streams = {stream.effect_id: stream for stream in self._tallies}
+        self._columns = tuple(
+            Column(actuator.id, control.name, actuator.type.unit(control))
+            for actuator in device.actuators
+            for control in actuator.type.controls
+        )
+        controls = [c for actuator in device.actuators for c in actuator.type.controls]
+        self._neutral = np.array([control.neutral for control in controls])
+        self._lowest = np.array([control.lowest for control in controls])
+        self._highest = np.array([control.highest for control in controls])
+        self._groups = self._make_groups()
+        self._values = np.tile(self._neutral, (header.time.sample_count, 1))
+        self._next_row = 0
+
+    def _make_groups(self) -> list[_Group]:
+        groups = []
+        counts = [len(actuator.type.controls) for actuator in self._device.actuators]
+        firsts = np.cumsum([0, *counts])
+        for modality in self._device.modalities:
+            members = [
+                i for i, each in enumerate(self._device.actuators) if each.type.modality == modality
+            ]
+            columns = firsts[members]
+            group = _Group(
+                modality=modality,
+                actuators=tuple(self._device.actuators[i] for i in members),
+                strength_columns=columns,
+                frequency_columns=None,
+                neutral=self._neutral[columns],
+                lowest=self._lowest[columns],
+                highest=self._highest[columns],
+            )
+            if modality == "vibration":
+                group.frequency_columns = columns + 1
+                group.lowest_hz = self._lowest[columns + 1]
+                group.highest_hz = self._highest[columns + 1]
+            groups.append(group)
+        return groups
+
+    def add(self, runs: Iterable[SampleRun]) -> None:
+        """Render one block: all runs of its times; blocks follow each other in time.
+
+        Raises
+        ------
+        InputError
+            A place of the device does not fit a model, or a model is not the track's.
+        """
+        runs = [run for run in runs if run.stream.body_id == self._body_id and len(run)]
+        if not runs:
+            return
+        rows = np.unique(np.concatenate([run.indices for run in runs]))
+        if rows[0] < self._next_row or rows[-1] >= len(self._values):
+            raise ValueError(f"samples {rows[0]} to {rows[-1]} come out of order")
+        self._next_row = int(rows[-1]) + 1
+        is_rendered = [np.zeros(len(run), np.bool_) for run in runs]
+        is_off = [np.zeros(len(run), np.bool_) for run in runs]
+        is_over = [np.zeros(len(run), np.bool_) for run in runs]
+        for group in self._groups:
+            played: list[tuple[int, _Played]] = []
+            for k, run in enumerate(runs):
+                if self._target(run.stream.modality, group) is None:
+                    continue
+                gains = self._cells(group, run.stream.model_id).gains(
+                    run.offsets, run.vertices, run.weights, self._device.statistic
+                )
+                played.append((k, _Played(run, np.searchsorted(rows, run.indices), gains)))
+            if not played:
+                continue
+            mixed = self._mixed(group, [each for _, each in played], len(rows))
+            is_cut = self._write(group, rows, mixed)
+            for k, each in played:
+                fires = each.gains > 0.0
+                is_rendered[k] |= fires.any(axis=1)
+                is_off[k] |= self._is_off_frequency(group, each, fires)
+                is_over[k] |= (fires & is_cut[each.positions]).any(axis=1)
+        for run, rendered, off, over in zip(runs, is_rendered, is_off, is_over, strict=True):
+            tally = self._tallies[self._streams[run.stream.effect_id]]
+            tally.indices.append(run.indices)
+            tally.strengths.append(run.levels * np.abs(self._strength(run)))
+            tally.is_rendered.append(rendered)
+            tally.off_frequency += int(np.count_nonzero(off))
+            tally.over_limit += int(np.count_nonzero(over))
+
+    def _target(self, modality: str, group: _Group) -> str | None:
+        """What the group makes of a modality: itself, a substitute (its target) or nothing."""
+        if modality == group.modality:
+            return modality
+        substitution = self._device.substitutions.get(modality)
+        return group.modality if substitution and substitution.target == group.modality else None
+
+    def _neutral_c(self, stream: Stream) -> float:
+        return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
+
+    def _strength(self, run: SampleRun) -> F64:
+        """The strength parameter of each sample; of temperature, its deviation."""
+        if run.stream.modality == "temperature":
+            return run.parameters[:, 0] - self._neutral_c(run.stream)
+        return run.parameters[:, 0]
+
+    def _cells(self, group: _Group, model_id: str) -> ActuatorCells:
+        if model_id not in group.cells:
+            model = self._models(model_id)
+            recorded = next(each for each in self._header.models if each.id == model_id)
+            if recorded.content_hash != model.content_hash:
+                raise InputError(
+                    f"The track was recorded on body model '{model_id}' with the hash "
+                    f"{recorded.content_hash[:12]}..., here it has {model.content_hash[:12]}...; "
+                    "record it again, or use the version that it was recorded with."
+                )
+            group.cells[model_id] = cells_of(self._device, group.actuators, model)
+        return group.cells[model_id]
+
+    def _mixed(self, group: _Group, played: Sequence[_Played], row_count: int) -> Mixed:
+        mixes = []
+        for modality in MODALITIES:
+            contributions = [
+                self._contribution(each, row_count)
+                for each in played
+                if each.run.stream.modality == modality
+            ]
+            if contributions:
+                mixed = mix(modality, contributions)
+                if modality != group.modality:
+                    mixed = substituted(mixed, self._device.substitutions[modality])
+                mixes.append(mixed)
+        return mixes[0] if len(mixes) == 1 else merged(group.modality, mixes)
+
+    def _contribution(self, played: _Played, row_count: int) -> Contribution:
+        run = played.run
+        strengths = np.zeros((row_count, played.gains.shape[1]))
+        strengths[played.positions] = played.gains * run.levels[:, None]
+        parameters = np.zeros((row_count, run.parameters.shape[1]))
+        parameters[played.positions] = run.parameters
+        return Contribution(strengths, parameters, self._neutral_c(run.stream))
+
+    def _write(self, group: _Group, rows: I64, mixed: Mixed) -> Bool:
+        """Put what was mixed into the raster; tells (R, A) where a limit will cut it."""
+        strengths = group.neutral + self._device.gain * mixed.strengths
+        self._values[rows[:, None], group.strength_columns] = strengths
+        if mixed.frequencies_hz is not None and group.frequency_columns is not None:
+            neutral_hz = self._neutral[group.frequency_columns]
+            frequencies = np.where(mixed.strengths == 0.0, neutral_hz, mixed.frequencies_hz)
+            self._values[rows[:, None], group.frequency_columns] = frequencies
+        return np.asarray((strengths < group.lowest) | (strengths > group.highest))
+
+    def _is_off_frequency(self, group: _Group, played: _Played, fires: Bool) -> Bool:
+        """Samples (n,) of which an actuator that fires cannot play the frequency."""
+        if (
+            group.lowest_hz is None
+            or group.highest_hz is None
+            or played.run.stream.modality != "vibration"
+        ):
+            return np.zeros(len(played.run), np.bool_)
+        frequencies = played.run.parameters[:, 1:2]
+        is_outside = (frequencies < group.lowest_hz) | (frequencies > group.highest_hz)
+        return np.asarray((fires & is_outside).any(axis=1))
+
+    def raster(self) -> Raster:
+        """The finished raster; nothing can be added after it."""
+        time = self._header.time
+        first = 0
+        for actuator in self._device.actuators:
+            part = slice(first, first + len(actuator.type.controls))
+            interval_ms = actuator.type.update_interval_ms
+            self._values[:, part] = limited(
+                held(self._values[:, part], self._neutral[part], time.rate_hz, interval_ms),
+                self._lowest[part],
+                self._highest[part],
+                self._neutral[part],
+            )
+            first = part.stop
+        self._next_row = len(self._values)
+        felt = tuple(_felt(stream, tally) for stream, tally in self._tallies.items())
+        return Raster(
+            device_id=self._device.id,
+            body_id=self._body_id,
+            actuators=tuple(actuator.id for actuator in self._device.actuators),
+            columns=self._columns,
+            times_s=time.times_s(np.arange(len(self._values))),
+            rate_hz=time.rate_hz,
+            values=self._values,
+            neutral=self._neutral,
+            shortfalls=tuple(self._shortfalls(felt)),
+            felt=felt,
+        )
+
+    def _shortfalls(self, felt: Iterable[Felt]) -> Iterator[Shortfall]:
+        for each in felt:
+            tally = self._tallies[each.stream]
+            lost = int(np.count_nonzero(~each.is_rendered))
+            can = any(self._target(each.stream.modality, group) for group in self._groups)
+            losses: list[tuple[Reason, int]] = [
+                ("place" if can else "modality", lost),
+                ("frequency", tally.off_frequency),
+                ("limit", tally.over_limit),
+            ]
+            for reason, samples in losses:
+                if samples:
+                    yield Shortfall(
+                        each.stream.effect_id,
+                        each.stream.body_id,
+                        each.stream.modality,
+                        reason,
+                        samples,
+                        share=samples / len(each.indices),
+                        seconds=samples / float(self._header.time.rate_hz),
+                    )
+
+
+def _felt(stream: Stream, tally: _Tally) -> Felt:
+    return Felt(
+        stream,
+        np.concatenate([np.zeros(0, np.int64), *tally.indices]),
+        np.concatenate([np.zeros(0), *tally.strengths]),
+        np.concatenate([np.zeros(0, np.bool_), *tally.is_rendered]),
+    )
+
+
+def _wearer(header: TrackHeader, device: DeviceConfig, body_id: str | None) -> str:
+    ids = [body.id for body in header.bodies]
+    if body_id is None and len(ids) == 1:
+        return ids[0]
+    if body_id not in ids:
+        names = ", ".join(f"'{body.name}' ({body.id})" for body in header.bodies) or "none"
+        raise InputError(
+            f"Device '{device.id}': say which body wears it (found {body_id}); "
+            f"the track has: {names}."
+        )
+    return str(body_id)

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The door out: the HapticTrack, the device-independent result on disk.
+
+A track (``.hfxtrack``) says which vertices of which perceptual model feel what, when and how
+strongly. :class:`TrackWriter` records blocks of samples as they are computed,
+:class:`TrackReader` plays them back from any time. ``docs/track-format.md`` has the layout.
+"""
+
+from .track_header import TrackBody, TrackEffect, TrackHeader, TrackModel
+from .track_reader import StreamSummary, TrackReader
+from .track_writer import TrackWriter
+
+SUFFIX = ".hfxtrack"
+
+__all__ = [
+    "SUFFIX",
+    "StreamSummary",
+    "TrackBody",
+    "TrackEffect",
+    "TrackHeader",
+    "TrackModel",
+    "TrackReader",
+    "TrackWriter",
+]

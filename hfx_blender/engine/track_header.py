@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a HapticTrack is about: its header as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+from .body.model import PerceptualModel
+from .modality import MODALITIES
+from .samples import Stream
+from .scene import Clip, HapticVolume, PaintedArea, SceneDescription, TimeBase
+
+MAX_VERTEX_COUNT: Final = 2**31 - 1
+MAX_SAMPLE_COUNT: Final = 2**31 - 1
+_MAX_FRAME = 2**31 - 1
+_MAX_FRACTION = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class TrackModel:
+    """The perceptual model that vertex ids belong to."""
+
+    id: str
+    modality: str
+    content_hash: str
+    vertex_count: int
+
+
+@dataclass(frozen=True)
+class TrackBody:
+    """One haptic body."""
+
+    id: str
+    name: str
+
+
+@dataclass(frozen=True)
+class TrackEffect:
+    """One effect of the recorded scene."""
+
+    id: str
+    name: str
+    modality: str
+    kind: Literal["painted", "volume"]
+    model_id: str
+    is_contact: bool = False
+    clips: tuple[Clip, ...] = ()
+    painted_vertices: int | None = None  # size of the painted area; None for a volume
+
+
+@dataclass(frozen=True, eq=False)
+class TrackHeader:
+    """Everything of a track but its samples.
+
+    A stream is known by its place in ``streams``. ``source``, ``settings`` and ``tools`` hold
+    JSON values only.
+
+    Raises
+    ------
+    ValueError
+        Ids are not unique, something refers to what is not there, or a number is out of range.
+    """
+
+    time: TimeBase
+    models: tuple[TrackModel, ...]
+    bodies: tuple[TrackBody, ...]
+    effects: tuple[TrackEffect, ...]
+    streams: tuple[Stream, ...]
+    source: Mapping[str, Any] = field(default_factory=dict)  # "name" and "sha256" of the .blend
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    tools: Mapping[str, Any] = field(default_factory=dict)  # name: version
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_time(self.time)
+        models = _by_id("models", self.models)
+        bodies = _by_id("bodies", self.bodies)
+        effects = _by_id("effects", self.effects)
+        for model in self.models:
+            _require_range("vertex_count", model.vertex_count, 1, MAX_VERTEX_COUNT)
+        for effect in self.effects:
+            _check_effect(effect, models)
+        pairs = [(stream.effect_id, stream.body_id) for stream in self.streams]
+        if len(set(pairs)) != len(pairs):
+            raise ValueError("two streams have the same effect and body")
+        for stream in self.streams:
+            if stream.effect_id not in effects or stream.body_id not in bodies:
+                raise ValueError(
+                    f"stream of effect '{stream.effect_id}' on body '{stream.body_id}': no such one"
+                )
+            effect = effects[stream.effect_id]
+            if (stream.modality, stream.model_id) != (effect.modality, effect.model_id):
+                raise ValueError(f"stream of effect '{effect.id}' differs from it")
+
+    @classmethod
+    def of(
+        cls,
+        scene: SceneDescription,
+        models: Mapping[str, PerceptualModel],
+        *,
+        settings: Mapping[str, Any],
+        tools: Mapping[str, Any],
+    ) -> TrackHeader:
+        """The header of a recording of ``scene``.
+
+        A painted effect has one stream, a volume one on each body. Of ``models`` (by id) only
+        those that an effect is felt on are named.
+        """
+        streams = tuple(
+            Stream(effect.id, body_id, effect.modality, effect.model_id)
+            for effect in scene.effects
+            for body_id in (
+                (effect.area.body_id,)
+                if isinstance(effect.area, PaintedArea)
+                else (body.id for body in scene.bodies)
+            )
+        )
+        used = dict.fromkeys(effect.model_id for effect in scene.effects)
+        return cls(
+            time=scene.time,
+            models=tuple(
+                TrackModel(id, models[id].modality, models[id].content_hash, len(models[id]))
+                for id in used
+            ),
+            bodies=tuple(TrackBody(body.id, body.name) for body in scene.bodies),
+            effects=tuple(
+                TrackEffect(
+                    effect.id,
+                    effect.name,
+                    effect.modality,
+                    effect.kind,
+                    effect.model_id,
+                    effect.is_contact,
+                    effect.clips,
+                    None if isinstance(effect.area, HapticVolume) else len(effect.area.vertices),
+                )
+                for effect in scene.effects
+            ),
+            streams=streams,
+            source=scene.source,
+            settings=settings,
+            tools=tools,
+            warnings=scene.warnings,
+        )
+
+    def vertex_count(self, stream: Stream) -> int:
+        """Size of the model that a stream's vertex ids belong to."""
+        return next(model.vertex_count for model in self.models if model.id == stream.model_id)
+
+
+def _by_id(name: str, items: tuple[Any, ...]) -> dict[str, Any]:
+    found = {item.id: item for item in items}
+    if len(found) != len(items):
+        raise ValueError(f"two {name} have the same id")
+    return found
+
+
+def _require_range(name: str, value: int, lowest: int, highest: int) -> None:
+    if not lowest <= value <= highest:
+        raise ValueError(f"{name} is out of range, allowed are {lowest} to {highest}")
+
+
+def _check_time(time: TimeBase) -> None:
+    for name in ("scene_start", "frame_first", "frame_last"):
+        _require_range(name, getattr(time, name), -_MAX_FRAME, _MAX_FRAME)
+    for name in ("fps", "rate_hz"):
+        for part in getattr(time, name).as_integer_ratio():
+            _require_range(name, part, 1, _MAX_FRACTION)
+    _require_range("sample_count", time.sample_count, 1, MAX_SAMPLE_COUNT)
+
+
+def _check_effect(effect: TrackEffect, models: Mapping[str, TrackModel]) -> None:
+    if effect.model_id not in models:
+        raise ValueError(f"effect '{effect.id}' is felt on model '{effect.model_id}', not there")
+    if effect.modality not in MODALITIES:
+        raise ValueError(f"effect '{effect.id}' has the unknown modality '{effect.modality}'")
+    if (effect.kind == "painted") != (effect.painted_vertices is not None):
+        raise ValueError(f"effect '{effect.id}': only painted ones have painted_vertices")
+    if effect.painted_vertices is not None:
+        count = models[effect.model_id].vertex_count
+        _require_range("painted_vertices", effect.painted_vertices, 0, count)

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reading a HapticTrack from any time on; a file is never trusted."""
+
+from __future__ import annotations
+
+import math
+import struct
+import textwrap
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, NoReturn, Self, TypeVar
+
+import numpy as np
+
+from ..errors import InputError
+from . import track_layout as layout
+from .modality import MODALITIES
+from .samples import Sample, SampleRun, Stream
+from .track_codec import Cursor, Section, decode, read_head, weights_from_bytes
+from .track_json import from_json, get
+
+# What zipfile and zlib raise for damaged containers, as found by changing bytes.
+_DAMAGE: Final = (
+    OSError,
+    EOFError,
+    ValueError,
+    ArithmeticError,
+    LookupError,
+    RuntimeError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+_ENCRYPTED: Final = 0x1  # of a ZIP entry's flags
+
+_TIME_TOLERANCE: Final = 1e-6
+"""Samples by which a time may miss a sample's own time: times are rounded to float64."""
+
+_Source = TypeVar("_Source")
+_Value = TypeVar("_Value")
+
+
+@dataclass(frozen=True)
+class StreamSummary:
+    """One stream of a track at a glance."""
+
+    stream: Stream
+    sample_count: int
+    first_s: float | None  # None without samples
+    last_s: float | None
+    entry_count: int  # (sample, vertex) pairs
+    peak_level: float
+    channels: tuple[str, ...]
+
+
+class TrackReader:
+    """Plays a track back; a context manager. Needs no body model.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    header : TrackHeader
+    full_precision : bool
+        Whether weights are float32 as recorded, or multiples of 1/255.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is not a track, is of a newer version or is damaged. Damage of
+        the samples is found, and raised, when they are read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except FileNotFoundError:
+            raise InputError(f"{path}: there is no such file.") from None
+        except (PermissionError, IsADirectoryError) as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+        except _DAMAGE as error:
+            raise InputError(f"{path}: not a HapticTrack, or cut short ({error}).") from error
+        try:
+            if layout.HEADER not in self._archive.namelist():
+                self._fail(f"it has no {layout.HEADER}")
+            header = self._entry(layout.HEADER, layout.MAX_JSON_BYTES)
+            self.header, encoding = self._parsed(from_json, header)
+            self._samples_per_chunk = self._parsed(_samples_per_chunk, encoding)
+            self.full_precision = self._parsed(_full_precision, encoding)
+            index = self._entry(layout.INDEX, layout.MAX_JSON_BYTES)
+            self._chunks, self._index = self._parsed(layout.index_from_json, index)
+            self._check_index()
+        except BaseException:
+            self._archive.close()
+            raise
+        self._vertex_counts = [self.header.vertex_count(each) for each in self.header.streams]
+        self._cached: tuple[int, list[Section]] = (-1, [])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; may be called again."""
+        self._archive.close()
+
+    def runs(self, start_s: float | None = None, end_s: float | None = None) -> Iterator[SampleRun]:
+        """Samples with ``start_s <= time < end_s`` (None: no bound), chunk after chunk.
+
+        Within a chunk the runs come in the order of ``header.streams``. Only one chunk is
+        held at a time, and only those that the range touches are read.
+
+        Raises
+        ------
+        InputError
+            The file is damaged.
+        """
+        count = self.header.time.sample_count
+        first = 0 if start_s is None else self._first_at_or_after(start_s)
+        stop = count if end_s is None else self._first_at_or_after(end_s)
+        for chunk in self._chunks:
+            low = chunk * self._samples_per_chunk
+            if low < stop and first < low + self._samples_per_chunk:
+                for section in self._read_chunk(chunk):
+                    run = self._run(section, low, first, stop)
+                    if len(run):
+                        yield run
+
+    def samples_at(self, time_s: float) -> list[Sample]:
+        """What is felt at a time: a sample lasts until the next is due.
+
+        Reading on in time costs one chunk at most, mostly none.
+
+        Raises
+        ------
+        InputError
+            The file is damaged.
+        """
+        index = math.floor(self._position(time_s) + _TIME_TOLERANCE)
+        chunk = index // self._samples_per_chunk
+        if chunk not in self._chunk_set:
+            return []
+        if self._cached[0] != chunk:
+            self._cached = (chunk, self._read_chunk(chunk))
+        low = chunk * self._samples_per_chunk
+        found = (self._run(each, low, index, index + 1) for each in self._cached[1])
+        return [sample for run in found for sample in run]
+
+    def summary(self) -> list[StreamSummary]:
+        """Every stream at a glance, in the order of ``header.streams``, from the index alone."""
+        return [
+            StreamSummary(
+                stream=stream,
+                sample_count=each.samples,
+                first_s=self._time_s(each.first) if each.samples else None,
+                last_s=self._time_s(each.last) if each.samples else None,
+                entry_count=each.entries,
+                peak_level=each.peak_level,
+                channels=each.channels,
+            )
+            for stream, each in zip(self.header.streams, self._index, strict=True)
+        ]
+
+    def _time_s(self, index: int) -> float:
+        return float(self.header.time.times_s(np.array([index]))[0])
+
+    def _position(self, time_s: float) -> float:
+        """A time in samples of the time base, limited to one before and one after them."""
+        if math.isnan(time_s):
+            raise ValueError("the time is not a number")
+        time = self.header.time
+        position = (time_s - self._time_s(0)) * float(time.rate_hz)
+        return min(max(position, -1.0), float(time.sample_count))
+
+    def _first_at_or_after(self, time_s: float) -> int:
+        return math.ceil(self._position(time_s) - _TIME_TOLERANCE)
+
+    def _run(self, section: Section, low: int, first: int, stop: int) -> SampleRun:
+        """The samples of a section with ``first <= index < stop``, sets repeated in full."""
+        indices = low + section.steps
+        kept = slice(*np.searchsorted(indices, (first, stop)))
+        sets = np.cumsum(section.is_new)[kept] - 1
+        sizes = section.sizes[sets]
+        offsets = np.concatenate(([0], np.cumsum(sizes)))
+        set_starts = np.cumsum(section.sizes) - section.sizes
+        picked = np.repeat(set_starts[sets] - offsets[:-1], sizes) + np.arange(offsets[-1])
+        weights = section.weights[picked]
+        channels = {name: values[picked] for name, values in section.channels.items()}
+        return SampleRun(
+            stream=self.header.streams[section.stream],
+            indices=indices[kept],
+            times_s=self.header.time.times_s(indices[kept]),
+            levels=section.levels[kept],
+            parameters=section.parameters[kept],
+            offsets=offsets,
+            vertices=section.vertices[picked],
+            weights=weights if self.full_precision else weights_from_bytes(weights),
+            positions=channels.get("positions"),
+            velocities=channels.get("velocities"),
+            depth_m=channels["depth_m"][:, 0] if "depth_m" in channels else None,
+        )
+
+    def _read_chunk(self, chunk: int) -> list[Section]:
+        name = layout.chunk_name(chunk)
+        content = self._entry(name, layout.MAX_CHUNK_BYTES)
+        try:
+            return self._sections(chunk, Cursor(content))
+        except ValueError as error:
+            self._fail(f"{name}: {error}")
+
+    def _sections(self, chunk: int, cursor: Cursor) -> list[Section]:
+        found: list[Section] = []
+        low = chunk * self._samples_per_chunk
+        while not cursor.at_end:
+            head = read_head(cursor)
+            stream, samples, _ = head
+            if stream >= len(self.header.streams) or (found and stream <= found[-1].stream):
+                raise ValueError(f"stream {stream} is not expected here")
+            if samples > self._samples_per_chunk:
+                raise ValueError(f"{samples} samples do not fit into a chunk")
+            section = decode(
+                cursor,
+                head,
+                parameter_count=len(MODALITIES[self.header.streams[stream].modality].parameters),
+                vertex_count=self._vertex_counts[stream],
+                full_precision=self.full_precision,
+            )
+            index = self._index[stream]
+            if (
+                section.steps[-1] >= self._samples_per_chunk
+                or low + section.steps[0] < index.first
+                or low + section.steps[-1] > index.last
+            ):
+                raise ValueError(f"a sample of stream {stream} lies where there is none")
+            found.append(section)
+        return found
+
+    def _check_index(self) -> None:
+        names = [name for name in self._archive.namelist() if name.startswith("chunks/")]
+        if sorted(names) != sorted(map(layout.chunk_name, self._chunks)):
+            self._fail("the index and the chunks differ")
+        if len(self._index) != len(self.header.streams):
+            self._fail("the index and the header have different streams")
+        count = self.header.time.sample_count
+        if any(
+            each.samples and not 0 <= each.first <= each.last < count for each in self._index
+        ) or any(chunk < 0 or chunk * self._samples_per_chunk >= count for chunk in self._chunks):
+            self._fail("the index names samples outside the time base")
+        self._chunk_set = frozenset(self._chunks)
+
+    def _entry(self, name: str, limit: int) -> bytes:
+        """An entry's content, its size and CRC-32 checked."""
+        try:
+            info = self._archive.getinfo(name)
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError("it is compressed in an unknown way")
+            if info.flag_bits & _ENCRYPTED:
+                raise ValueError("it is encrypted")
+            if info.file_size > limit:
+                raise ValueError(f"it claims {info.file_size} bytes, at most {limit} are allowed")
+            content = self._archive.read(info)
+            if len(content) != info.file_size:
+                raise ValueError("it is cut short")
+            return content
+        except _DAMAGE as error:
+            self._fail(f"{name}: {error}")
+
+    def _parsed(self, parse: Callable[[_Source], _Value], content: _Source) -> _Value:
+        try:
+            return parse(content)
+        except ValueError as error:
+            self._fail(str(error))
+
+    def _fail(self, reason: str) -> NoReturn:
+        reason = textwrap.shorten(reason, 200)  # zipfile quotes file names, however long
+        raise InputError(f"{self.path}: not a readable HapticTrack ({reason}).")
+
+
+def _samples_per_chunk(encoding: dict[str, Any]) -> int:
+    count = get(encoding, "samples_per_chunk", int)
+    if not 1 <= count <= layout.MAX_SAMPLES_PER_CHUNK:
+        raise ValueError(f"{count} samples in a chunk, at most {layout.MAX_SAMPLES_PER_CHUNK}")
+    return count
+
+
+def _full_precision(encoding: dict[str, Any]) -> bool:
+    weights = get(encoding, "weights", str)
+    if weights not in (layout.WEIGHTS_BYTE, layout.WEIGHTS_FULL):
+        raise ValueError(f"weights of the unknown type '{weights:.40}'")
+    return weights == layout.WEIGHTS_FULL

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Writing a HapticTrack while it is computed, in bounded memory."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable
+from contextlib import ExitStack
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ..atomic_files import atomic_file
+from ..errors import OutputError
+from . import track_layout as layout
+from .modality import MODALITIES
+from .samples import SampleRun
+from .track_codec import CHANNELS, MAX_ENTRIES, Section, encode, weights_to_bytes
+from .track_header import TrackHeader
+from .track_json import to_json
+
+_ZIP_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
+_TIME_TOLERANCE_S: Final = 1e-9
+
+
+class TrackWriter:
+    """Records runs of samples as a track; a context manager.
+
+    The file appears when the ``with`` block ends without an exception; otherwise nothing is
+    left. The bytes depend on the header and the samples, not on how calls of :meth:`append`
+    split them. At most the samples of a call and of one chunk are held.
+
+    Parameters
+    ----------
+    path : Path
+    header : TrackHeader
+    full_precision : bool
+        Keep weights as float32. Otherwise they are rounded to 1/255, and never to 0.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written, or a stream has too many contacts for a reader to hold.
+    ValueError
+        The header holds something that is not JSON.
+    """
+
+    def __init__(self, path: Path, header: TrackHeader, *, full_precision: bool = False) -> None:
+        self.path = path
+        self.header = header
+        self.full_precision = full_precision
+        self._streams = {
+            (stream.effect_id, stream.body_id): k for k, stream in enumerate(header.streams)
+        }
+        self._vertex_counts = [header.vertex_count(stream) for stream in header.streams]
+        self._index = [layout.StreamIndex() for _ in header.streams]
+        self._chunks: list[int] = []
+        self._open: dict[int, dict[int, _SectionBuilder]] = {}  # by chunk, then by stream
+
+    def __enter__(self) -> Self:
+        encoding = {
+            "samples_per_chunk": layout.SAMPLES_PER_CHUNK,
+            "weights": layout.WEIGHTS_FULL if self.full_precision else layout.WEIGHTS_BYTE,
+        }
+        header = to_json(self.header, encoding)
+        with ExitStack() as stack:
+            file = stack.enter_context(atomic_file(self.path))
+            self._archive = stack.enter_context(zipfile.ZipFile(file, "w"))
+            self._put(layout.HEADER, header, layout.MAX_JSON_BYTES)
+            self._finishing = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self._finishing.__exit__(kind, error, trace)
+            return
+        with self._finishing:
+            self._write_chunks(sorted(self._open))
+            index = layout.index_to_json(self._chunks, self._index)
+            self._put(layout.INDEX, index, layout.MAX_JSON_BYTES)
+
+    def append(self, runs: Iterable[SampleRun]) -> None:
+        """Record one block of time: runs of any of the header's streams.
+
+        Blocks come in time order, and so do the runs of one stream within a block. A block
+        may start within the chunk of :data:`track_layout.SAMPLES_PER_CHUNK` samples in which
+        the one before ended.
+
+        Raises
+        ------
+        ValueError
+            A run is not what :class:`SampleRun` promises, or comes too late.
+        OutputError
+        """
+        for run in runs:
+            if len(run):
+                self._add(run)
+        if self._open:
+            newest = max(self._open)
+            self._write_chunks([chunk for chunk in sorted(self._open) if chunk < newest])
+
+    def _add(self, run: SampleRun) -> None:
+        stream = self._streams.get((run.stream.effect_id, run.stream.body_id))
+        if stream is None:
+            raise ValueError(
+                f"effect '{run.stream.effect_id}' on body '{run.stream.body_id}' is not a stream "
+                "of the header"
+            )
+        _check_run(run, self.header, self._vertex_counts[stream])
+        index = self._index[stream]
+        written_until = (self._chunks[-1] + 1) * layout.SAMPLES_PER_CHUNK if self._chunks else 0
+        if run.indices[0] <= index.last or run.indices[0] < written_until:
+            raise ValueError(f"sample {run.indices[0]} comes after later ones were recorded")
+
+        chunks = run.indices // layout.SAMPLES_PER_CHUNK
+        edges = np.flatnonzero(np.diff(chunks, prepend=-1, append=-1))
+        for first, last in pairwise(edges.tolist()):
+            sections = self._open.setdefault(int(chunks[first]), {})
+            builder = sections.setdefault(stream, _SectionBuilder(self.full_precision))
+            builder.extend(run, first, last)
+
+        if index.first < 0:
+            index.first = int(run.indices[0])
+        index.last = int(run.indices[-1])
+        index.samples += len(run)
+        index.entries += int(run.offsets[-1] - run.offsets[0])
+        index.peak_level = max(index.peak_level, float(run.levels.max()))
+        index.channels = tuple(
+            name for name in CHANNELS if name in index.channels or getattr(run, name) is not None
+        )
+
+    def _write_chunks(self, chunks: list[int]) -> None:
+        for chunk in chunks:
+            sections = self._open.pop(chunk)
+            start = chunk * layout.SAMPLES_PER_CHUNK
+            content = [sections[stream].encoded(stream, start) for stream in sorted(sections)]
+            self._put(layout.chunk_name(chunk), b"".join(content), layout.MAX_CHUNK_BYTES)
+            self._chunks.append(chunk)
+
+    def _put(self, name: str, content: bytes, limit: int) -> None:
+        if len(content) > limit:
+            raise OutputError(
+                f"{self.path}: {name} would be {len(content)} bytes, a track allows {limit}."
+            )
+        entry = zipfile.ZipInfo(name, _ZIP_EPOCH)
+        entry.create_system = 3  # the same bytes on every system
+        entry.external_attr = 0o644 << 16
+        entry.compress_type = zipfile.ZIP_DEFLATED
+        self._archive.writestr(entry, content)
+
+
+class _SectionBuilder:
+    """Collects one stream's samples of one chunk; a set that stays is held once."""
+
+    def __init__(self, full_precision: bool) -> None:
+        self._full_precision = full_precision
+        self._indices: list[int] = []
+        self._levels: list[float] = []
+        self._parameters: list[npt.NDArray[np.float64]] = []
+        self._is_new: list[bool] = []
+        self._vertices: list[npt.NDArray[np.int32]] = []
+        self._weights: list[npt.NDArray[Any]] = []
+        self._channels: dict[str, list[npt.NDArray[np.float32]]] = {}
+        self._entries = 0
+
+    def extend(self, run: SampleRun, first: int, last: int) -> None:
+        """Add the samples ``first`` to ``last - 1`` of a checked run, as copies."""
+        present = {name for name in CHANNELS if getattr(run, name) is not None}
+        if self._indices and present != self._channels.keys():
+            raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
+        low, high = int(run.offsets[first]), int(run.offsets[last])
+        weights: npt.NDArray[Any] = run.weights[low:high].astype(np.float32)
+        if not self._full_precision:
+            weights = weights_to_bytes(weights)
+        vertices = run.vertices[low:high].astype(np.int32)
+        for k in range(first, last):
+            part = slice(int(run.offsets[k]) - low, int(run.offsets[k + 1]) - low)
+            self._add_set(vertices[part], weights[part], bool(present))
+        self._indices += run.indices[first:last].tolist()
+        self._levels += run.levels[first:last].tolist()
+        self._parameters.append(run.parameters[first:last].astype(np.float64))
+        for name in present:
+            values = getattr(run, name)[low:high].astype(np.float32)
+            self._channels.setdefault(name, []).append(values.reshape(-1, CHANNELS[name]))
+        self._entries += high - low
+
+    def _add_set(
+        self, vertices: npt.NDArray[np.int32], weights: npt.NDArray[Any], is_new: bool
+    ) -> None:
+        is_new = is_new or not (
+            self._vertices
+            and np.array_equal(vertices, self._vertices[-1])
+            and np.array_equal(weights, self._weights[-1])
+        )
+        self._is_new.append(is_new)
+        if is_new:
+            self._vertices.append(vertices)
+            self._weights.append(weights)
+
+    def encoded(self, stream: int, start: int) -> bytes:
+        """What was collected, as the section of a chunk that starts at sample ``start``."""
+        if self._entries > MAX_ENTRIES:
+            raise OutputError(
+                f"Samples {self._indices[0]} to {self._indices[-1]} of stream {stream} have "
+                f"{self._entries} contacts; a track allows {MAX_ENTRIES} in one chunk."
+            )
+        return encode(
+            Section(
+                stream=stream,
+                steps=np.array(self._indices, np.int64) - start,
+                levels=np.array(self._levels),
+                parameters=np.concatenate(self._parameters),
+                is_new=np.array(self._is_new),
+                sizes=np.array([len(each) for each in self._vertices], np.int64),
+                vertices=np.concatenate(self._vertices),
+                weights=np.concatenate(self._weights),
+                channels={name: np.concatenate(each) for name, each in self._channels.items()},
+            )
+        )
+
+
+def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
+    """Raise ValueError if a run is not what :class:`SampleRun` promises."""
+    count = len(run)
+    parameters = len(MODALITIES[run.stream.modality].parameters)
+    if not (
+        run.levels.shape == run.times_s.shape == run.indices.shape == (count,)
+        and run.parameters.shape == (count, parameters)
+        and run.offsets.shape == (count + 1,)
+    ):
+        raise ValueError(f"effect '{run.stream.effect_id}': columns of unequal length")
+    total = len(run.vertices)
+    sizes = np.diff(run.offsets)
+    if run.offsets[0] != 0 or run.offsets[-1] != total or (sizes < 0).any():
+        raise ValueError("offsets do not cut the vertices into samples")
+    if (np.diff(run.indices) <= 0).any() or not 0 <= run.indices[0]:
+        raise ValueError("sample indices do not ascend from 0")
+    if run.indices[-1] >= header.time.sample_count:
+        raise ValueError(f"sample {run.indices[-1]} is outside the time base")
+    if not np.allclose(
+        run.times_s, header.time.times_s(run.indices), rtol=0.0, atol=_TIME_TOLERANCE_S
+    ):
+        raise ValueError("times differ from those of the time base")
+    if not ((run.levels > 0.0) & (run.levels <= 1.0)).all():
+        raise ValueError("a level is not in (0, 1]")
+    if not np.isfinite(run.parameters).all():
+        raise ValueError("a parameter is not finite")
+    if run.weights.shape != (total,) or not ((run.weights > 0.0) & (run.weights <= 1.0)).all():
+        raise ValueError("weights: expected one in (0, 1] for each vertex")
+    ascending = np.diff(run.vertices) > 0
+    edges = run.offsets[1:-1]
+    ascending[edges[(edges > 0) & (edges < total)] - 1] = True
+    if not ascending.all():
+        raise ValueError("vertices do not ascend within a sample")
+    if total and not (run.vertices.min() >= 0 and run.vertices.max() < vertex_count):
+        raise ValueError(f"a vertex is not in the model's {vertex_count}")
+    for name, columns in CHANNELS.items():
+        values = getattr(run, name)
+        if values is not None:
+            shape = (total,) if columns == 1 else (total, columns)
+            if values.shape != shape or not np.isfinite(values).all():
+                raise ValueError(f"{name}: expected finite values of shape {shape}")

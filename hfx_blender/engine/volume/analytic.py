@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cuboid, sphere, cylinder and capsule: volumes with a formula.
+
+All are unit shapes; any size, and any stretch or shear, is in the placing matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from .ellipsoid import Ellipsoid
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+_UNIT_BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+
+
+def _squared_norm(points: F64) -> F64:
+    # Faster than np.linalg.norm and np.hypot; far points overflow to inf, which is outside.
+    with np.errstate(over="ignore"):
+        squared: F64 = np.einsum("ij,ij->j", points, points)
+    return squared
+
+
+def _rise(share: F64) -> F64:
+    """One at share 0, falling to zero at share 1 and beyond, and for NaN."""
+    return np.fmax(1.0 - share, 0.0)
+
+
+def _half_widths(linear: F64) -> F64:
+    """Distances from the centre of a parallelepiped to its three pairs of faces, (3,).
+
+    ``linear`` has the half edges as columns. Unit edges first, so that no scale over- or
+    underflows.
+    """
+    lengths = np.max(np.abs(linear), axis=0)
+    edges = linear / np.where(lengths > 0.0, lengths, 1.0)
+    normals = np.cross(np.roll(edges, -1, axis=1), np.roll(edges, -2, axis=1), axis=0)
+    norms = np.sqrt(_squared_norm(normals))
+    widths: F64 = np.abs(np.sum(normals * edges, axis=0)) * lengths
+    widths /= np.where(norms > 0.0, norms, np.inf)
+    return widths
+
+
+def _across(linear: F64) -> Ellipsoid:
+    """Cross-section of the cylinder around Z that ``linear`` makes, across its world axis."""
+    scale = np.max(np.abs(linear[:, 2]))
+    axis = linear[:, 2] / scale if scale > 0.0 else linear[:, 2]
+    axis = axis / max(float(np.sqrt(axis @ axis)), 1e-300)
+    sides = linear[:, :2]
+    return Ellipsoid.of_map(sides - np.outer(axis, axis @ sides))
+
+
+@dataclass(frozen=True)
+class Cuboid:
+    """|x|, |y|, |z| <= 1."""
+
+    is_convex: ClassVar[bool] = True
+
+    @property
+    def bounds(self) -> F64:
+        return _UNIT_BOX.copy()
+
+    def contains(self, points: F64) -> Bool:
+        inside: Bool = np.max(np.abs(points), axis=0) <= 1.0
+        return inside
+
+    def rise(self, points: F64) -> F64:
+        return _rise(np.max(np.abs(points), axis=0))
+
+    def depth_m(self, points: F64, to_world: F64) -> F64:
+        """Least distance to the six planes; see :meth:`Shape.depth_m`. 0 outside."""
+        widths = _half_widths(to_world[:3, :3])
+        rises = np.fmax(1.0 - np.abs(points), 0.0)
+        depths: F64 = np.min(rises * widths[:, None], axis=0)
+        return depths
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """x^2 + y^2 + z^2 <= 1; an ellipsoid in the world."""
+
+    is_convex: ClassVar[bool] = True
+
+    @property
+    def bounds(self) -> F64:
+        return _UNIT_BOX.copy()
+
+    def contains(self, points: F64) -> Bool:
+        return _squared_norm(points) <= 1.0
+
+    def rise(self, points: F64) -> F64:
+        return _rise(np.sqrt(_squared_norm(points)))
+
+    def depth_m(self, points: F64, to_world: F64) -> F64:
+        """Distance to the ellipsoid; see :meth:`Shape.depth_m`. 0 outside."""
+        depths = np.zeros(points.shape[1])
+        inside = self.contains(points)
+        depths[inside] = Ellipsoid.of_map(to_world[:3, :3]).depth(points[:, inside])
+        return depths
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """x^2 + y^2 <= 1, |z| <= 1."""
+
+    is_convex: ClassVar[bool] = True
+
+    @property
+    def bounds(self) -> F64:
+        return _UNIT_BOX.copy()
+
+    def contains(self, points: F64) -> Bool:
+        inside: Bool = (_squared_norm(points[:2]) <= 1.0) & (np.abs(points[2]) <= 1.0)
+        return inside
+
+    def rise(self, points: F64) -> F64:
+        return _rise(np.maximum(np.sqrt(_squared_norm(points[:2])), np.abs(points[2])))
+
+    def depth_m(self, points: F64, to_world: F64) -> F64:
+        """Distance to caps and side; see :meth:`Shape.depth_m`. 0 outside.
+
+        A convex solid that is an intersection holds a ball where each of its parts does: the
+        depth is the smaller of those between the two planes and in the endless cylinder.
+        """
+        linear = to_world[:3, :3]
+        depths = np.zeros(points.shape[1])
+        inside = self.contains(points)
+        within = points[:, inside]
+        caps = (1.0 - np.abs(within[2])) * _half_widths(linear)[2]
+        depths[inside] = np.minimum(caps, _across(linear).depth(within[:2]))
+        return depths
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All that is within 1 of the segment from -half_segment to +half_segment on Z.
+
+    Its radius is 1, so a capsule of another size is placed by its world matrix times a
+    uniform scale by its radius (see :meth:`of_size`).
+    """
+
+    half_segment: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.half_segment) and self.half_segment >= 0.0):
+            raise ValueError(f"half_segment: expected 0 or more, got {self.half_segment}")
+
+    @classmethod
+    def of_size(cls, radius: float, height: float) -> Capsule:
+        """A capsule with these proportions; ``height`` is from tip to tip, at least 2 radii.
+
+        To place it, multiply the object's world matrix by ``diag(radius, radius, radius, 1)``.
+        """
+        if not (radius > 0.0 and height >= 2.0 * radius):
+            raise ValueError(f"capsule: height {height} must be at least twice radius {radius}")
+        return cls(0.5 * height / radius - 1.0)
+
+    is_convex: ClassVar[bool] = True
+
+    @property
+    def bounds(self) -> F64:
+        box: F64 = _UNIT_BOX * np.array([1.0, 1.0, 1.0 + self.half_segment])
+        return box
+
+    def _from_segment(self, points: F64) -> F64:
+        """Squared distance to the segment, (N,)."""
+        beyond = np.maximum(np.abs(points[2]) - self.half_segment, 0.0)
+        with np.errstate(over="ignore"):
+            squared: F64 = _squared_norm(points[:2]) + beyond * beyond
+        return squared
+
+    def contains(self, points: F64) -> Bool:
+        return self._from_segment(points) <= 1.0
+
+    def rise(self, points: F64) -> F64:
+        return _rise(np.sqrt(self._from_segment(points)))
+
+    def depth_m(self, points: F64, to_world: F64) -> F64:
+        """Distance to side and caps; see :meth:`Shape.depth_m`. 0 outside.
+
+        Under any affine matrix the capsule is an ellipsoid swept along a segment. Its nearest
+        boundary point is on the side (then the endless cylinder has the same depth) or on the
+        outer half of an end's ellipsoid, where it is a local minimum of the distance to it.
+        """
+        linear = to_world[:3, :3]
+        depths = np.zeros(points.shape[1])
+        inside = self.contains(points)
+        within = points[:, inside]
+        ellipsoid = Ellipsoid.of_map(linear)
+        if ellipsoid.semi_axes[-1] == 0.0:
+            return depths
+        least = _across(linear).depth(within[:2])
+        for end in (1.0, -1.0):
+            from_end = within - np.array([[0.0], [0.0], [end * self.half_segment]])
+            for feet, distances in ellipsoid.local_feet(from_end):
+                outer = end * feet[2] >= 0.0
+                least = np.where(outer, np.minimum(least, distances), least)
+        depths[inside] = least
+        return depths

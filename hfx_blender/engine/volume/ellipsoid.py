@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Feet of the normals from a point to an ellipsoid: where a ball inside it first touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+_OFF_AXIS = 1e-100  # stands for 0 across the shortest axis; keeps 0/0 out of the root find
+_ITERATIONS = 64  # Newton needs 4 to 8; a double root is approached linearly
+_ARRIVED = 1e-10  # relative; the step after such a step is below rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipsoid:
+    """The image of the unit ball (or disc) under a linear map, in its principal frame.
+
+    The foot ``x`` of a normal from ``y`` solves ``x_i = s_i^2 y_i / (t + s_i^2)`` with
+    ``sum (x_i / s_i)^2 = 1`` (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a
+    hyperellipsoid", 2013). We look for ``tau = 1 + t / s_min^2``, by Newton's method on
+    ``1 / |x / s| - 1``: this function is concave between any two poles (Cauchy-Schwarz; Reinsch,
+    "Smoothing by spline functions II", 1971), so that Newton from the pole's side never
+    overshoots, and nearly straight, so that it arrives at once.
+    """
+
+    semi_axes: F64  # (n,) descending, world units
+    axes: F64  # (n, n) rows: principal directions in the ball's own space
+
+    @classmethod
+    def of_map(cls, linear: F64) -> Ellipsoid:
+        """The image of the unit ball under ``linear``, (m, n) with m >= n."""
+        _, semi_axes, axes = np.linalg.svd(linear, full_matrices=False)
+        return cls(semi_axes, axes)
+
+    def depth(self, points: F64) -> F64:
+        """Distance to the surface of points of the unit ball, (n, N) to (N,), world units."""
+        if self.semi_axes[-1] == 0.0:
+            return np.zeros(points.shape[1])
+        along = self.axes @ points
+        tau = self._solve(along, nearest=True)
+        return self._distance(along, tau)
+
+    def local_feet(self, points: F64) -> list[tuple[F64, F64]]:
+        """Feet at which the distance from a point has a local minimum.
+
+        There are at most two: the nearest point of the surface, and one beyond the plane
+        across the shortest axis (Martinez, "Local minimizers of quadratic functions on
+        Euclidean balls and spheres", SIAM J. Optim. 4, 1994).
+
+        Parameters
+        ----------
+        points : (n, N) float64
+            Ball's own space; the ellipsoid must not be flat.
+
+        Returns
+        -------
+        list of (feet (n, N), distances (N,))
+            Feet on the unit sphere in the ball's own space; distances in world units,
+            infinite where there is no such foot.
+        """
+        along = self.axes @ points
+        found = []
+        for nearest in (True, False):
+            tau = self._solve(along, nearest=nearest)
+            shares = self._shares(along, tau)
+            norm = np.sqrt(np.sum(shares**2, axis=0))
+            distances = self._distance(along, tau)
+            distances[~(np.abs(norm - 1.0) < 1e-9)] = np.inf
+            found.append((self.axes.T @ shares, distances))
+        return found
+
+    @property
+    def _poles(self) -> F64:
+        """(s_i / s_min)^2 - 1, (n, 1): the denominators are tau plus these."""
+        least = self.semi_axes[-1]
+        ratio = self.semi_axes / least
+        poles: F64 = ((self.semi_axes - least) / least) * (ratio + 1.0)
+        return poles[:, None]
+
+    def _numerators(self, along: F64) -> F64:
+        numerators: F64 = (self._poles + 1.0) * along
+        last = along[-1]
+        numerators[-1] = np.where(np.abs(last) < _OFF_AXIS, _OFF_AXIS, last)
+        return numerators
+
+    def _shares(self, along: F64, tau: F64) -> F64:
+        """x_i / s_i of the foot that belongs to ``tau``."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            shares: F64 = self._numerators(along) / (tau + self._poles)
+        return shares
+
+    def _distance(self, along: F64, tau: F64) -> F64:
+        # x - y = (1 - tau) (x / s) s / (s / s_min)^2: no difference of near-equal coordinates.
+        gaps = self._shares(along, tau) * self.semi_axes[:, None] / (self._poles + 1.0)
+        distances: F64 = np.abs(1.0 - tau) * np.sqrt(np.sum(gaps**2, axis=0))
+        return distances
+
+    def _solve(self, along: F64, nearest: bool) -> F64:
+        """``tau`` of the nearest foot, or of the other local minimum (NaN where there is none)."""
+        numerators, poles = self._numerators(along), self._poles
+        size = np.abs(numerators)
+        if nearest:
+            # No single share exceeds 1: the tightest of these bounds is left of the root.
+            tau: F64 = np.max(size - poles, axis=0)
+        else:
+            tau = -size[-1]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for _ in range(_ITERATIONS):
+                below = tau + poles
+                squares = (numerators / below) ** 2
+                total = np.sum(squares, axis=0)
+                step = total * (np.sqrt(total) - 1.0) / np.sum(squares / below, axis=0)
+                moved = tau + step
+                if not nearest:
+                    # A step back, or past the next pole: the curve has no root on this branch.
+                    lost = (step > _ARRIVED * np.abs(tau)) | (moved <= -poles[-2])
+                    moved = np.where(lost, np.nan, moved)
+                tau = moved
+                if not np.any(np.abs(step) > _ARRIVED * np.abs(tau)):
+                    break
+        return tau

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The mesh volume: exactly the shape of another object."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from .mesh_distance import TriangleTree
+from .mesh_inside import InsideGrid
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+Bool = npt.NDArray[np.bool_]
+
+_CORE_TOLERANCE: Final = 0.005  # of the largest depth
+_CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
+_CORE_ROUNDS: Final = 24
+_FLATTEST: Final = 1e-12  # least extent over largest
+_SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as uniform
+
+
+@dataclass(frozen=True, eq=False)
+class MeshVolume:
+    """A closed triangle mesh; inside is where its winding number is not zero.
+
+    So a hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
+    a mirrored or inside-out mesh is as good as any. Points nearer to the surface than rounding
+    may be taken for either side.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        Shape space; coincident ones count as one.
+    triangles : (F, 3) int32
+    name : str
+        Of the object, for messages.
+
+    Raises
+    ------
+    InputError
+        The mesh is empty, flat, not finite, not closed, or faces both ways.
+    """
+
+    is_convex: ClassVar[bool] = False
+
+    vertices: F64
+    triangles: I32
+    name: str
+    _vertices: F64 = field(init=False, repr=False)  # merged
+    _triangles: I32 = field(init=False, repr=False)  # of merged vertices, facing one way
+
+    def __post_init__(self) -> None:
+        vertices, triangles = np.asarray(self.vertices, np.float64), np.asarray(self.triangles)
+        if vertices.shape[1:] != (3,) or triangles.shape[1:] != (3,):
+            raise ValueError(
+                f"expected vertices (V, 3) and triangles (F, 3), "
+                f"got {vertices.shape} and {triangles.shape}"
+            )
+        if not triangles.size:
+            raise InputError(f"'{self.name}' has no faces, so it has no inside to be felt in.")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise ValueError(f"triangles: expected indices below {len(vertices)}")
+        broken = np.count_nonzero(~np.isfinite(vertices[np.unique(triangles)]).all(axis=1))
+        if broken:
+            raise InputError(
+                f"'{self.name}' has {broken} vertices whose coordinates are not finite numbers."
+            )
+        merged, triangles = _merge(vertices, triangles)
+        if not (len(triangles) and _is_solid(np.ptp(merged, axis=0))):
+            raise InputError(f"'{self.name}' is flat, so it has no inside to be felt in.")
+        object.__setattr__(self, "_vertices", merged)
+        object.__setattr__(self, "_triangles", _facing_one_way(triangles, self.name))
+
+    @cached_property
+    def bounds(self) -> F64:
+        return np.stack([self._vertices.min(axis=0), self._vertices.max(axis=0)])
+
+    def contains(self, points: F64) -> Bool:
+        return self._grid.contains(points)
+
+    def rise(self, points: F64) -> F64:
+        """Depth in shape space over the largest depth; see :meth:`Shape.rise`. 0 outside."""
+        if self._largest_depth == 0.0:
+            return np.zeros(points.shape[1])
+        return np.minimum(self._depth(points, np.eye(3)) / self._largest_depth, 1.0)
+
+    def depth_m(self, points: F64, to_world: F64) -> F64:
+        """Distance to the nearest triangle; see :meth:`Shape.depth_m`. 0 outside."""
+        return self._depth(points, to_world[:3, :3])
+
+    def _depth(self, points: F64, linear: F64) -> F64:
+        depths = np.zeros(points.shape[1])
+        inside = np.flatnonzero(self.contains(points))
+        if not len(inside):
+            return depths
+        within = points[:, inside] - self._middle[:, None]
+        stretch = np.linalg.svd(linear, compute_uv=False)
+        if stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
+            depths[inside] = stretch[1] * self._tree.distances(within)
+        else:
+            depths[inside] = self._placed_tree(linear).distances(linear @ within)
+        return depths
+
+    def _placed_tree(self, linear: F64) -> TriangleTree:
+        """The stretched triangles; remembered, as most stretched volumes do not turn."""
+        key = linear.tobytes()
+        tree = self._placed_trees.get(key)
+        if tree is None:
+            self._placed_trees.clear()
+            tree = self._placed_trees[key] = self._tree.placed(linear)
+        return tree
+
+    @cached_property
+    def _placed_trees(self) -> dict[bytes, TriangleTree]:
+        return {}
+
+    # Made when first asked for: many volumes are never reached, few have a falloff.
+
+    @cached_property
+    def _grid(self) -> InsideGrid:
+        return InsideGrid(self._vertices, self._triangles)
+
+    @cached_property
+    def _middle(self) -> F64:
+        middle: F64 = self.bounds.mean(axis=0)
+        return middle
+
+    @cached_property
+    def _tree(self) -> TriangleTree:
+        # About the middle: a mesh far from its object's origin keeps its digits.
+        return TriangleTree((self._vertices - self._middle)[self._triangles])
+
+    @cached_property
+    def _largest_depth(self) -> float:
+        """Radius of the largest ball that fits inside, shape space.
+
+        Branch and bound: depth, negative outside, changes by at most the distance between two
+        points, so that it bounds the depth in a cell around a point. Only the most promising
+        cells of a round are kept, which matters for plates, where all are alike.
+        """
+        low, high = self.bounds
+        extent = high - low
+        counts = np.clip(np.ceil(8.0 * extent / extent.max()), 2, 8).astype(np.int64)
+        half = (0.5 * extent / counts)[:, None]
+        centres = low[:, None] + half * (2 * np.indices(counts).reshape(3, -1) + 1)
+        corners = 2 * np.indices((2, 2, 2)).reshape(3, 1, 8) - 1
+        best = 0.0
+        for _ in range(_CORE_ROUNDS):
+            reach = float(np.sqrt(np.sum(half**2)))
+            depths = self._tree.distances_beyond(
+                centres - self._middle[:, None], max(best - reach, 0.0)
+            )
+            depths[~self.contains(centres)] *= -1.0
+            best = max(best, float(depths.max()))
+            promising = np.flatnonzero(depths + reach > best * (1.0 + _CORE_TOLERANCE))
+            if not len(promising) or reach < _CORE_TOLERANCE * best:
+                break
+            order = np.argsort(-depths[promising], kind="stable")[:_CORE_CANDIDATES]
+            kept = centres[:, promising[order]]
+            half = half / 2.0
+            centres = (kept[:, :, None] + half[:, :, None] * corners).reshape(3, -1)
+        return best
+
+
+def _is_solid(extent: F64) -> bool:
+    return bool(extent.min() > _FLATTEST * extent.max())
+
+
+def _merge(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
+    """Make coincident vertices one; drop unused vertices and triangles without three corners."""
+    used, corners = np.unique(triangles, return_inverse=True)
+    vertices = vertices[used]
+    order = np.lexsort(vertices.T)
+    new = np.ones(len(vertices), np.bool_)
+    new[1:] = np.any(vertices[order[1:]] != vertices[order[:-1]], axis=1)
+    group = np.zeros(len(vertices), np.int64)
+    group[order] = np.cumsum(new) - 1
+    corners = group[corners.reshape(-1, 3)]
+    a, b, c = corners.T
+    corners = corners[(a != b) & (b != c) & (c != a)]
+    used, corners = np.unique(corners, return_inverse=True)
+    return vertices[order][new][used], corners.reshape(-1, 3).astype(np.int32)
+
+
+def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
+    """The edge of each of the 3 F corners, the triangles' uses of it, and whether it is upwards.
+
+    Corner ``k`` belongs to triangle ``k // 3``.
+    """
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    up = starts < ends
+    keys = np.minimum(starts, ends).astype(np.int64) * (triangles.max() + 1) + np.maximum(
+        starts, ends
+    )
+    _, edge, uses = np.unique(keys, return_inverse=True, return_counts=True)
+    return edge.ravel(), uses, up
+
+
+def _facing_one_way(triangles: I32, name: str) -> I32:
+    """Check that a mesh is closed, and turn round the few triangles that face the other way."""
+    edge, uses, up = _edges(triangles)
+    open_edges = int(np.count_nonzero(uses % 2))
+    if open_edges:
+        raise InputError(
+            f"'{name}' is not closed: {open_edges} of its {len(uses)} edges lack a face on one "
+            f"side; fill the holes or merge the vertices there."
+        )
+    if not np.bincount(edge, np.where(up, 1, -1)).any():
+        return triangles
+    turned = _turns(len(triangles), edge, uses, up)
+    triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)
+    edge, _, up = _edges(triangles)
+    if np.bincount(edge, np.where(up, 1, -1)).any():
+        raise InputError(
+            f"'{name}' has faces whose normals cannot be made to agree, so its inside is not "
+            f"defined; recalculate its normals or remove its inner faces."
+        )
+    return triangles
+
+
+def _turns(count: int, edge: I64, uses: I64, up: Bool) -> Bool:
+    """Which triangles to turn so that neighbours agree, the fewest of each connected piece."""
+    corners = np.argsort(edge, kind="stable")
+    corners = corners[uses[edge[corners]] == 2].reshape(-1, 2)
+    disagree = up[corners[:, 0]] == up[corners[:, 1]]
+    neighbours: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
+    for (one, other), differs in zip((corners // 3).tolist(), disagree.tolist(), strict=True):
+        neighbours[one].append((other, differs))
+        neighbours[other].append((one, differs))
+    turned = np.zeros(count, np.bool_)
+    seen = np.zeros(count, np.bool_)
+    for seed in range(count):
+        if seen[seed]:
+            continue
+        seen[seed] = True
+        piece, queue = [seed], deque([seed])
+        while queue:
+            current = queue.popleft()
+            for other, differs in neighbours[current]:
+                if not seen[other]:
+                    seen[other] = True
+                    turned[other] = turned[current] ^ differs
+                    piece.append(other)
+                    queue.append(other)
+        if 2 * np.count_nonzero(turned[piece]) > len(piece):
+            turned[piece] = ~turned[piece]
+    return turned

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Exact distance from points to a set of triangles, by a tree of boxes in plain numpy."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+_PAIRS_AT_ONCE: Final = 2**18
+
+
+class TriangleTree:
+    """A balanced binary tree of boxes over triangles.
+
+    Parameters
+    ----------
+    corners : (F, 3, 3) float64
+        Triangle, corner, coordinate. A degenerate triangle counts as the segment that it is.
+    order : (2^k,) int64, optional
+        Triangles as leaves; for triangles that an affine map has only moved.
+    """
+
+    def __init__(self, corners: F64, order: I64 | None = None) -> None:
+        self._order = _leaf_order(corners) if order is None else order
+        self._corners = corners
+        self._frames = _plane_frames(corners)
+        by_corner = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        low, high = by_corner.min(axis=0)[:, self._order], by_corner.max(axis=0)[:, self._order]
+        self._levels = [(low, high)]  # from the root to the leaves
+        while low.shape[1] > 1:
+            low = np.minimum(low[:, ::2], low[:, 1::2])
+            high = np.maximum(high[:, ::2], high[:, 1::2])
+            self._levels.insert(0, (low, high))
+
+    def placed(self, linear: F64) -> TriangleTree:
+        """The tree of the triangles under a linear map, (3, 3)."""
+        return TriangleTree(self._corners @ linear.T, self._order)
+
+    def distances(self, points: F64) -> F64:
+        """Distance of each point of (3, N) to the nearest triangle, (N,)."""
+        distances: F64 = np.sqrt(self._squared(points, self._first_guess(points)))
+        return distances
+
+    def distances_beyond(self, points: F64, limit: float) -> F64:
+        """As :meth:`distances`; cheaper, but not exact, for those not beyond ``limit``."""
+        squared = self._first_guess(points)
+        far = squared > limit * limit
+        squared[far] = self._squared(points[:, far], squared[far])
+        return np.sqrt(squared)
+
+    def _squared(self, points: F64, best: F64) -> F64:
+        """Squared distances, given upper bounds of them: pass over the tree level by level."""
+        count = points.shape[1]
+        owners, nodes = np.arange(count), np.zeros(count, np.int64)
+        for low, high in self._levels[1:]:
+            owners, nodes = np.repeat(owners, 2), np.repeat(nodes, 2) * 2
+            nodes[1::2] += 1
+            place = points[:, owners]
+            gaps = np.maximum(low[:, nodes] - place, place - high[:, nodes])
+            near = _squared_norm(np.maximum(gaps, 0.0)) <= best[owners]
+            owners, nodes = owners[near], nodes[near]
+            if len(owners) > _PAIRS_AT_ONCE and count > 1:
+                half = count // 2
+                parts = (slice(half), slice(half, None))
+                return np.concatenate([self._squared(points[:, p], best[p]) for p in parts])
+        triangles = self._order[nodes]
+        best = best.copy()
+        np.minimum.at(best, owners, _to_triangles(points[:, owners], self._frames[:, triangles]))
+        return best
+
+    def _first_guess(self, points: F64) -> F64:
+        """Squared distance to the triangle found by always going to the nearer middle."""
+        nodes = np.zeros(points.shape[1], np.int64)
+        for low, high in self._levels[1:]:
+            nodes = nodes * 2
+            left, right = (
+                _squared_norm(points - 0.5 * (low[:, n] + high[:, n])) for n in (nodes, nodes + 1)
+            )
+            nodes += right < left
+        return _to_triangles(points, self._frames[:, self._order[nodes]])
+
+
+def _squared_norm(vectors: F64) -> F64:
+    squared: F64 = np.einsum("ij,ij->j", vectors, vectors)
+    return squared
+
+
+def _leaf_order(corners: F64) -> I64:
+    """Triangles halved at the median of the longest axis, again and again; some come twice."""
+    count = len(corners)
+    size = 1 << (count - 1).bit_length()
+    order = np.arange(size) * count // size
+    middles = corners.mean(axis=1)
+    while size > 1:
+        groups = middles[order].reshape(-1, size, 3)
+        longest = np.argmax(np.ptp(groups, axis=1), axis=1)
+        keys = np.take_along_axis(groups, longest[:, None, None], 2)[:, :, 0]
+        ranks = np.argsort(keys, axis=1, kind="stable")
+        order = np.take_along_axis(order.reshape(-1, size), ranks, 1).ravel()
+        size //= 2
+    return order
+
+
+def _plane_frames(corners: F64) -> F64:
+    """Each triangle in a plane of its own, (15, F).
+
+    The x axis is the longest edge, from the origin; the apex is above it. Rows: origin (3), the
+    axes x, y, z in world coordinates (9), length of the longest edge, apex x, apex y. However
+    thin the triangle, its frame is orthonormal and its corners are right to rounding.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    longest = np.argmax(np.einsum("fij,fij->fi", edges, edges), axis=1)
+    rows = np.arange(len(corners))
+    origin, base = corners[rows, longest], edges[rows, longest]
+    apex = corners[rows, (longest + 2) % 3] - origin
+    length = np.sqrt(np.sum(base**2, axis=1))
+    axis_x = base / np.where(length > 0.0, length, 1.0)[:, None]
+    axis_y = apex
+    for _ in range(2):  # once more: for a thin triangle the first difference is mostly rounding
+        axis_y = axis_y - np.sum(axis_y * axis_x, axis=1)[:, None] * axis_x
+    width = np.sqrt(np.sum(axis_y**2, axis=1))
+    some = np.eye(3)[np.argmin(np.abs(axis_x), axis=1)]
+    some = np.cross(axis_x, some)
+    some /= np.maximum(np.sqrt(np.sum(some**2, axis=1)), 1e-300)[:, None]
+    thin = width <= 1e-15 * length
+    axis_y = np.where(thin[:, None], some, axis_y / np.where(thin, 1.0, width)[:, None])
+    apex_xy = [np.sum(apex * axis, axis=1)[:, None] for axis in (axis_x, axis_y)]
+    parts = [origin, axis_x, axis_y, np.cross(axis_x, axis_y), length[:, None], *apex_xy]
+    return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
+
+
+def _to_triangles(points: F64, frames: F64) -> F64:
+    """Squared distances of points (3, n) to triangles given by their frames (15, n)."""
+    offset = points - frames[:3]
+    x, y, z = (np.einsum("ij,ij->j", offset, frames[k : k + 3]) for k in (3, 6, 9))
+    length, apex_x, apex_y = frames[12:]
+
+    # The angles at both ends of the longest edge are acute: below it, it is the nearest.
+    beside = x - np.clip(x, 0.0, length)
+    to_base = beside * beside + y * y
+    left, left_of = _to_side(x, y, apex_x, apex_y)
+    right, right_of = _to_side(length - x, y, length - apex_x, apex_y)
+    to_sides = np.where(left_of | right_of, np.minimum(left, right), 0.0)
+    in_plane = np.where(y > 0.0, to_sides, to_base)
+    squared: F64 = in_plane + z * z
+    return squared
+
+
+def _to_side(x: F64, y: F64, end_x: F64, end_y: F64) -> tuple[F64, Bool]:
+    """Squared distance to the segment from the origin to an end above it; whether left of it."""
+    square = end_x * end_x + end_y * end_y
+    share = (x * end_x + y * end_y) / np.where(square > 0.0, square, 1.0)
+    share = np.clip(share, 0.0, 1.0)
+    return (x - share * end_x) ** 2 + (y - share * end_y) ** 2, x * end_y < y * end_x

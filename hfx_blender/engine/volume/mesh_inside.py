@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Exact inside test for a closed triangle mesh: voxels, and columns where voxels cannot tell.
+
+A ray goes from the point along the column axis, and the signs of its crossings add up to the
+winding number. What makes rays fail, hits on edges and vertices and triangles along the ray,
+cannot happen here:
+
+* Whether a triangle spans the ray is decided edge by edge, in the plane across the ray, by the
+  half-open rule of polygon filling. Two triangles that share an edge compute the same number
+  for it, so that in a closed mesh the crossings cancel whatever the rounding.
+* Where a triangle is crossed is interpolated between its two edges that span the point, so it
+  stays between them also for slivers and for triangles along the ray.
+
+The answer is therefore exact for a point that lies a rounding error away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+Bool = npt.NDArray[np.bool_]
+
+_CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
+_CELLS_PER_AXIS: Final = (4, 256)
+_SNAP: Final = 2.0**40  # steps of a cell; vertices on this grid have slopes that stay finite
+_MARGIN: Final = 1e-6  # cells; far above rounding, so that no cell misses a triangle
+_STEEP: Final = 1e-6  # below this cosine a triangle's plane says nothing about its heights
+_PAIRS_AT_ONCE: Final = 2**19
+
+_OUTSIDE: Final = -1
+_INSIDE: Final = -2
+
+
+def _ramp(counts: I64) -> tuple[I64, I64]:
+    """For counts 2, 3: owners 0 0 1 1 1 and steps 0 1 0 1 2."""
+    owners = np.repeat(np.arange(len(counts)), counts)
+    steps = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return owners, steps
+
+
+@dataclass(frozen=True, eq=False)
+class _Spans:
+    """Triangles prepared for crossing tests: corners in the order of y, edges upwards.
+
+    The edges are low to high, low to middle and middle to high; their slopes are x and z per y.
+    """
+
+    y_low: F64  # (F,) each
+    y_middle: F64
+    y_high: F64
+    start_x: F64  # (3, F)
+    start_z: F64
+    slope_x: F64
+    slope_z: F64
+    signs: I32  # (F,) +1 or -1: which way the triangle faces in this order
+
+    @classmethod
+    def of(cls, corners: F64) -> _Spans:
+        """From corners (F, 3, 3): triangle, corner, coordinate."""
+        order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
+        even = (order[:, 1] - order[:, 0]) % 3 == 1
+        low, middle, high = np.moveaxis(np.take_along_axis(corners, order[:, :, None], 1), 1, 0)
+        starts, ends = np.stack([low, low, middle]), np.stack([high, middle, high])
+        climb = ends[..., 1] - starts[..., 1]
+        slopes = (ends - starts) / np.where(climb > 0.0, climb, np.inf)[..., None]
+        return cls(
+            y_low=low[:, 1].copy(),
+            y_middle=middle[:, 1].copy(),
+            y_high=high[:, 1].copy(),
+            start_x=starts[..., 0].copy(),
+            start_z=starts[..., 2].copy(),
+            slope_x=slopes[..., 0].copy(),
+            slope_z=slopes[..., 2].copy(),
+            signs=np.where(even, 1, -1).astype(np.int32),
+        )
+
+    def cross(self, triangles: I64, points: F64) -> tuple[I64, F64, I32]:
+        """Which of the pairs (triangle, point) cross, at which height, and which way.
+
+        Parameters
+        ----------
+        triangles : (n,) int64
+        points : (3, n) float64
+
+        Returns
+        -------
+        pairs : (m,) int64
+            Those of the n pairs whose triangle has the point's x and y.
+        heights : (m,) float64
+            z of the crossing.
+        signs : (m,) int32
+        """
+        y = points[1]
+        pairs = np.flatnonzero((self.y_low[triangles] <= y) & (y < self.y_high[triangles]))
+        triangles, x, y = triangles[pairs], points[0, pairs], y[pairs]
+        bent = self.y_middle[triangles]
+        upper = y >= bent
+        short = np.where(upper, len(self.signs) * 2, len(self.signs)) + triangles
+        long_rise = y - self.y_low[triangles]
+        short_rise = np.where(upper, y - bent, long_rise)
+        long_x = self.start_x[0, triangles] + long_rise * self.slope_x[0, triangles]
+        short_x = self.start_x.ravel()[short] + short_rise * self.slope_x.ravel()[short]
+        left = x < short_x
+        hit = np.flatnonzero(left != (x < long_x))
+        triangles, long_x, short_x = triangles[hit], long_x[hit], short_x[hit]
+        long_z = self.start_z[0, triangles] + long_rise[hit] * self.slope_z[0, triangles]
+        short_z = (
+            self.start_z.ravel()[short[hit]] + short_rise[hit] * self.slope_z.ravel()[short[hit]]
+        )
+        share = (x[hit] - long_x) / (short_x - long_x)
+        heights = long_z + share * (short_z - long_z)
+        signs = np.where(left[hit], self.signs[triangles], -self.signs[triangles])
+        return pairs[hit], heights, signs
+
+
+class InsideGrid:
+    """Answers whether points have a winding number other than zero.
+
+    Every voxel is inside, outside or mixed. Mixed voxels that follow each other in a column are
+    a *run*; it lists its triangles, and the winding number beyond its upper end.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        With some extent along each axis.
+    triangles : (F, 3) int32
+        Closed: each edge is used as often in one direction as in the other.
+    """
+
+    def __init__(self, vertices: F64, triangles: I32) -> None:
+        low, extent = vertices.min(axis=0), np.ptp(vertices, axis=0)
+        # Columns along the shortest axis: the fewest voxels, and triangles, in each.
+        shortest = int(np.argmin(extent))
+        self._axes = [(shortest + 1) % 3, (shortest + 2) % 3, shortest]
+        self._low, self._high = low, vertices.max(axis=0)
+        share = extent / extent.max()
+        edge = np.cbrt(np.prod(share) / _CELLS)
+        self._counts = np.clip(np.rint(share / edge), *_CELLS_PER_AXIS).astype(np.int64)
+        self._counts = self._counts[self._axes]
+        self._scale = (self._counts / extent[self._axes])[:, None]
+
+        placed = np.rint(self._to_cells(vertices.T) * _SNAP) / _SNAP
+        corners = placed.T[triangles]
+        self._spans = _Spans.of(corners)
+        self._fill(*_covered_columns(corners, self._counts))
+
+    def _to_cells(self, points: F64) -> F64:
+        placed: F64 = (points - self._low[:, None])[self._axes] * self._scale
+        return placed
+
+    def _fill(self, triangles: I64, columns: I64, first: I64, last: I64) -> None:
+        """Sort the voxels into three states; list the triangles of each run."""
+        shape = (int(self._counts[0] * self._counts[1]), int(self._counts[2]))
+        size = shape[0] * (shape[1] + 1)  # one more on top, for sums that end there
+        starts, ends = columns * (shape[1] + 1) + first, columns * (shape[1] + 1) + last + 1
+        cover = np.bincount(starts, minlength=size) - np.bincount(ends, minlength=size)
+        mixed = np.cumsum(cover).reshape(shape[0], -1) > 0
+
+        begins = mixed.copy()
+        begins[:, 1:] &= ~mixed[:, :-1]
+        runs = np.cumsum(begins).reshape(begins.shape) - 1
+        run_of_pair = runs.ravel()[starts]
+        order = np.argsort(run_of_pair, kind="stable")
+        self._listed = triangles[order]
+        sizes = np.bincount(run_of_pair)
+        self._offsets = np.concatenate([[0], np.cumsum(sizes)])
+
+        middle = np.stack([columns // self._counts[1], columns % self._counts[1], first]) + 0.5
+        pairs, heights, signs = self._spans.cross(triangles, middle)
+        level = np.clip(heights.astype(np.int64), first[pairs], last[pairs])
+        cells = columns[pairs] * (shape[1] + 1) + level
+        crossings = np.bincount(cells, signs, minlength=size).reshape(shape[0], -1)
+        winding = np.cumsum(crossings[:, ::-1], axis=1)[:, ::-1]
+        tops = np.flatnonzero((mixed[:, :-1] & ~mixed[:, 1:]).ravel())
+        self._beyond = winding[:, 1:].ravel()[tops].astype(np.int64)
+
+        codes = np.where(mixed, runs, np.where(winding == 0, _OUTSIDE, _INSIDE))
+        self._codes = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
+
+    def contains(self, points: F64) -> Bool:
+        """Whether each point of (3, N) is inside, (N,)."""
+        inside = np.zeros(points.shape[1], np.bool_)
+        near = (points >= self._low[:, None]) & (points <= self._high[:, None])
+        candidates = np.flatnonzero(near[0] & near[1] & near[2])
+        placed = self._to_cells(points[:, candidates])
+        cells = np.minimum(placed.astype(np.int64), self._counts[:, None] - 1)
+        codes = self._codes[(cells[0] * self._counts[1] + cells[1]) * self._counts[2] + cells[2]]
+        unsure = np.flatnonzero(codes >= 0)
+        decided = codes == _INSIDE
+        decided[unsure] = self._in_columns(placed[:, unsure], codes[unsure])
+        inside[candidates] = decided
+        return inside
+
+    def _in_columns(self, placed: F64, runs: I32) -> Bool:
+        starts = self._offsets[runs]
+        counts = self._offsets[runs + 1] - starts
+        winding = self._beyond[runs]
+        # Never more than some pairs at once, however many triangles meet in one column.
+        parts = np.cumsum(counts) // _PAIRS_AT_ONCE
+        for part in np.unique(parts):
+            chosen = np.flatnonzero(parts == part)
+            owners, steps = _ramp(counts[chosen])
+            owners = chosen[owners]
+            triangles = self._listed[starts[owners] + steps]
+            pairs, heights, signs = self._spans.cross(triangles, placed[:, owners])
+            owners = owners[pairs]
+            above = heights >= placed[2, owners]
+            winding = winding + np.bincount(
+                owners[above], signs[above], minlength=len(winding)
+            ).astype(np.int64)
+        inside: Bool = winding != 0
+        return inside
+
+
+def _covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
+    """Voxels that each triangle touches: never too few, seldom too many.
+
+    Triangles are cut into rows of cells (y), then into columns (x); within a column the plane
+    of the triangle bounds its heights.
+
+    Returns
+    -------
+    triangles, columns, first, last : (n,) int64 each
+        A triangle touches the voxels ``first`` to ``last`` of a column.
+    """
+
+    def cells(low: F64, high: F64, axis: int) -> tuple[I64, I64]:
+        top = counts[axis] - 1
+        return (
+            np.clip(np.floor(low - _MARGIN), 0, top).astype(np.int64),
+            np.clip(np.floor(high + _MARGIN), 0, top).astype(np.int64),
+        )
+
+    first, last = cells(corners[:, :, 1].min(axis=1), corners[:, :, 1].max(axis=1), 1)
+    triangles, steps = _ramp(last - first + 1)
+    rows = first[triangles] + steps
+    low, high = _clipped_box(corners, triangles, rows - _MARGIN, rows + 1.0 + _MARGIN)
+
+    first, last = cells(low[0], high[0], 0)
+    strips, steps = _ramp(last - first + 1)
+    across = first[strips] + steps
+    triangles, rows = triangles[strips], rows[strips]
+
+    edges = corners[:, 1:] - corners[:, :1]
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    flat = np.abs(normals[:, 2]) > _STEEP * np.abs(normals).max(axis=1)
+    tilt = -normals[:, :2] / np.where(flat, normals[:, 2], np.inf)[:, None]
+    reach = np.where(flat, np.abs(tilt).sum(axis=1) * (0.5 + _MARGIN) + _MARGIN, np.inf)
+    centre = np.stack([across, rows], axis=1) + 0.5 - corners[triangles, 0, :2]
+    plane = corners[triangles, 0, 2] + np.sum(tilt[triangles] * centre, axis=1)
+    bottom = np.maximum(low[1][strips], plane - reach[triangles])
+    top = np.minimum(high[1][strips], plane + reach[triangles])
+    met = bottom <= top + _MARGIN
+    first, last = cells(bottom[met], top[met], 2)
+    columns = (across * counts[1] + rows)[met]
+    return triangles[met], columns, np.minimum(first, last), np.maximum(first, last)
+
+
+def _clipped_box(corners: F64, triangles: I64, below: F64, above: F64) -> tuple[F64, F64]:
+    """Bounds in x and z, (2, n) each, of triangles cut to below <= y <= above."""
+    low = np.full((2, len(triangles)), np.inf)
+    high = np.full((2, len(triangles)), -np.inf)
+    order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
+    ordered = np.take_along_axis(corners, order[:, :, None], 1)
+    for start, end in ((0, 1), (1, 2), (0, 2)):
+        foot, head = ordered[triangles, start], ordered[triangles, end]
+        climb = head[:, 1] - foot[:, 1]
+        safe = np.where(climb > 0.0, climb, 1.0)
+        entry = np.where(climb > 0.0, np.clip((below - foot[:, 1]) / safe, 0.0, 1.0), 0.0)
+        leave = np.where(climb > 0.0, np.clip((above - foot[:, 1]) / safe, 0.0, 1.0), 1.0)
+        passes = (foot[:, 1] <= above) & (head[:, 1] >= below)
+        for row, axis in enumerate((0, 2)):
+            span = head[:, axis] - foot[:, axis]
+            one, other = foot[:, axis] + entry * span, foot[:, axis] + leave * span
+            np.minimum(low[row], np.minimum(one, other), where=passes, out=low[row])
+            np.maximum(high[row], np.maximum(one, other), where=passes, out=high[row])
+    return low, high

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Placing matrices of volumes: their inverses where these can be trusted, and world boxes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .shape import Shape
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+FLATTEST: Final = 1e-6
+"""Least reciprocal condition number, after equilibration, of a matrix that is inverted.
+
+Blender computes world matrices in float32. One that some parent has squashed flat comes out
+with rounding noise in place of the zero, 1e-7 of the rest: below this limit nobody can tell.
+"""
+
+
+def _exponents(magnitudes: F64) -> npt.NDArray[np.int32]:
+    """Power of two that brings each magnitude into [0.5, 1); 0 for zero."""
+    exponents: npt.NDArray[np.int32] = np.frexp(magnitudes)[1].astype(np.int32)
+    return exponents
+
+
+def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
+    """Invert affine placing matrices, and say which inverses can be used.
+
+    Columns, then rows, are first brought to a similar size by powers of two (exactly), so that
+    neither the unit nor different scales of the axes count as flatness: only axes that are
+    nearly in one plane do.
+
+    Parameters
+    ----------
+    matrices : (T, 4, 4) float64
+        Shape space to world; the last row is taken as 0, 0, 0, 1.
+
+    Returns
+    -------
+    inverses : (T, 4, 4) float64
+        World to shape space; NaN where not usable, so that every point counts as outside.
+    usable : (T,) bool
+        False where the matrix is not finite, singular, or flatter than :data:`FLATTEST`.
+    """
+    matrices = np.asarray(matrices, np.float64)
+    usable: Bool = np.isfinite(matrices[:, :3, :]).all(axis=(1, 2))
+    linear = np.where(usable[:, None, None], matrices[:, :3, :3], 0.0)
+    columns = _exponents(np.abs(linear).max(axis=1))
+    balanced = np.ldexp(linear, -columns[:, None, :])
+    rows = _exponents(np.abs(balanced).max(axis=2))
+    balanced = np.ldexp(balanced, -rows[:, :, None])
+
+    stretch = np.linalg.svd(balanced, compute_uv=False)
+    usable &= stretch[:, 2] > FLATTEST * stretch[:, 0]
+    balanced = np.where(usable[:, None, None], balanced, np.eye(3))
+
+    inverses = np.full((len(matrices), 4, 4), np.nan)
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        back = np.ldexp(np.linalg.inv(balanced), -columns[:, :, None] - rows[:, None, :])
+        offset = -np.einsum("tij,tj->ti", back, matrices[:, :3, 3])
+    usable &= np.isfinite(back).all(axis=(1, 2)) & np.isfinite(offset).all(axis=1)
+    inverses[usable, :3, :3] = back[usable]
+    inverses[usable, :3, 3] = offset[usable]
+    inverses[usable, 3] = (0.0, 0.0, 0.0, 1.0)
+    return inverses, usable
+
+
+def world_bounds(shape: Shape, matrices: F64) -> F64:
+    """Axis-aligned world boxes that hold the placed shape.
+
+    The box of the placed bounds: never too small (rounding included), up to sqrt(3) too long
+    for a rotated sphere.
+
+    Parameters
+    ----------
+    shape : Shape
+    matrices : (T, 4, 4) float64
+        Shape space to world.
+
+    Returns
+    -------
+    (T, 2, 3) float64
+        Lowest and highest corner, metres; NaN where a matrix is not finite.
+    """
+    low, high = shape.bounds
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    with np.errstate(over="ignore", invalid="ignore"):
+        linear, offset = matrices[:, :3, :3], matrices[:, :3, 3]
+        centre = linear @ middle + offset
+        reach = np.abs(linear) @ half
+        largest = np.abs(linear) @ (np.abs(middle) + half) + np.abs(offset)
+        reach = reach + 8.0 * np.finfo(np.float64).eps * largest
+        bounds: F64 = np.stack([centre - reach, centre + reach], axis=1)
+    bounds[~np.isfinite(bounds).all(axis=(1, 2))] = np.nan
+    return bounds

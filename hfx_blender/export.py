@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Exporting one scene: record its track, render it for devices, write files, tell what was felt.
+
+Everything is written into a folder of its own beside the destination and moved into place when
+all of it is complete.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from . import __version__
+from .devices.configuration import DeviceConfig
+from .engine.body.model import load_model
+from .engine.evaluate import Engine
+from .engine.rendering.raster import Raster
+from .engine.rendering.render import render
+from .engine.rendering.unrendered import unrendered_by_all
+from .engine.track import SUFFIX, TrackHeader, TrackReader, TrackWriter
+from .errors import InputError, OutputError, UsageError
+from .formats import csv_raster, wav
+from .scene_reader import SceneReader
+
+FORMATS = ("track", "csv", "wav")
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """What is exported, and how."""
+
+    formats: tuple[str, ...] = ("track",)
+    devices: tuple[DeviceConfig, ...] = ()
+    frames: tuple[int, int] | None = None  # both included; None: the scene's own
+    rate_hz: Fraction | None = None  # None: the scene's own
+    full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
+    record: tuple[str, ...] = ()  # engine.evaluate.ON_DEMAND
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.formats) - set(FORMATS))
+        if unknown:
+            raise UsageError(f"format '{unknown[0]}' is unknown; there are: {', '.join(FORMATS)}")
+        if set(self.formats) - {"track"} and not self.devices:
+            raise UsageError(
+                "the formats csv and wav hold what a device plays: choose one with --device "
+                "('hfx device list' shows them)"
+            )
+
+
+@dataclass(frozen=True)
+class ExportReport:
+    """What one export wrote, and what was felt."""
+
+    scene: str
+    files: tuple[Path, ...]
+    felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
+    unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
+    warnings: tuple[str, ...]
+    engine: dict[str, Any] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data; file names without folders."""
+        return {
+            "scene": self.scene,
+            "files": [
+                {
+                    "name": path.name,
+                    "bytes": path.stat().st_size,
+                    "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+                }
+                for path in self.files
+            ],
+            "felt": list(self.felt),
+            "unrendered": list(self.unrendered),
+            "warnings": list(self.warnings),
+            "engine": self.engine,
+        }
+
+
+def export_scene(
+    scene: bpy.types.Scene,
+    folder: Path,
+    stem: str,
+    settings: ExportSettings,
+    progress: Progress = lambda share: None,
+) -> ExportReport:
+    """Export a scene of the open file as ``folder/stem.*``.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be exported; nothing was written.
+    OutputError
+        The folder cannot be written to; nothing was left there.
+    """
+    reader = SceneReader(
+        scene,
+        frames=settings.frames,
+        rate_hz=settings.rate_hz,
+        with_velocities="velocities" in settings.record,
+    )
+    engine = Engine(reader.description, record=settings.record)
+    with _staging(folder, stem) as stage:
+        track = stage / (stem + SUFFIX)
+        record_track(reader, engine, track, settings, progress)
+        files = [track] if "track" in settings.formats else []
+        with TrackReader(track) as recorded:
+            felt = felt_effects(recorded)
+            rasters = render_devices(recorded, settings.devices)
+            unrendered = unrendered_by_all(recorded.header, recorded.summary(), rasters)
+        files += write_rasters(rasters, stage, stem, settings.formats)
+        report = ExportReport(
+            scene=scene.name,
+            files=tuple(files),
+            felt=felt,
+            unrendered=tuple(unrendered) if settings.devices else (),
+            warnings=(*reader.description.warnings, *_counted(engine.counters.warnings)),
+            engine=engine.counters.as_dict(),
+        )
+        report_file = stage / f"{stem}.report.json"
+        report_file.write_text(json.dumps(report.as_dict(), indent=1) + "\n", encoding="utf-8")
+        placed = [_move(path, folder) for path in (*files, report_file)]
+    return ExportReport(
+        **{**report.__dict__, "files": tuple(placed)},
+    )
+
+
+def record_track(
+    reader: SceneReader,
+    engine: Engine,
+    path: Path,
+    settings: ExportSettings,
+    progress: Progress = lambda share: None,
+) -> None:
+    """Evaluate a scene block by block and record it."""
+    scene = reader.description
+    models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
+    header = TrackHeader.of(
+        scene,
+        models,
+        settings={"record": sorted(settings.record)},
+        tools={"hfx": __version__, "blender": bpy.app.version_string},
+    )
+    count = max(len(reader.sample_indices), 1)
+    done = 0
+    with TrackWriter(path, header, full_precision=settings.full_precision) as writer:
+        for block in reader.blocks():
+            writer.append(engine.evaluate(block))
+            done += len(block.indices) - block.history
+            progress(done / count)
+
+
+def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
+    """What each effect did to each body over a whole track."""
+    names = {effect.id: effect for effect in track.header.effects}
+    bodies = {body.id: body.name for body in track.header.bodies}
+    period_s = 1.0 / float(track.header.time.rate_hz)
+    return tuple(
+        {
+            "effect": names[stream.effect_id].name,
+            "body": bodies[stream.body_id],
+            "modality": stream.modality,
+            "kind": names[stream.effect_id].kind,
+            "seconds": round(summary.samples * period_s, 3),
+            "first_s": summary.first_s,
+            "last_s": summary.last_s,
+            "mean_vertices": round(summary.entries / max(summary.samples, 1), 1),
+            "peak_level": summary.peak_level,
+        }
+        for stream, summary in zip(track.header.streams, track.summary(), strict=True)
+    )
+
+
+def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[Raster]:
+    """The track, rendered for each device."""
+    return [render(track.header, track.runs(), device, load_model) for device in devices]
+
+
+def write_rasters(
+    rasters: Sequence[Raster], folder: Path, stem: str, formats: Sequence[str]
+) -> list[Path]:
+    """Write what each device plays in the formats that were asked for."""
+    files = []
+    for raster in rasters:
+        name = f"{stem}.{raster.device_id}"
+        if "csv" in formats:
+            files.append(folder / f"{name}.csv")
+            csv_raster.write(raster, files[-1])
+        if "wav" in formats and wav.holds(raster):
+            files.append(folder / f"{name}.wav")
+            files.append(wav.write(raster, files[-1]))
+    return files
+
+
+def _counted(warnings: dict[str, int]) -> list[str]:
+    return [f"{text} ({count} times)" for text, count in warnings.items()]
+
+
+@contextmanager
+def _staging(folder: Path, stem: str) -> Iterator[Path]:
+    """A folder beside the results that is gone afterwards, whatever happens."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=f".{stem}.", suffix=".tmp", dir=folder))
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written to ({error.strerror}).") from error
+    try:
+        yield stage
+    except OSError as error:
+        raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _move(path: Path, folder: Path) -> Path:
+    return path.replace(folder / path.name)
+
+
+def scene_named(name: str | None) -> bpy.types.Scene:
+    """A scene of the open file; the one that was active when it was saved by default."""
+    if name is None:
+        return bpy.context.scene
+    if name not in bpy.data.scenes:
+        names = ", ".join(f"'{scene.name}'" for scene in bpy.data.scenes)
+        raise InputError(f"{bpy.data.filepath}: has no scene '{name}'; there are: {names}.")
+    return bpy.data.scenes[name]

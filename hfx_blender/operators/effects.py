@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects: add a volume, a volume with the shape of a mesh, a painted effect."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+
+from .. import effects
+from ..errors import InputError
+from ..properties import MODALITY_ITEMS, SHAPES
+from .shared import HfxOperator, select_only
+
+
+class HFX_OT_add_volume(HfxOperator):
+    """Add a haptic volume: whoever is inside it feels it"""
+
+    bl_idname = "hfx.add_volume"
+    bl_label = "Haptic Volume"
+
+    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS)
+    shape: EnumProperty(name="Shape", items=SHAPES[:-1], default="SPHERE")
+    size: FloatVectorProperty(
+        name="Size", default=(1.0, 1.0, 1.0), min=0.0, subtype="XYZ_LENGTH", unit="LENGTH"
+    )
+    radius: FloatProperty(name="Radius", default=0.5, min=0.0, unit="LENGTH")
+    height: FloatProperty(name="Height", default=2.0, min=0.0, unit="LENGTH")
+    location: FloatVectorProperty(name="Location", subtype="TRANSLATION")
+    name: StringProperty(name="Name")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("location"):
+            self.location = context.scene.cursor.location
+        return self.execute(context)
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = effects.add_volume(context.scene, self.modality, self.shape, self.name or None)
+        effect.hfx.size = self.size
+        effect.hfx.radius = self.radius
+        effect.hfx.height = self.height
+        effect.location = self.location
+        select_only(context, effect)
+        return ""
+
+
+class HFX_OT_volume_from_mesh(HfxOperator):
+    """Add a haptic volume with exactly the shape of the active mesh, moving along with it"""
+
+    bl_idname = "hfx.volume_from_mesh"
+    bl_label = "Haptic Volume from Mesh"
+
+    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS)
+    name: StringProperty(name="Name")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if context.object is not None and context.object.type == "MESH":
+            return True
+        cls.poll_message_set("Select a mesh")
+        return False
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = effects.volume_from_mesh(
+            context.scene, self.modality, context.object, self.name or None
+        )
+        select_only(context, effect)
+        return ""
+
+
+class HFX_OT_add_painted(HfxOperator):
+    """Add an effect that is painted on a haptic body; paint its area next"""
+
+    bl_idname = "hfx.add_painted"
+    bl_label = "Painted Effect"
+
+    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS, default="pressure")
+    name: StringProperty(name="Name")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if effects.bodies_of(context.scene):
+            return True
+        cls.poll_message_set("Add an avatar, or mark an armature as haptic body first")
+        return False
+
+    def work(self, context: bpy.types.Context) -> str:
+        found = effects.bodies_of(context.scene)
+        body = context.object if context.object in found else found[0]
+        if context.object not in found and len(found) > 1:
+            raise InputError("Several haptic bodies: select the one to paint on.")
+        effect = effects.add_painted(context.scene, self.modality, body, self.name or None)
+        select_only(context, effect)
+        return f"'{effect.name}' is painted nowhere yet"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted)
+)

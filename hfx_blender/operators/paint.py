@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Painting the area of an effect on its perceptual model."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from .. import effects, painting
+from ..engine.body.parts import PARTS
+from ..errors import InputError
+from .shared import HfxOperator, active_effect, select_only
+
+
+class _PaintedOperator(HfxOperator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        effect = active_effect(context)
+        if effect is not None and effect.hfx.kind == "PAINTED":
+            return True
+        cls.poll_message_set("Select a painted effect")
+        return False
+
+
+class HFX_OT_paint_begin(_PaintedOperator):
+    """Paint the area of the effect on its perceptual model, with Weight Paint"""
+
+    bl_idname = "hfx.paint_begin"
+    bl_label = "Paint"
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = context.object
+        canvas = painting.begin(context, effect)
+        if effect.hfx.body.hfx.avatar is not None:
+            effect.hfx.body.hfx.avatar.hide_set(True)
+        select_only(context, canvas)
+        if not bpy.app.background:
+            bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+        return "Paint, then press Finish Painting"
+
+
+class HFX_OT_paint_end(HfxOperator):
+    """Take over what was painted and show the avatar again"""
+
+    bl_idname = "hfx.paint_end"
+    bl_label = "Finish Painting"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if context.object is not None and context.object.get("hfx_painted_effect"):
+            return True
+        cls.poll_message_set("Nothing is being painted")
+        return False
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = context.object["hfx_painted_effect"]
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        count = painting.end(effect)
+        if effect.hfx.body.hfx.avatar is not None:
+            effect.hfx.body.hfx.avatar.hide_set(False)
+        select_only(context, effect)
+        return f"'{effect.name}' covers {count} vertices"
+
+
+class HFX_OT_fill_part(_PaintedOperator):
+    """Paint a whole body part at full strength"""
+
+    bl_idname = "hfx.fill_part"
+    bl_label = "Fill Body Part"
+
+    part: EnumProperty(
+        name="Part",
+        items=[("all", "Whole Body", "")]
+        + [(part, part.replace("_", " ").title(), "") for part in PARTS],
+    )
+    side: EnumProperty(
+        name="Side", items=[("both", "Both", ""), ("left", "Left", ""), ("right", "Right", "")]
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        parts = () if self.part == "all" else (self.part,)
+        count = painting.fill_parts(context.object, parts, self.side)
+        return f"'{context.object.name}' covers {count} vertices"
+
+
+class HFX_OT_set_area(_PaintedOperator):
+    """Set the area of the effect from a list of vertices and weights (for scripts)"""
+
+    bl_idname = "hfx.set_area"
+    bl_label = "Set Painted Area"
+
+    area: StringProperty(name="Area", description='JSON: {"vertex id": weight, ...}')
+
+    def work(self, context: bpy.types.Context) -> str:
+        try:
+            found = {int(vertex): float(w) for vertex, w in json.loads(self.area).items()}
+        except (ValueError, TypeError, AttributeError) as error:
+            raise InputError(f"Area: expected a JSON object of weights by vertex ({error}).") from (
+                error
+            )
+        effects.set_area(context.object, list(found), list(found.values()))
+        return f"'{context.object.name}' covers {len(found)} vertices"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_paint_begin, HFX_OT_paint_end, HFX_OT_fill_part, HFX_OT_set_area)
+)

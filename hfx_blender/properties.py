@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a .blend stores: ``Object.hfx`` for effects and bodies, ``Scene.hfx`` for the export."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import (
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .engine.modality import MODALITIES
+
+_OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
+
+ROLES = (
+    ("NONE", "None", "An object without a haptic meaning"),
+    ("EFFECT", "Effect", "A haptic effect, painted on a body or placed in the scene"),
+    ("BODY", "Body", "An armature whose wearer feels the effects"),
+)
+MODALITY_ITEMS = (
+    ("vibration", "Vibration", "Oscillation of the skin, with an amplitude and a frequency"),
+    ("pressure", "Pressure", "Static force on the skin"),
+    ("temperature", "Temperature", "Warmth or cold of the air or of a touched object"),
+    ("wind", "Wind", "Moving air, along the effect's local Z axis"),
+)
+KINDS = (
+    ("PAINTED", "Painted", "Felt where it is painted on the body (egocentric)"),
+    ("VOLUME", "Volume", "Felt by what is inside it (allocentric)"),
+)
+SHAPES = (
+    ("CUBOID", "Box", "A box of the given size"),
+    ("SPHERE", "Sphere", "A sphere of the given radius"),
+    ("CYLINDER", "Cylinder", "A cylinder along the local Z axis"),
+    ("CAPSULE", "Capsule", "A cylinder with round ends along the local Z axis"),
+    ("MESH", "Mesh", "Exactly the shape of the object's own closed mesh"),
+)
+FALLOFFS = (
+    ("none", "None", "Full strength everywhere inside"),
+    ("linear", "Linear", "Strength rises evenly from the boundary inwards"),
+    ("smooth", "Smooth", "Strength rises with a soft start and end"),
+)
+TEMPERATURE_REFERENCES = (
+    ("AMBIENT", "Ambient", "Air, sun, fire: neutral at 24 degrees Celsius"),
+    ("CONTACT", "Contact", "A touched object: neutral at the skin's 33 degrees Celsius"),
+)
+
+
+def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
+    from . import volumes
+
+    volumes.refresh_display(self.id_data)
+
+
+def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> FloatProperty:
+    """A property with the range and the default that the engine states for a parameter."""
+    found = {p.name: p for p in MODALITIES[modality].parameters}[name]
+    return FloatProperty(
+        name=label,
+        description=f"{tip} ({found.unit})",
+        default=found.default,
+        min=found.minimum,
+        max=found.maximum,
+        **_OVERRIDABLE,
+        **options,
+    )
+
+
+class HfxObjectProperties(bpy.types.PropertyGroup):
+    """An object's haptic side. Parameters are in the units of the engine (SI, degrees C)."""
+
+    role: EnumProperty(name="Role", items=ROLES)
+    uid: StringProperty(name="Id", description="Stays the same when the object is renamed")
+
+    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS, update=_redraw_volume)
+    kind: EnumProperty(name="Kind", items=KINDS, default="VOLUME")
+    activation: FloatProperty(
+        name="Activation",
+        description="Written by clips; without any animation the effect is always on",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+        **_OVERRIDABLE,
+    )
+    intensity: FloatProperty(
+        name="Intensity",
+        description="Share of the effect's full strength",
+        default=1.0,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        **_OVERRIDABLE,
+    )
+    amplitude: _parameter("vibration", "amplitude_m_s2", "Amplitude", "Peak acceleration")
+    frequency: _parameter("vibration", "frequency_hz", "Frequency", "Vibration frequency")
+    pressure: _parameter("pressure", "pressure_kpa", "Pressure", "Pressure on the skin")
+    temperature: _parameter("temperature", "temperature_c", "Temperature", "Temperature")
+    wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
+    temperature_reference: EnumProperty(name="Reference", items=TEMPERATURE_REFERENCES)
+
+    shape: EnumProperty(name="Shape", items=SHAPES, default="SPHERE", update=_redraw_volume)
+    size: FloatVectorProperty(
+        name="Size",
+        description="Edge lengths of the box",
+        default=(1.0, 1.0, 1.0),
+        min=0.0,
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
+        update=_redraw_volume,
+        **_OVERRIDABLE,
+    )
+    radius: FloatProperty(
+        name="Radius",
+        default=0.5,
+        min=0.0,
+        unit="LENGTH",
+        update=_redraw_volume,
+        **_OVERRIDABLE,
+    )
+    height: FloatProperty(
+        name="Height",
+        description="Whole height along the local Z axis, round ends included",
+        default=2.0,
+        min=0.0,
+        unit="LENGTH",
+        update=_redraw_volume,
+        **_OVERRIDABLE,
+    )
+    falloff: EnumProperty(name="Falloff", items=FALLOFFS)
+    falloff_share: FloatProperty(
+        name="Falloff Share",
+        description="Part of the way from the boundary to the core over which strength rises",
+        default=1.0,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        **_OVERRIDABLE,
+    )
+
+    body: PointerProperty(
+        name="Body", description="The body that the effect is painted on", type=bpy.types.Object
+    )
+    model_id: StringProperty(name="Model", description="Perceptual model that is painted on")
+    model_hash: StringProperty(name="Model Hash", description="Content of that model")
+    avatar: PointerProperty(
+        name="Avatar", description="The mesh that shows this body", type=bpy.types.Object
+    )
+
+
+class HfxDeviceName(bpy.types.PropertyGroup):
+    """A device of the user's registry, by name; a .blend never brings its configuration."""
+
+
+class HfxSceneProperties(bpy.types.PropertyGroup):
+    """A scene's haptic settings."""
+
+    devices: CollectionProperty(type=HfxDeviceName)
+    rate: FloatProperty(
+        name="Rate",
+        description="Samples a second in exported tracks",
+        default=100.0,
+        min=1.0,
+        max=10000.0,
+        unit="NONE",
+    )
+
+
+_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (HfxObjectProperties, HfxDeviceName, HfxSceneProperties)
+)
+
+
+def register() -> None:
+    _classes()
+    bpy.types.Object.hfx = PointerProperty(
+        type=HfxObjectProperties, override={"LIBRARY_OVERRIDABLE"}
+    )
+    bpy.types.Scene.hfx = PointerProperty(type=HfxSceneProperties)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.hfx
+    del bpy.types.Object.hfx
+    _unregister_classes()

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An export's report in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .export import ExportReport
+
+
+def describe(report: ExportReport) -> str:
+    """What was felt, what no device played, what was written: a few lines for a person."""
+    lines = [f"Scene '{report.scene}'"]
+    for felt in report.felt:
+        if felt["seconds"]:
+            lines.append(
+                f"  {felt['effect']} ({felt['modality']}) felt by {felt['body']} for "
+                f"{felt['seconds']:.2f} s from {felt['first_s']:.2f} s, on "
+                f"{felt['mean_vertices']:.0f} vertices on average"
+            )
+        else:
+            lines.append(f"  {felt['effect']} ({felt['modality']}) was not felt by {felt['body']}")
+    lines += [f"  not played by any device: {text['message']}" for text in report.unrendered]
+    lines += [f"  warning: {text}" for text in report.warnings]
+    lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
+    return "\n".join(lines)
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.1f} kB"

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stepping through time: in the user's own scene, or in a scratch scene of what is needed only.
+
+A scratch scene links the haptic bodies and effects and nothing else (Blender adds what these
+depend on), so that no prop, no other character and no avatar mesh is evaluated. What it cannot
+reproduce is known and looked for; a few times are compared with the own scene besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+
+import bpy
+
+_PHYSICS = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "EXPLODE", "OCEAN"}
+
+
+class Stepper:
+    """One scene that is set to times and read through its dependency graph."""
+
+    def __init__(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
+        self._scene = scene
+        self._layer = layer
+
+    def set_frame(self, frame: Fraction) -> None:
+        """Evaluate the scene at a frame, which may lie between whole ones."""
+        whole = frame.numerator // frame.denominator
+        self._scene.frame_set(whole, subframe=float(frame - whole))
+
+    def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
+        """An object as it is at this time."""
+        return obj.evaluated_get(self._layer.depsgraph)
+
+
+@contextmanager
+def own_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Iterator[Stepper]:
+    """Step the user's scene; its frame is restored."""
+    before = scene.frame_current, scene.frame_subframe
+    try:
+        yield Stepper(scene, layer)
+    finally:
+        scene.frame_set(before[0], subframe=before[1])
+
+
+@contextmanager
+def scratch_scene(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Iterator[Stepper]:
+    """Step a scene of these objects; it is gone afterwards."""
+    scratch = bpy.data.scenes.new(".HFX Export")
+    try:
+        for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
+            setattr(scratch.render, name, getattr(scene.render, name))
+        for obj in objects:
+            scratch.collection.objects.link(obj)
+        layer = scratch.view_layers[0]
+        layer.update()
+        yield Stepper(scratch, layer)
+    finally:
+        bpy.data.scenes.remove(scratch)
+
+
+def why_own_scene(scene: bpy.types.Scene) -> str | None:
+    """What a scratch scene could not reproduce; None if nothing of the kind is there."""
+    handlers = bpy.app.handlers
+    for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
+        if not handler.__module__.startswith(__package__):
+            return f"the handler '{handler.__name__}' runs on frame changes"
+    for obj in scene.objects:
+        if obj.rigid_body is not None or any(m.type in _PHYSICS for m in obj.modifiers):
+            return f"physics moves '{obj.name}'"
+    for owner in _driven():
+        for curve in owner.animation_data.drivers:
+            for variable in curve.driver.variables:
+                if variable.type == "CONTEXT_PROP" or any(
+                    target.id_type == "SCENE" for target in variable.targets
+                ):
+                    return f"a driver of '{owner.name}' reads the scene"
+    return None
+
+
+def _driven() -> Iterator[bpy.types.ID]:
+    data = bpy.data
+    for owners in (data.objects, data.armatures, data.meshes, data.shape_keys, data.curves):
+        for owner in owners:
+            if owner.animation_data is not None and owner.animation_data.drivers:
+                yield owner

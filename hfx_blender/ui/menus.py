@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Entries in Blender's own menus: Add > Haptic, File > Export."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..properties import SHAPES
+
+
+class HFX_MT_add(bpy.types.Menu):
+    """Add > Haptic"""
+
+    bl_idname = "HFX_MT_add"
+    bl_label = "Haptic"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator("hfx.add_avatar", icon="OUTLINER_OB_ARMATURE")
+        layout.separator()
+        icons = {"SPHERE": "SPHERE", "CUBOID": "CUBE", "CYLINDER": "MESH_CYLINDER"}
+        for shape, label, _ in SHAPES[:-1]:
+            icon = icons.get(shape, "MESH_CAPSULE")
+            layout.operator_menu_enum(
+                "hfx.add_volume", "modality", text=label, icon=icon
+            ).shape = shape
+        layout.operator_menu_enum(
+            "hfx.volume_from_mesh", "modality", text="From Selected Mesh", icon="MESH_DATA"
+        )
+        layout.separator()
+        layout.operator_menu_enum(
+            "hfx.add_painted", "modality", text="Painted Effect", icon="BRUSH_DATA"
+        )
+
+
+def _add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.menu(HFX_MT_add.bl_idname, icon="FORCE_FORCE")
+
+
+def _export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.operator("hfx.export", text="Haptics (.hfxtrack)")
+
+
+_register, _unregister = bpy.utils.register_classes_factory((HFX_MT_add,))
+
+
+def register() -> None:
+    _register()
+    bpy.types.VIEW3D_MT_add.append(_add_menu)
+    bpy.types.TOPBAR_MT_file_export.append(_export_menu)
+
+
+def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_export.remove(_export_menu)
+    bpy.types.VIEW3D_MT_add.remove(_add_menu)
+    _unregister()

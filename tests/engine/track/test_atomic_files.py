@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A file appears complete or not at all."""
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+from track_synthetic import header, run
+
+from hfx_blender.atomic_files import atomic_file
+from hfx_blender.engine.track import TrackReader, TrackWriter
+from hfx_blender.errors import OutputError
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_appears_when_the_block_ends(tmp_path):
+    path = tmp_path / "a.bin"
+    with atomic_file(path) as file:
+        file.write(b"new")
+        assert not path.exists()
+    assert path.read_bytes() == b"new" and names(tmp_path) == ["a.bin"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, SystemExit, GeneratorExit])
+def test_after_any_exception_the_old_file_stands(tmp_path, error):
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    with pytest.raises(error), atomic_file(path) as file:
+        file.write(b"new")
+        raise error
+    assert path.read_bytes() == b"old" and names(tmp_path) == ["a.bin"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_disk_that_is_really_full(tmp_path):
+    os.symlink("/dev/full", tmp_path / "a.bin.tmp")
+    with pytest.raises(OutputError, match=r"a\.bin: cannot be written \(No space left"):
+        with atomic_file(tmp_path / "a.bin") as file:
+            file.write(b"new")
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_failure_at_the_end(tmp_path, monkeypatch, call):
+    path = tmp_path / "a.bin"
+
+    def fail(*arguments):
+        names = (*map(str, arguments),) if call == "replace" else ()
+        raise OSError(errno.EIO, "Input/output error", *names[:1])
+
+    monkeypatch.setattr(os, call, fail)
+    with pytest.raises(OutputError, match=r"a\.bin: cannot be written \(Input/output error"):
+        with atomic_file(path) as file:
+            file.write(b"new")
+    assert names(tmp_path) == []
+
+
+def test_a_folder_that_cannot_sync_is_no_failure(tmp_path, monkeypatch):
+    fsync, calls = os.fsync, []
+
+    def file_only(descriptor):
+        calls.append(descriptor)
+        if len(calls) == 2:
+            raise OSError(errno.EINVAL, "Invalid argument")
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", file_only)
+    with atomic_file(tmp_path / "a.bin") as file:
+        file.write(b"new")
+    assert len(calls) == 2 and (tmp_path / "a.bin").read_bytes() == b"new"
+
+
+def test_places_that_cannot_be(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_bytes(b"")
+    for path, reason in (
+        (tmp_path / "none" / "a.bin", "No such file"),
+        (tmp_path / "folder", "there is a folder of that name"),
+        (tmp_path / "file" / "a.bin", "Not a directory"),
+    ):
+        with pytest.raises(OutputError, match=reason) as caught, atomic_file(path):
+            pass
+        assert str(path) in str(caught.value)
+    assert names(tmp_path) == ["file", "folder"] and names(tmp_path / "folder") == []
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_is_read_only(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(OutputError, match="Permission denied"), atomic_file(tmp_path / "a.bin"):
+        pass
+
+
+def test_an_error_about_another_file_keeps_its_name(tmp_path):
+    with pytest.raises(FileNotFoundError, match="other"), atomic_file(tmp_path / "a.bin"):
+        (tmp_path / "other").read_bytes()
+    assert names(tmp_path) == []
+
+
+# The same for a whole track, whose container adds writes of its own at the end.
+
+HEADER = header(sample_count=600)
+
+
+def record(path, samples=600, then=None):
+    with TrackWriter(path, HEADER) as writer:
+        for start in range(0, samples, 100):
+            writer.append([run(HEADER, 0, range(start, start + 100), [[1]] * 100, [[1.0]] * 100)])
+        if then is not None:
+            raise then
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ValueError("no"), OutputError("no")])
+def test_an_interrupted_track_leaves_what_was_there(tmp_path, error):
+    path = tmp_path / "a.hfxtrack"
+    record(path, 100)
+    before = path.read_bytes()
+    with pytest.raises(type(error)):
+        record(path, then=error)
+    assert path.read_bytes() == before and names(tmp_path) == ["a.hfxtrack"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_track_on_a_full_disk(tmp_path):
+    os.symlink("/dev/full", tmp_path / "a.hfxtrack.tmp")
+    with pytest.raises(OutputError, match=r"a\.hfxtrack: cannot be written"):
+        record(tmp_path / "a.hfxtrack")
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("budget", range(0, 4000, 157))
+def test_a_disk_that_fills_up_at_any_point(tmp_path, budget):
+    """Writes fail once ``budget`` bytes are on the disk."""
+    record(tmp_path / "whole.hfxtrack")
+    size = (tmp_path / "whole.hfxtrack").stat().st_size
+    whole = (tmp_path / "whole.hfxtrack").read_bytes()
+    resource = pytest.importorskip("resource")
+    signal = pytest.importorskip("signal")
+    previous = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    path = tmp_path / "a.hfxtrack"
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (budget, limits[1]))
+        if budget < size:
+            with pytest.raises(OutputError, match=r"a\.hfxtrack: cannot be written \(File too"):
+                record(path)
+            assert names(tmp_path) == ["whole.hfxtrack"]
+        else:
+            record(path)
+            assert path.read_bytes() == whole
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, previous)
+    with TrackReader(tmp_path / "whole.hfxtrack") as reader:
+        assert sum(map(len, reader.runs())) == 600

@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mesh volumes against the exact winding number, and against what a mesh must not be."""
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from volume_cases import MESHES, mesh, placing, rotation
+
+from hfx_blender.engine.volume import mesh_inside
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.errors import InputError
+
+
+def to_surface(vertices, triangles, points):
+    return np.sqrt(igl.point_mesh_squared_distance(points, vertices, triangles.astype(np.int64))[0])
+
+
+def assert_agrees_with_winding_number(vertices, triangles, points, least_way):
+    """``points`` are (N, 3); those nearer to the surface than ``least_way`` are not judged."""
+    winding = igl.winding_number(vertices, triangles.astype(np.int64), points)
+    sure = to_surface(vertices, triangles, points) > least_way
+    inside = MeshVolume(vertices, triangles, "Oracle").contains(np.ascontiguousarray(points.T))
+    np.testing.assert_array_equal(inside[sure], np.abs(winding[sure]) > 0.5)
+    return np.count_nonzero(sure)
+
+
+def probes(vertices, triangles, rng, count):
+    """Points where ray parity fails: above corners, edges and faces, in line with coordinates."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    anywhere = low + (high - low) * rng.random((count, 3))
+    lattice = np.stack([rng.choice(vertices[:, k], count) for k in range(3)], axis=1)
+    on_columns = anywhere.copy()
+    axis = rng.integers(3, size=count)
+    corner = vertices[rng.integers(len(vertices), size=count)]
+    on_columns = np.where(np.arange(3) == axis[:, None], anywhere, corner)
+    chosen = triangles[rng.integers(len(triangles), size=count)]
+    middle = 0.5 * (vertices[chosen[:, 0]] + vertices[chosen[:, 1]])
+    over_edges = np.where(np.arange(3) == axis[:, None], anywhere, middle)
+    return np.concatenate([anywhere, lattice, on_columns, over_edges])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("name", MESHES)
+def test_inside_is_exact(name, turned, rng):
+    vertices, triangles = mesh(name, rng)
+    if turned:
+        vertices = vertices @ rotation(rng).T
+    points = probes(vertices, triangles, rng, 250 if len(triangles) > 10_000 else 1000)
+    judged = assert_agrees_with_winding_number(vertices, triangles, points, 1e-9)
+    assert judged > 0.25 * len(points)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_inside_at_extreme_sizes_and_far_from_the_origin(scale, rng):
+    vertices, triangles = mesh("cuts through itself", rng)
+    points = probes(vertices, triangles, rng, 1000)
+    assert_agrees_with_winding_number(scale * vertices, triangles, scale * points, 1e-9 * scale)
+    far = vertices + 1e6
+    assert_agrees_with_winding_number(far, triangles, points + 1e6, 1e-5)
+
+
+def test_inside_of_one_with_axes_stretched_240_to_1(rng):
+    vertices, triangles = mesh("needles", rng)
+    stretch = np.array([240.0, 1.0, 1e-2])
+    points = probes(vertices, triangles, rng, 1000)
+    assert_agrees_with_winding_number(vertices * stretch, triangles, points * stretch, 1e-7)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    corners=st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=12, max_size=12, unique=True),
+    shift=st.sampled_from([0.0, 0.5, 0.25]),
+)
+def test_inside_on_the_lattice_of_the_corners(corners, shift):
+    """Every ray hits corners, edges and upright faces; faces may be slivers or coincide."""
+    ball = trimesh.creation.icosphere(0)
+    vertices = np.array(corners, np.float64)
+    if np.ptp(vertices, axis=0).min() == 0.0:
+        return
+    points = np.stack(np.meshgrid(*[np.arange(-3.0, 4.0) + shift] * 3), axis=-1).reshape(-1, 3)
+    assert_agrees_with_winding_number(vertices, np.array(ball.faces, np.int32), points, 1e-9)
+
+
+def test_columns_alone_give_the_same_answer(rng, monkeypatch):
+    """Slow twin: one mixed run per column, a few pairs at a time."""
+    vertices, triangles = mesh("cuts through itself", rng)
+    points = np.ascontiguousarray(probes(vertices, triangles, rng, 2000).T)
+    fast = MeshVolume(vertices, triangles, "A").contains(points)
+    monkeypatch.setattr(mesh_inside, "_CELLS", 1)
+    monkeypatch.setattr(mesh_inside, "_CELLS_PER_AXIS", (1, 1))
+    monkeypatch.setattr(mesh_inside, "_PAIRS_AT_ONCE", 700)
+    slow = MeshVolume(vertices, triangles, "A").contains(points)
+    np.testing.assert_array_equal(fast, slow)
+
+
+def test_voxels_decide_most_points(rng):
+    vertices, triangles = mesh("bumpy, 20480", rng)
+    codes = MeshVolume(vertices, triangles, "A")._grid._codes
+    assert np.mean(codes >= 0) < 0.12
+
+
+def box(low, high):
+    solid = trimesh.creation.box(bounds=[low, high])
+    return np.asarray(solid.vertices), np.asarray(solid.faces)
+
+
+def joined(*parts):
+    vertices, triangles, count = [], [], 0
+    for v, t in parts:
+        vertices.append(v)
+        triangles.append(t + count)
+        count += len(v)
+    return np.concatenate(vertices), np.concatenate(triangles).astype(np.int32)
+
+
+LINE = np.stack([np.linspace(-0.45, 3.05, 36), np.full(36, 0.03), np.full(36, 0.07)])
+
+
+def test_overlapping_shells_are_inside_and_hollows_are_outside():
+    first, second = box((0, -1, -1), (2, 1, 1)), box((1, -0.5, -0.5), (3, 0.5, 0.5))
+    x = LINE[0]
+    union = MeshVolume(*joined(first, second), "Union")
+    np.testing.assert_array_equal(union.contains(LINE), (x > 0) & (x < 3))
+    hole_v, hole_t = box((0.5, -0.5, -0.5), (1.5, 0.5, 0.5))
+    hollow = MeshVolume(*joined(first, (hole_v, hole_t[:, ::-1])), "Hollow")
+    np.testing.assert_array_equal(
+        hollow.contains(LINE), ((x > 0) & (x < 0.5)) | ((x > 1.5) & (x < 2))
+    )
+    twice = MeshVolume(*joined(first, first), "Twice")
+    np.testing.assert_array_equal(twice.contains(LINE), (x > 0) & (x < 2))
+
+
+def test_solids_that_touch_along_an_edge_or_a_face_are_closed():
+    first = box((0, -1, -1), (1, 1, 1))
+    x = LINE[0]
+    for second in (box((1, -1, -1), (2, 1, 1)), box((1, 1, -1), (2, 2, 1))):
+        volume = MeshVolume(*joined(first, second), "Touching")
+        end = 2 if second[0][:, 1].max() == 1 else 1
+        np.testing.assert_array_equal(volume.contains(LINE), (x > 0) & (x < end))
+
+
+def test_mirrored_and_inside_out_meshes_are_fine(rng):
+    vertices, triangles = mesh("bumpy, 20480", rng)
+    points = probes(vertices, triangles, rng, 500).T
+    expected = MeshVolume(vertices, triangles, "A").contains(points)
+    inside_out = MeshVolume(vertices, triangles[:, ::-1], "A")
+    np.testing.assert_array_equal(inside_out.contains(points), expected)
+    flip = np.array([[-1.0], [1.0], [1.0]])
+    mirrored = MeshVolume(vertices * flip.T, triangles, "A")
+    np.testing.assert_array_equal(mirrored.contains(points * flip), expected)
+
+
+def test_a_few_faces_that_face_the_wrong_way_are_turned(rng):
+    vertices, triangles = mesh("sphere, 5120", rng)
+    points = probes(vertices, triangles, rng, 500).T
+    expected = MeshVolume(vertices, triangles, "A").contains(points)
+    turned = np.where((rng.random(len(triangles)) < 0.3)[:, None], triangles[:, ::-1], triangles)
+    np.testing.assert_array_equal(MeshVolume(vertices, turned, "A").contains(points), expected)
+
+
+def test_corners_that_coincide_are_one_and_collapsed_faces_do_not_matter(rng):
+    vertices, triangles = mesh("sphere, 5120", rng)
+    points = probes(vertices, triangles, rng, 300).T
+    expected = MeshVolume(vertices, triangles, "A").contains(points)
+    soup = vertices[triangles].reshape(-1, 3)
+    soup[soup == 0.0] *= -1.0  # negative zeros
+    corners = np.arange(len(soup), dtype=np.int32).reshape(-1, 3)
+    collapsed = np.array([[0, 0, 1], [5, 5, 5]], np.int32)
+    unused = np.array([[np.nan, 0.0, 0.0], [100.0, np.inf, -np.inf]])
+    volume = MeshVolume(
+        np.concatenate([soup, unused]), np.concatenate([corners, collapsed]), "Soup"
+    )
+    np.testing.assert_array_equal(volume.contains(points), expected)
+    assert volume.bounds.max() <= 1.0 + 1e-12
+
+
+@pytest.mark.filterwarnings("error")
+def test_points_that_are_no_numbers_are_outside(rng):
+    volume = MeshVolume(*mesh("sphere, 5120", rng), "A")
+    points = np.array(
+        [[np.nan, 0, 0, np.inf, 0, 1e300], [0, np.nan, 0, 0, -np.inf, 0], [0, 0, np.nan, 0, 0, 0]]
+    )
+    matrix = placing("sheared", rng)
+    assert not volume.contains(points).any()
+    np.testing.assert_array_equal(volume.rise(points), 0.0)
+    np.testing.assert_array_equal(volume.depth_m(points, matrix), 0.0)
+    nothing = np.zeros((3, 0))
+    for result in (volume.contains(nothing), volume.rise(nothing), volume.depth_m(nothing, matrix)):
+        assert result.shape == (0,)
+
+
+def slow_distance(point, corners):
+    """Distance to triangles (F, 3, 3), one by one: quadratic programme by cases, plain floats."""
+    best = np.inf
+    for a, b, c in corners:
+        normal = np.cross(b - a, c - a)
+        size = np.linalg.norm(normal)
+        if size > 0.0:
+            foot = point - normal / size * ((point - a) @ normal / size)
+            areas = [np.cross(q - p, foot - p) @ normal for p, q in ((a, b), (b, c), (c, a))]
+            if min(areas) >= 0.0:
+                best = min(best, np.linalg.norm(point - foot))
+        for p, q in ((a, b), (b, c), (c, a)):
+            along = q - p
+            share = (point - p) @ along / (along @ along) if along @ along > 0.0 else 0.0
+            best = min(best, np.linalg.norm(point - p - min(max(share, 0.0), 1.0) * along))
+    return best
+
+
+@pytest.mark.parametrize(
+    "kind", ["plain", "mirrored", "sheared", "needle", "squashed", "tiny", "huge"]
+)
+@pytest.mark.parametrize("name", ["cube, 12 triangles", "plate", "rod", "cuts through itself"])
+def test_depth_is_the_distance_to_the_nearest_placed_triangle(name, kind, rng):
+    vertices, triangles = mesh(name, rng)
+    volume, matrix = MeshVolume(vertices, triangles, name), placing(kind, rng)
+    matrix[:3, 3] = 1e6
+    points = vertices.min(axis=0) + np.ptp(vertices, axis=0) * rng.random((400, 3))
+    points = points[volume.contains(points.T)][:15]
+    assert len(points)
+    corners = (vertices @ matrix[:3, :3].T)[triangles]
+    expected = [slow_distance(point, corners) for point in points @ matrix[:3, :3].T]
+    depths = volume.depth_m(points.T, matrix)
+    size = np.abs(corners).max()
+    np.testing.assert_allclose(depths, expected, rtol=1e-9, atol=1e-13 * size)
+    np.testing.assert_array_equal(volume.depth_m(points.T, matrix), depths)  # from memory
+
+
+@pytest.mark.parametrize("name", ["bumpy, 20480", "torus, 27000", "needles"])
+def test_depth_in_large_meshes(name, rng):
+    vertices, triangles = mesh(name, rng)
+    volume, matrix = MeshVolume(vertices, triangles, name), placing("sheared", rng)
+    points = vertices.min(axis=0) + np.ptp(vertices, axis=0) * rng.random((3000, 3))
+    points = points[volume.contains(points.T)][:200]
+    linear = matrix[:3, :3]
+    expected = to_surface(vertices @ linear.T, triangles, points @ linear.T)
+    np.testing.assert_allclose(volume.depth_m(points.T, matrix), expected, atol=1e-7)
+
+
+def test_depth_many_pairs_at_once(rng, monkeypatch):
+    volume = MeshVolume(*mesh("sphere, 5120", rng), "A")
+    points = 0.05 * rng.normal(size=(3, 300))
+    whole = volume.depth_m(points, np.eye(4))
+    monkeypatch.setattr("hfx_blender.engine.volume.mesh_distance._PAIRS_AT_ONCE", 3000)
+    np.testing.assert_array_equal(volume.depth_m(points, np.eye(4)), whole)
+
+
+def test_depth_of_a_cuboid_mesh_is_that_of_the_cuboid(rng):
+    from hfx_blender.engine.volume.analytic import Cuboid
+
+    volume = MeshVolume(*box((-1, -1, -1), (1, 1, 1)), "Box")
+    points = rng.uniform(-1.2, 1.2, size=(3, 2000))
+    for kind in ("plain", "sheared", "needle", "squashed"):
+        matrix = placing(kind, rng)
+        expected = Cuboid().depth_m(points, matrix)
+        size = np.abs(matrix[:3, :3]).max()
+        np.testing.assert_allclose(volume.depth_m(points, matrix), expected, atol=1e-13 * size)
+    np.testing.assert_allclose(volume.rise(points), Cuboid().rise(points), atol=0.011)
+
+
+@pytest.mark.parametrize(
+    ("name", "parts", "radius"),
+    [
+        ("cube", [box((0, 0, 0), (2, 2, 2))], 1.0),
+        ("plate", [box((0, 0, 0), (1, 1, 1e-3))], 5e-4),
+        ("rod", [box((0, 0, 0), (1e-2, 1, 1e-2))], 5e-3),
+        ("two rooms", [box((0, 0, 0), (1, 1, 1)), box((5, 5, 5), (5.8, 7, 7))], 0.5),
+        # Inscribed sphere of the corner tetrahedron: 1 / (3 + sqrt 3).
+        ("tetrahedron", [(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
+                          np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))],
+         1 / (3 + 3**0.5)),
+    ],
+)  # fmt: skip
+def test_rise_reaches_one_at_the_core(name, parts, radius):
+    volume = MeshVolume(*joined(*parts), name)
+    assert 0.99 * radius <= volume._largest_depth <= radius * (1 + 1e-12)
+    again = MeshVolume(*joined(*parts), name)
+    assert again._largest_depth == volume._largest_depth
+
+
+def test_rise_by_hand():
+    volume = MeshVolume(*box((-1, -1, -1), (1, 1, 1)), "Box")
+    points = np.array([[0, 0, 0], [0.5, 0, 0], [0, -0.75, 0.1], [1.5, 0, 0]]).T
+    np.testing.assert_allclose(volume.rise(points), [1.0, 0.5, 0.25, 0.0], atol=0.01)
+    assert volume.rise(points).max() <= 1.0
+
+
+CUBE = box((0, 0, 0), (1, 1, 1))
+
+
+def test_an_open_mesh_says_how_open_it_is():
+    with pytest.raises(InputError, match=r"^'Vase' is not closed: 3 of its 18 edges lack a face"):
+        MeshVolume(CUBE[0], CUBE[1][:-1], "Vase")
+
+
+def test_an_empty_mesh_is_refused():
+    with pytest.raises(InputError, match=r"^'Nothing' has no faces"):
+        MeshVolume(np.zeros((0, 3)), np.zeros((0, 3), np.int32), "Nothing")
+
+
+def test_numbers_that_are_not_finite_are_refused():
+    vertices = CUBE[0].copy()
+    vertices[[2, 5], 1] = np.nan, np.inf
+    with pytest.raises(InputError, match=r"^'Broken' has 2 vertices"):
+        MeshVolume(vertices, CUBE[1], "Broken")
+
+
+@pytest.mark.parametrize("collapse", [(1, 1, 0), (1, 0, 0), (0, 0, 0)])
+def test_a_flat_mesh_is_refused(collapse):
+    with pytest.raises(InputError, match=r"^'Sheet' is flat"):
+        MeshVolume(CUBE[0] * np.array(collapse), CUBE[1], "Sheet")
+
+
+def test_a_one_sided_mesh_is_refused():
+    # The projective plane on six vertices: closed, but its faces cannot all face one way.
+    faces = "012 023 034 045 051 124 235 341 452 513"
+    triangles = np.array([[int(k) for k in face] for face in faces.split()], np.int32)
+    vertices = np.random.default_rng(1).normal(size=(6, 3))
+    with pytest.raises(InputError, match=r"^'Klein' has faces whose normals cannot be made to"):
+        MeshVolume(vertices, triangles, "Klein")
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles"),
+    [
+        (np.zeros((4, 2)), CUBE[1]),
+        (CUBE[0], CUBE[1][:, :2]),
+        (CUBE[0], CUBE[1] + 1),
+        (CUBE[0], CUBE[1] - 1),
+    ],
+)
+def test_arrays_that_make_no_mesh_are_a_programming_error(vertices, triangles):
+    with pytest.raises(ValueError, match="expected"):
+        MeshVolume(vertices, triangles, "A")
