@@ -13,7 +13,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,11 @@ from typing import Any
 import bpy
 
 from . import __version__
-from .devices.configuration import DeviceConfig
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
-from .engine.rendering.raster import Raster
+from .engine.rendering.device import DeviceConfig
+from .engine.rendering.raster import Raster, unrendered
 from .engine.rendering.render import render
-from .engine.rendering.unrendered import unrendered_by_all
 from .engine.track import SUFFIX, TrackHeader, TrackReader, TrackWriter
 from .errors import InputError, OutputError, UsageError
 from .formats import csv_raster, wav
@@ -118,23 +117,25 @@ def export_scene(
         files = [track] if "track" in settings.formats else []
         with TrackReader(track) as recorded:
             felt = felt_effects(recorded)
-            rasters = render_devices(recorded, settings.devices)
-            unrendered = unrendered_by_all(recorded.header, recorded.summary(), rasters)
-        files += write_rasters(rasters, stage, stem, settings.formats)
+            played = render_devices(recorded, settings.devices)
+            lost = not_played(recorded.header, [raster for _, raster in played])
+        written, left_out = write_rasters(played, stage, stem, settings.formats)
         report = ExportReport(
             scene=scene.name,
-            files=tuple(files),
+            files=(*files, *written),
             felt=felt,
-            unrendered=tuple(unrendered) if settings.devices else (),
-            warnings=(*reader.description.warnings, *_counted(engine.counters.warnings)),
-            engine=engine.counters.as_dict(),
+            unrendered=lost,
+            warnings=(
+                *reader.description.warnings,
+                *_counted(engine.counters.warnings),
+                *left_out,
+            ),
+            engine={"stepping": reader.stepping_note, **engine.counters.as_dict()},
         )
         report_file = stage / f"{stem}.report.json"
         report_file.write_text(json.dumps(report.as_dict(), indent=1) + "\n", encoding="utf-8")
-        placed = [_move(path, folder) for path in (*files, report_file)]
-    return ExportReport(
-        **{**report.__dict__, "files": tuple(placed)},
-    )
+        placed = tuple(_move(path, folder) for path in (*report.files, report_file))
+    return replace(report, files=placed)
 
 
 def record_track(
@@ -169,39 +170,73 @@ def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
     period_s = 1.0 / float(track.header.time.rate_hz)
     return tuple(
         {
-            "effect": names[stream.effect_id].name,
-            "body": bodies[stream.body_id],
-            "modality": stream.modality,
-            "kind": names[stream.effect_id].kind,
-            "seconds": round(summary.samples * period_s, 3),
+            "effect": names[summary.stream.effect_id].name,
+            "body": bodies[summary.stream.body_id],
+            "modality": summary.stream.modality,
+            "kind": names[summary.stream.effect_id].kind,
+            "seconds": round(summary.sample_count * period_s, 6),
             "first_s": summary.first_s,
             "last_s": summary.last_s,
-            "mean_vertices": round(summary.entries / max(summary.samples, 1), 1),
+            "mean_vertices": round(summary.entry_count / max(summary.sample_count, 1), 1),
             "peak_level": summary.peak_level,
         }
-        for stream, summary in zip(track.header.streams, track.summary(), strict=True)
+        for summary in track.summary()
     )
 
 
-def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[Raster]:
-    """The track, rendered for each device."""
-    return [render(track.header, track.runs(), device, load_model) for device in devices]
+def render_devices(
+    track: TrackReader, devices: Sequence[DeviceConfig]
+) -> list[tuple[DeviceConfig, Raster]]:
+    """The track, rendered for each device on each body that could wear it."""
+    return [
+        (device, render(track.header, track.runs(), device, body_id=body.id))
+        for body in track.header.bodies
+        for device in devices
+    ]
+
+
+def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str, Any], ...]:
+    """What was felt by a body but rendered by none of its devices."""
+    effects = {effect.id: effect.name for effect in header.effects}
+    bodies = {body.id: body.name for body in header.bodies}
+    return tuple(
+        {
+            "effect": effects[lost.effect_id],
+            "body": bodies[lost.body_id],
+            "modality": lost.modality,
+            "seconds": round(lost.seconds, 6),
+            "share": round(lost.share, 4),
+        }
+        for lost in unrendered(rasters)
+    )
 
 
 def write_rasters(
-    rasters: Sequence[Raster], folder: Path, stem: str, formats: Sequence[str]
-) -> list[Path]:
-    """Write what each device plays in the formats that were asked for."""
-    files = []
-    for raster in rasters:
-        name = f"{stem}.{raster.device_id}"
+    played: Sequence[tuple[DeviceConfig, Raster]],
+    folder: Path,
+    stem: str,
+    formats: Sequence[str],
+) -> tuple[list[Path], list[str]]:
+    """Write what each device plays in the formats that were asked for; what was left out."""
+    several = len({raster.body_id for _, raster in played}) > 1
+    files: list[Path] = []
+    left_out: list[str] = []
+    for device, raster in played:
+        name = f"{stem}.{raster.body_id}.{device.id}" if several else f"{stem}.{device.id}"
         if "csv" in formats:
             files.append(folder / f"{name}.csv")
             csv_raster.write(raster, files[-1])
-        if "wav" in formats and wav.holds(raster):
-            files.append(folder / f"{name}.wav")
-            files.append(wav.write(raster, files[-1]))
-    return files
+        if "wav" not in formats:
+            continue
+        if "vibration" not in device.modalities:
+            left_out.append(f"device '{device.id}' has no vibration actuators: no WAV for it")
+            continue
+        files.append(folder / f"{name}.wav")
+        wav.write(raster, device, files[-1])
+        files.append(files[-1].with_name(files[-1].name + wav.SIDECAR_SUFFIX))
+    if "wav" in formats and not any(path.suffix == ".wav" for path in files):
+        raise InputError("none of the devices has vibration actuators, which WAV files play.")
+    return files, left_out
 
 
 def _counted(warnings: dict[str, int]) -> list[str]:

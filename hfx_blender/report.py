@@ -21,7 +21,11 @@ def describe(report: ExportReport) -> str:
             )
         else:
             lines.append(f"  {felt['effect']} ({felt['modality']}) was not felt by {felt['body']}")
-    lines += [f"  not played by any device: {text['message']}" for text in report.unrendered]
+    lines += [
+        f"  {lost['effect']}: {lost['seconds']:.2f} s of it ({lost['share']:.0%}) felt by "
+        f"{lost['body']} but played by no device"
+        for lost in report.unrendered
+    ]
     lines += [f"  warning: {text}" for text in report.warnings]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
     return "\n".join(lines)

@@ -25,7 +25,7 @@ START = (-5.0, -2.75, 0.0)
 CORNER = (-5.0, 0.0, 0.0)
 END = (-5.0 + DURATION_S * SPEED_M_S - 2.75, 0.0, 0.0)
 
-DEVICES = ("forearm_band", "back_pad", "pressure_vest", "insoles", "fan_heater")
+DEVICES = ("forearm_band_left", "back_pad", "pressure_vest", "insoles", "fan_heater")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def build() -> bpy.types.Scene:
     scene.name = "Garage"
     scene.render.fps = FPS
     scene.frame_start, scene.frame_end = 0, round(DURATION_S * FPS) - 1
-    props.furnish(scene, fire=(-6.3, -2.2), people=[(END[0] + 1.2, 0.55), (END[0] + 1.3, -0.6)])
+    props.furnish(scene, fire=(-6.3, -2.2), people=[(END[0] + 1.0, 0.5), (END[0] + 1.2, -0.6)])
     body = _add_walking_avatar()
     _add_fire_and_floor()
     _add_arrow(body)

@@ -141,6 +141,7 @@ def _placing_faults(
                 vertices_of(actuator.place, models(model_id))
             except InputError as error:
                 faults.append(f"{path}: actuators[{i}].place: {error}")
+                break
     return faults
 
 
@@ -285,7 +286,7 @@ def _control(modality: str, name: str, node: Node, limits: Node | None) -> Contr
     is_silent_at_0 = is_strength and modality != "temperature"
     minimum, maximum = _range(node, known, may_be_fixed=not is_strength)
     if is_silent_at_0 and minimum != 0.0:
-        node.members((), node.value)["minimum"].fail("0, at which the actuator is silent")
+        node.member("minimum").fail("0, at which the actuator is silent")
     lowest, highest = minimum, maximum
     if limits is not None:
         bounds = limits.members(required=(), optional=("minimum", "maximum"))
@@ -300,9 +301,8 @@ def _control(modality: str, name: str, node: Node, limits: Node | None) -> Contr
             node.fail(f"a range that reaches below {MAX_TEMPERATURE_C:g} degC, the hottest allowed")
     neutral = 0.0 if is_silent_at_0 else min(max(_default(name), lowest), highest)
     if "neutral" in node.value:
-        if is_silent_at_0:
-            node.members((), node.value)["neutral"].number(0.0, 0.0, known.unit)
-        neutral = node.members((), node.value)["neutral"].number(lowest, highest, known.unit)
+        high = 0.0 if is_silent_at_0 else highest
+        neutral = node.member("neutral").number(lowest, high, known.unit)
     return Control(name, minimum, maximum, lowest, highest, neutral)
 
 

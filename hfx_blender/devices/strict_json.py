@@ -35,7 +35,8 @@ class Node:
         where = self.path or "the document"
         raise InputError(f"{self.file}: {where} is {found}, allowed is {allowed}.")
 
-    def _child(self, key: str) -> Node:
+    def member(self, key: str) -> Node:
+        """A member of an object that is known to have it."""
         path = f"{self.path}.{key}" if self.path else key
         return Node(self.value[key], self.file, path)
 
@@ -58,7 +59,7 @@ class Node:
         """The members of an object with free keys."""
         if not isinstance(self.value, dict) or len(self.value) < least:
             self.fail(allowed)
-        return {key: self._child(key) for key in self.value}
+        return {key: self.member(key) for key in self.value}
 
     def items(self, *, least: int, most: int) -> list[Node]:
         """The items of a list of bounded length."""

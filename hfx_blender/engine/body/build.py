@@ -133,17 +133,28 @@ def _write(
     manifest: dict[str, Any] = {
         "version": MANIFEST_VERSION,
         "avatar": {
-            "id": avatar.id, "file": "avatar.npz", "hash": avatar.content_hash,
-            "vertices": len(avatar.vertices), "bones": len(avatar.skeleton.bone_names), **common,
+            "id": avatar.id,
+            "file": "avatar.npz",
+            "hash": avatar.content_hash,
+            "vertices": len(avatar.vertices),
+            "bones": len(avatar.skeleton.bone_names),
+            **common,
         },
         "walk": {
-            "id": WALK_ID, "file": "walk.npz", "rate_hz": cycle.rate_hz,
-            "stride_m": cycle.stride_m, "source": "made for this project", "licence": "CC0-1.0",
+            "id": WALK_ID,
+            "file": "walk.npz",
+            "rate_hz": cycle.rate_hz,
+            "stride_m": cycle.stride_m,
+            "source": "made for this project",
+            "licence": "CC0-1.0",
         },
         "models": {
             model.id: {
-                "file": f"{model.modality}.npz", "hash": model.content_hash,
-                "modality": model.modality, "vertices": len(model), **common,
+                "file": f"{model.modality}.npz",
+                "hash": model.content_hash,
+                "modality": model.modality,
+                "vertices": len(model),
+                **common,
                 "statistics": model.provenance["statistics"],
             }
             for model in models

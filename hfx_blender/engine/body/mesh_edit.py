@@ -60,7 +60,9 @@ def edges_of(triangles: I64, count: int) -> Edges:
     triangle, across = corner // 3, opposite[corner]
     triangle[~is_paired, 1] = across[~is_paired, 1] = -1
     unique = sorted_keys[first]
-    return Edges(np.column_stack((unique // count, unique % count)), triangle, across, unique, count)
+    return Edges(
+        np.column_stack((unique // count, unique % count)), triangle, across, unique, count
+    )
 
 
 def neighbours(edges: Edges) -> tuple[I64, I64]:
@@ -148,6 +150,43 @@ def collapse(triangles: I64, gone: I64, kept: I64, count: int) -> I64:
     )
     found: I64 = merged[alive]
     return found
+
+
+def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
+    """Put a new vertex on edges, the first chosen first, no triangle being split twice.
+
+    Parameters
+    ----------
+    chosen : (N,) int64
+        Edges to split, the most wanted first.
+
+    Returns
+    -------
+    triangles : (F', 3) int64
+        The new vertices are numbered from ``edges.count`` on.
+    done : (M,) int64
+        The edges that were split, in the order of their new vertices.
+    """
+    rank = np.arange(len(chosen))
+    best = np.full(len(triangles) + 1, len(chosen))  # the last stands for "no triangle"
+    first, second = edges.triangle[chosen].T
+    np.minimum.at(best, first, rank)
+    np.minimum.at(best, second, rank)
+    wins = (best[first] == rank) & ((best[second] == rank) | (second < 0))
+    done = chosen[wins]
+    new = edges.count + np.arange(len(done))
+    pieces = [triangles.copy()]
+    for column in range(2):
+        has = edges.triangle[done, column] >= 0
+        triangle, vertex = edges.triangle[done[has], column], new[has]
+        apex = edges.opposite[done[has], column]
+        rows = triangles[triangle]
+        turn = np.argmax(rows == apex[:, None], axis=1)
+        start = rows[np.arange(len(rows)), (turn + 1) % 3]
+        end = rows[np.arange(len(rows)), (turn + 2) % 3]
+        pieces[0][triangle] = np.column_stack((apex, start, vertex))
+        pieces.append(np.column_stack((apex, vertex, end)))
+    return np.concatenate(pieces), done
 
 
 def flip_to_delaunay(points: F64, triangles: I64, is_midline: Bool, rounds: int = 12) -> I64:

@@ -79,7 +79,9 @@ def barycentric(points: F64, corners: F64) -> F64:
 
 def _plane_weights(points: F64, a: F64, b: F64, c: F64) -> F64:
     one, other, offset = b - a, c - a, points - a
-    d00, d01, d11 = (np.einsum("ij,ij->i", x, y) for x, y in ((one, one), (one, other), (other, other)))
+    d00, d01, d11 = (
+        np.einsum("ij,ij->i", x, y) for x, y in ((one, one), (one, other), (other, other))
+    )
     d20, d21 = (np.einsum("ij,ij->i", offset, x) for x in (one, other))
     scale = np.maximum(d00 * d11 - d01 * d01, 1e-40)
     v, w = (d11 * d20 - d01 * d21) / scale, (d00 * d21 - d01 * d20) / scale

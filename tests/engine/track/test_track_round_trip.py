@@ -153,6 +153,10 @@ def test_every_sample_time_finds_its_own_sample(tmp_path):
         for index, time_s in enumerate(track_header.time.times_s(indices)):
             (sample,) = reader.samples_at(float(time_s))
             assert sample.vertices.tolist() == [index % 2000]
+        times = track_header.time.times_s(np.arange(20_001))
+        for index in range(0, 20_000, 61):
+            (found,) = reader.runs(float(times[index]), float(times[index + 1]))
+            assert found.indices.tolist() == [index]
 
 
 def test_outside_the_track_nothing_is_felt(tmp_path):

@@ -161,6 +161,16 @@ def test_a_few_faces_that_face_the_wrong_way_are_turned(rng):
     np.testing.assert_array_equal(MeshVolume(vertices, turned, "A").contains(points), expected)
 
 
+def test_one_face_that_faces_the_wrong_way_does_not_turn_its_whole_shell():
+    outer, (inner, faces) = box((0, -1, -1), (2, 1, 1)), box((0.5, -0.5, -0.5), (1.5, 0.5, 0.5))
+    vertices, triangles = joined(outer, (inner, faces[:, ::-1]))
+    expected = MeshVolume(vertices, triangles, "Hollow").contains(LINE)
+    for face in range(len(triangles)):
+        turned = triangles.copy()
+        turned[face] = turned[face, ::-1]
+        np.testing.assert_array_equal(MeshVolume(vertices, turned, "A").contains(LINE), expected)
+
+
 def test_corners_that_coincide_are_one_and_collapsed_faces_do_not_matter(rng):
     vertices, triangles = mesh("sphere, 5120", rng)
     points = probes(vertices, triangles, rng, 300).T

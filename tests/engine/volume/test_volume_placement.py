@@ -63,6 +63,19 @@ def test_object_scales_from_1e_minus_6_to_1e6_are_usable(exponents, mirrored, se
     np.testing.assert_allclose(product, np.eye(3), atol=1e-12)
 
 
+def test_stretch_by_parents_is_usable_along_any_axes(rng):
+    for _ in range(50):
+        in_world = np.diag(rng.permutation([1e6, 1.0, 1e-6])) @ rotation(rng)
+        askew = rotation(rng) @ np.diag([1e5, 1.0, 1e5]) @ rotation(rng)
+        matrices = np.stack([np.eye(4)] * 2)
+        matrices[:, :3, :3] = in_world, askew
+        inverses, usable = inverse_placement(matrices)
+        assert usable.all()
+        for matrix, inverse in zip(matrices, inverses, strict=True):
+            exact = exact_inverse(matrix)
+            np.testing.assert_allclose(inverse, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
 def flat(kind, rng):
     matrix = placing("plain", rng)
     linear = matrix[:3, :3]
@@ -137,3 +150,14 @@ def test_world_bounds_hold_the_shape_and_not_much_more(kind, rng):
             assert np.all(world >= least) and np.all(world <= most)
             np.testing.assert_allclose(world.min(axis=0), least, rtol=1e-9, atol=1e-12)
             np.testing.assert_allclose(world.max(axis=0), most, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_world_bounds_hold_the_exact_corners(kind, rng):
+    for _ in range(10):
+        matrix = placing(kind, rng)
+        rows = [[Fraction(x) for x in row] for row in matrix[:3].tolist()]
+        ((least, most),) = world_bounds(Cuboid(), matrix[None])
+        for (x, y, z, offset), low, high in zip(rows, least, most, strict=True):
+            reach = abs(x) + abs(y) + abs(z)
+            assert Fraction(low) <= offset - reach and offset + reach <= Fraction(high)

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx demo``: the garage of HFX Studio's study, from an empty scene to what was felt."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import blender_session
+from ..console import Console
+from ..errors import OutputError
+
+if TYPE_CHECKING:
+    from ..export import ExportReport
+
+_PICTURE_LIMIT_S = 900
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser(
+        "demo",
+        help="build, export and draw the garage scene",
+        description="Build the garage scene (tasks T1 to T4 of HFX Studio's study), save it, "
+        "export it like any other scene, and draw what was felt.",
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("hfx_demo"), metavar="DIR")
+    parser.add_argument("--no-pictures", action="store_true", help="leave out the pictures")
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Build, save, open again, export, draw, and say what happened."""
+    bpy = blender_session.start()
+
+    from ..demo import garage
+    from ..demo.summary import summarise
+    from ..devices.configuration import load_device
+    from ..engine.track import TrackReader
+    from ..export import ExportSettings, export_scene, render_devices
+    from ..formats import chart_svg
+
+    folder: Path = options.output
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror}).") from error
+    console.say("Building the garage ...")
+    garage.build()
+    scene_file = folder / "garage.blend"
+    _save(bpy, scene_file)
+
+    # From here on it is a scene like any other: the saved file is opened and exported.
+    blender_session.open_blend(scene_file)
+    devices = tuple(load_device(name) for name in garage.DEVICES)
+    report = export_scene(
+        bpy.context.scene,
+        folder,
+        "garage",
+        ExportSettings(("track", "csv", "wav"), devices),
+        console.progress("Exporting"),
+    )
+    track_file = folder / "garage.hfxtrack"
+    with TrackReader(track_file) as track:
+        rasters = [raster for _, raster in render_devices(track, devices)]
+        chart_svg.write(track, rasters, folder / "chart.svg")
+        console.say(summarise(track, rasters, report))
+    pictures = None
+    if not options.no_pictures:
+        pictures = _draw(scene_file, track_file, folder, console)
+    _say_what_there_is(console, folder, report, pictures)
+    console.result({**report.as_dict(), "folder": str(folder), "pictures": pictures})
+    return 0
+
+
+def _save(bpy: Any, path: Path) -> None:
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
+    except RuntimeError as error:
+        raise OutputError(f"{path}: Blender cannot save it ({str(error).strip()}).") from error
+
+
+def _draw(
+    scene_file: Path, track_file: Path, folder: Path, console: Console
+) -> dict[str, str] | None:
+    """Draw in a process of its own: where Blender cannot, only the pictures are missing."""
+    console.say("\nDrawing four pictures; this can take a minute ...")
+    root = str(Path(__file__).resolve().parents[2])
+    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    command = [sys.executable, "-m", "hfx_blender.demo.pictures", scene_file, track_file, folder]
+    try:
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            timeout=_PICTURE_LIMIT_S,
+            env={**os.environ, "PYTHONPATH": paths},
+        )
+        problem = None if done.returncode == 0 else done.stderr.strip().rpartition("\n")[2]
+    except subprocess.TimeoutExpired:
+        problem = f"it took longer than {_PICTURE_LIMIT_S} s"
+    except OSError as error:
+        problem = str(error)
+    if problem is not None:
+        console.warn(f"hfx: no pictures: this machine could not draw them ({problem})")
+        return None
+    return {"felt": str(folder / "felt.png")}
+
+
+def _say_what_there_is(
+    console: Console, folder: Path, report: ExportReport, pictures: dict[str, str] | None
+) -> None:
+    lines = [
+        "",
+        f"In {folder}:",
+        "  garage.blend     the scene: open it in Blender, change it, export it again with",
+        f"                   hfx export {folder / 'garage.blend'} -o {folder}",
+        "  garage.hfxtrack  what was felt, independent of any device",
+        "  garage.*.csv     what each device would play; *.wav for vibration actuators",
+        "  chart.svg        all of it over time",
+    ]
+    if pictures:
+        lines.append("  felt.png         the avatar at one moment of each task (T1.png ... T4.png)")
+    console.say("\n".join(lines))

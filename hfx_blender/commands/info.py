@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx info``: what is in a .blend, a track, a body model, a device configuration."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .. import blender_session
+from ..console import Console
+from ..errors import InputError
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser(
+        "info", help="what is in a file", description="Tell what is in a file of ours."
+    )
+    parser.add_argument("file", type=Path, metavar="FILE")
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Tell it, as text or as JSON."""
+    tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
+    path: Path = options.file
+    if path.suffix not in tellers:
+        raise InputError(
+            f"{path}: '{path.suffix}' is not one of ours; known are {', '.join(tellers)}."
+        )
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file.")
+    facts = tellers[path.suffix](path)
+    console.say(_as_text(facts))
+    console.result(facts)
+    return 0
+
+
+def _blend(path: Path) -> dict[str, Any]:
+    blender_session.open_blend(path)
+    import bpy
+
+    from ..activation import activation_of
+    from ..effects import area, bodies_of, effects_of
+
+    return {
+        "file": str(path),
+        "scenes": [
+            {
+                "scene": scene.name,
+                "frames": f"{scene.frame_start} to {scene.frame_end}",
+                "fps": scene.render.fps / scene.render.fps_base,
+                "bodies": [body.name for body in bodies_of(scene)],
+                "effects": [
+                    {
+                        "effect": effect.name,
+                        "modality": effect.hfx.modality,
+                        "kind": effect.hfx.kind.lower(),
+                        "clips": len(activation_of(effect).clips),
+                        **(
+                            {"shape": effect.hfx.shape.lower()}
+                            if effect.hfx.kind == "VOLUME"
+                            else {"painted_vertices": len(area(effect)[0])}
+                        ),
+                    }
+                    for effect in effects_of(scene)
+                ],
+                "devices": [device.name for device in scene.hfx.devices],
+            }
+            for scene in bpy.data.scenes
+        ],
+    }
+
+
+def _track(path: Path) -> dict[str, Any]:
+    from ..engine.track import TrackReader
+    from ..export import felt_effects
+
+    with TrackReader(path) as track:
+        header = track.header
+        return {
+            "file": str(path),
+            "bytes": path.stat().st_size,
+            "source": dict(header.source),
+            "rate_hz": float(header.time.rate_hz),
+            "fps": float(header.time.fps),
+            "frames": f"{header.time.frame_first} to {header.time.frame_last}",
+            "seconds": header.time.sample_count / float(header.time.rate_hz),
+            "models": [
+                {
+                    "model": model.id,
+                    "vertices": model.vertex_count,
+                    "hash": model.content_hash[:12],
+                }
+                for model in header.models
+            ],
+            "felt": list(felt_effects(track)),
+            "settings": dict(header.settings),
+            "tools": dict(header.tools),
+            "warnings": list(header.warnings),
+        }
+
+
+def _model(path: Path) -> dict[str, Any]:
+    from ..engine.body.model import PerceptualModel, load
+
+    model = load(PerceptualModel, path)
+    return {
+        "file": str(path),
+        "model": model.id,
+        "modality": model.modality,
+        "vertices": len(model),
+        "triangles": len(model.triangles),
+        "area_m2": round(float(model.areas_m2.sum()), 3),
+        "hash": model.content_hash,
+        "licence": model.provenance.get("licence", ""),
+        "source": model.provenance.get("source", ""),
+    }
+
+
+def _device(path: Path) -> dict[str, Any]:
+    from ..devices.configuration import load_device
+
+    return describe_device(load_device(path))
+
+
+def describe_device(device: Any) -> dict[str, Any]:
+    """A device configuration in short."""
+    return {
+        "device": device.id,
+        "name": device.name,
+        "actuators": len(device.actuators),
+        "plays": list(device.modalities),
+        "instead": {name: sub.target for name, sub in device.substitutions.items()},
+    }
+
+
+def _as_text(value: Any, indent: int = 0) -> str:
+    """Nested facts as indented lines."""
+    pad = "  " * indent
+    lines = []
+    for key, entry in value.items():
+        if isinstance(entry, dict):
+            lines += [f"{pad}{key}:", _as_text(entry, indent + 1)] if entry else []
+        elif isinstance(entry, list) and entry and isinstance(entry[0], dict):
+            lines.append(f"{pad}{key}:")
+            for item in entry:
+                (_, title), *rest = item.items()
+                lines += [f"{pad}  {title}", _as_text(dict(rest), indent + 2)]
+        elif isinstance(entry, list):
+            lines.append(f"{pad}{key}: {', '.join(map(str, entry)) or 'none'}")
+        else:
+            lines.append(f"{pad}{key}: {entry}")
+    return "\n".join(line for line in lines if line)

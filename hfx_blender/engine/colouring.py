@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is felt as colours of an avatar: HFX Studio's previsualisation.
+
+Vibration red, pressure green, temperature blue; the stronger an effect, the stronger the
+colour; colours combine where effects overlap (Danieau et al. 2018, section 3.3.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .modality import MODALITIES, neutral_temperature_c
+from .samples import Sample
+
+F64 = npt.NDArray[np.float64]
+
+COLOURS: Final[Mapping[str, tuple[float, float, float]]] = {
+    "vibration": (0.9, 0.05, 0.05),
+    "pressure": (0.05, 0.65, 0.08),
+    "temperature": (0.08, 0.2, 0.95),
+    "wind": (0.1, 0.7, 0.75),  # not in the paper
+}
+
+FULL_COLOUR: Final[Mapping[str, float]] = {
+    "vibration": 8.0,  # m/s^2
+    "pressure": 6.0,  # kPa
+    "temperature": 6.0,  # degC from neutral
+    "wind": 6.0,  # m/s
+}
+"""Strength at which an effect has its full colour."""
+
+SKIN: Final = (0.62, 0.6, 0.58)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How values at a perceptual model's vertices spread over an avatar's."""
+
+    nearest: npt.NDArray[np.int64]  # (A, k)
+    shares: F64  # (A, k) rows sum to 1
+
+    @classmethod
+    def between(
+        cls, avatar: npt.NDArray[np.float32], model: npt.NDArray[np.float32], k: int = 3
+    ) -> Spread:
+        """From a model's vertices (V, 3) to an avatar's (A, 3), both rest space, metres."""
+        from scipy.spatial import cKDTree
+
+        distances, nearest = cKDTree(model).query(avatar, k=k)
+        inverse = 1.0 / np.maximum(distances, 1e-6)
+        return cls(nearest, inverse / inverse.sum(axis=1, keepdims=True))
+
+
+def strengths(
+    sample: Sample, vertex_count: int, is_contact: bool = False
+) -> npt.NDArray[np.float64]:
+    """How strongly each vertex of a model feels a sample, 0..1 of full colour, (V,)."""
+    modality = MODALITIES[sample.stream.modality]
+    value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
+    if modality.name == "temperature":
+        value -= neutral_temperature_c(is_contact)
+    felt = np.zeros(vertex_count)
+    felt[sample.vertices] = sample.weights
+    share: F64 = np.clip(felt * sample.level * abs(value) / FULL_COLOUR[modality.name], 0.0, 1.0)
+    return share
+
+
+def avatar_colours(
+    samples: Iterable[Sample],
+    spreads: Mapping[str, Spread],
+    vertex_counts: Mapping[str, int],
+    contact_effects: frozenset[str] = frozenset(),
+) -> F64:
+    """Colours of an avatar's vertices at one time, (A, 3) linear RGB in 0..1."""
+    count = len(next(iter(spreads.values())).nearest)
+    felt = {name: np.zeros(count) for name in MODALITIES}
+    for sample in samples:
+        stream = sample.stream
+        at_model = strengths(
+            sample, vertex_counts[stream.model_id], stream.effect_id in contact_effects
+        )
+        spread = spreads[stream.model_id]
+        felt[stream.modality] += (at_model[spread.nearest] * spread.shares).sum(axis=1)
+    colour = np.zeros((count, 3))
+    most = np.zeros(count)
+    for name, share in felt.items():
+        # The eye sees little of the first half of a linear ramp.
+        shown = np.sqrt(np.clip(share, 0.0, 1.0))
+        colour += shown[:, None] * COLOURS[name]
+        most = np.maximum(most, shown)
+    skin = (1.0 - most)[:, None] * np.array(SKIN)
+    return np.clip(skin + colour, 0.0, 1.0)

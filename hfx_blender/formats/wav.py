@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A raster as a multichannel WAV: one channel for each vibration actuator.
+
+For actuators that are driven as sound. Each channel is a sine whose amplitude and frequency
+go linearly from one raster row to the next; its phase is the exact integral of the
+frequency, so it never jumps. A file ends in silence, faded over the last row.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..atomic_files import atomic_file
+from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.limits import limited
+from ..engine.rendering.raster import Raster
+from ..errors import InputError
+
+SUFFIX: Final = ".wav"
+SIDECAR_SUFFIX: Final = ".channels.json"
+
+SampleFormat = Literal["int16", "int24", "float32"]
+
+_BITS: Final[dict[SampleFormat, int]] = {"int16": 16, "int24": 24, "float32": 32}
+_PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
+# The tail of KSDATAFORMAT_SUBTYPE_PCM and _IEEE_FLOAT, after the format's own number.
+_SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
+_MAX_CHANNELS = 65_535
+_MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
+_BLOCK_SAMPLES = 1 << 18  # over all channels
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Drive:
+    """What the channels play, at the raster's rows."""
+
+    actuators: tuple[str, ...]
+    amplitudes: F64  # (T + 1, C) 0..1 of full scale; the last row is the silent end
+    first_hz: F64  # (T, C) frequency at the beginning of each row
+    last_hz: F64  # (T, C) and at its end
+    cycles: F64  # (T, C) whole and broken cycles played before each row, modulo 1
+    full_scale: float  # m/s^2
+
+
+def write(
+    raster: Raster,
+    device: DeviceConfig,
+    path: Path,
+    *,
+    sample_format: SampleFormat = "int16",
+    rate_hz: int = 48_000,
+) -> None:
+    """Write a raster as WAV, and beside it which channel is which actuator.
+
+    Full scale is the largest amplitude that any vibration actuator of the device may be
+    given. More than two channels, or 24 bits, are written as WAVE_FORMAT_EXTENSIBLE with
+    channel mask 0: channels without loudspeaker positions. The sidecar is ``path`` +
+    ``.channels.json``.
+
+    Parameters
+    ----------
+    raster : Raster
+        Rendered for ``device``.
+    device : DeviceConfig
+    path : Path
+    sample_format : {"int16", "int24", "float32"}
+    rate_hz : int
+        Audio rate.
+
+    Raises
+    ------
+    InputError
+        The device has no vibration actuators, or the file would exceed 4 GiB.
+    OutputError
+        A file cannot be written; none is left half written.
+    """
+    if raster.device_id != device.id:
+        raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
+    if not 8_000 <= rate_hz <= 384_000:
+        raise ValueError(f"rate_hz: expected 8000 to 384000, got {rate_hz}")
+    drive = _drive(raster, device)
+    channel_count = len(drive.actuators)
+    # A row lasts rate_hz / raster rate samples; the last one is played to its end.
+    sample_count = int(-(-len(raster.values) * rate_hz // raster.rate_hz))
+    data_bytes = sample_count * channel_count * _BITS[sample_format] // 8
+    if data_bytes > _MAX_BYTES or channel_count > _MAX_CHANNELS:
+        raise InputError(
+            f"{path}: {channel_count} channels of {sample_count / rate_hz:.0f} s are "
+            f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter "
+            "range, or as CSV."
+        )
+    sidecar = path.with_name(path.name + SIDECAR_SUFFIX)
+    with atomic_file(sidecar) as file:
+        content = _sidecar(raster, drive, rate_hz)
+        file.write(json.dumps(content, indent=2).encode() + b"\n")
+    with atomic_file(path) as file:
+        file.write(_head(sample_format, channel_count, rate_hz, sample_count))
+        for first, stop in _blocks(sample_count, max(1, _BLOCK_SAMPLES // channel_count)):
+            file.write(_encoded(_waveform(drive, raster, rate_hz, first, stop), sample_format))
+        file.write(b"\0" * (data_bytes % 2))  # RIFF chunks have even sizes
+
+
+def _blocks(count: int, size: int) -> Iterator[tuple[int, int]]:
+    for first in range(0, count, size):
+        yield first, min(first + size, count)
+
+
+def _drive(raster: Raster, device: DeviceConfig) -> _Drive:
+    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
+    full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
+    if not vibrating or full_scale == 0.0:
+        raise InputError(
+            f"Device '{device.id}' has no vibration actuators, which are what a WAV file plays; "
+            "export it as CSV."
+        )
+    column = {(each.actuator, each.parameter): i for i, each in enumerate(raster.columns)}
+    amplitude_columns = [column[each.id, "amplitude_m_s2"] for each in vibrating]
+    frequency_columns = [column[each.id, "frequency_hz"] for each in vibrating]
+    silence = np.zeros((1, len(vibrating)))
+    amplitudes = np.vstack([raster.values[:, amplitude_columns], silence])
+    frequencies = raster.values[:, frequency_columns]
+    frequencies = np.vstack([frequencies, frequencies[-1:]])
+    # A silent row's frequency means nothing: sound that begins or ends there keeps its own.
+    is_silent = amplitudes == 0.0
+    first_hz = np.where(is_silent[:-1], frequencies[1:], frequencies[:-1])
+    last_hz = np.where(is_silent[1:], frequencies[:-1], frequencies[1:])
+    cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
+    return _Drive(
+        actuators=tuple(each.id for each in vibrating),
+        amplitudes=amplitudes / full_scale,
+        first_hz=first_hz,
+        last_hz=last_hz,
+        cycles=np.vstack([silence, cycles[:-1]]) % 1.0,
+        full_scale=full_scale,
+    )
+
+
+def _waveform(drive: _Drive, raster: Raster, rate_hz: int, first: int, stop: int) -> F64:
+    """Audio samples ``first`` to ``stop``, (n, C) in -1..1; alike however they are split."""
+    numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
+    position = np.arange(first, stop, dtype=np.int64) * numerator
+    row, rest = position // denominator, position % denominator
+    x = (rest / denominator)[:, None]  # how far into the row, 0..1
+    first_hz, last_hz = drive.first_hz[row], drive.last_hz[row]
+    amplitude = drive.amplitudes[row] * (1.0 - x) + drive.amplitudes[row + 1] * x
+    cycles = x * (first_hz + (last_hz - first_hz) * (x / 2.0)) / float(raster.rate_hz)
+    return np.asarray(amplitude * np.sin(2.0 * np.pi * (drive.cycles[row] + cycles)))
+
+
+def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
+    safe = limited(waveform[..., None], -1.0, 1.0, 0.0)[..., 0]
+    if sample_format == "float32":
+        return safe.astype("<f4").tobytes()
+    highest = 2 ** (_BITS[sample_format] - 1) - 1  # -highest - 1 is not used: symmetric
+    whole: npt.NDArray[np.int32] = np.rint(safe * highest).astype("<i4")
+    kept = _BITS[sample_format] // 8  # the lowest bytes hold the number
+    return whole.view(np.uint8).reshape(-1, 4)[:, :kept].tobytes()
+
+
+def _head(
+    sample_format: SampleFormat, channel_count: int, rate_hz: int, sample_count: int
+) -> bytes:
+    """Everything before the samples: RIFF, fmt and, for floats, fact (Microsoft, 1994)."""
+    bits = _BITS[sample_format]
+    frame_bytes = channel_count * bits // 8
+    tag = _FLOAT if sample_format == "float32" else _PCM
+    is_extensible = channel_count > 2 or sample_format == "int24"
+    form = struct.pack(
+        "<HHIIHH",
+        _EXTENSIBLE if is_extensible else tag,
+        channel_count,
+        rate_hz,
+        rate_hz * frame_bytes,
+        frame_bytes,
+        bits,
+    )
+    if is_extensible:
+        form += struct.pack("<HHIH", 22, bits, 0, tag) + _SUBTYPE_TAIL
+    elif tag == _FLOAT:
+        form += struct.pack("<H", 0)
+    chunks = b"fmt " + struct.pack("<I", len(form)) + form
+    if tag == _FLOAT:
+        chunks += b"fact" + struct.pack("<II", 4, sample_count)
+    data_bytes = sample_count * frame_bytes
+    chunks += b"data" + struct.pack("<I", data_bytes)
+    riff_bytes = 4 + len(chunks) + data_bytes + data_bytes % 2
+    return b"RIFF" + struct.pack("<I", riff_bytes) + b"WAVE" + chunks
+
+
+def _sidecar(raster: Raster, drive: _Drive, rate_hz: int) -> dict[str, Any]:
+    return {
+        "format": "hfx-wav-channels",
+        "version": 1,
+        "device": raster.device_id,
+        "body": raster.body_id,
+        "rate_hz": rate_hz,
+        "start_s": float(raster.times_s[0]),
+        "full_scale_m_s2": drive.full_scale,
+        "channels": [
+            {"channel": i, "actuator": actuator} for i, actuator in enumerate(drive.actuators)
+        ],
+    }
