@@ -57,11 +57,13 @@ def open_blend(path: Path) -> None:
     """
     bpy = start()
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
+        found = "it is a folder" if path.is_dir() else "there is no such file"
+        raise InputError(f"{path}: {found}; expected a .blend file.")
     try:
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
     except RuntimeError as error:
-        reason = str(error).strip().removeprefix("Error: ").splitlines()[0]
+        reason = str(error).strip().splitlines()[0].rpartition(": ")[2]
+        reason = reason.replace(f' in file "{path}"', "")
         raise InputError(f"{path}: Blender cannot open it ({reason}).") from error
 
 

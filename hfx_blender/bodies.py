@@ -112,6 +112,8 @@ def add_walk(
     moves = np.diff(way, axis=0)
     lengths = np.linalg.norm(moves, axis=1)
     distance = float(lengths.sum())
+    if not 0.0 < distance < np.inf:
+        raise InputError(f"Body '{armature.name}': the places of a walk are all the same.")
     frames = frame_start + (frame_end - frame_start) * np.append(0, np.cumsum(lengths)) / distance
 
     data = armature.animation_data or armature.animation_data_create()

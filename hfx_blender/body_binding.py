@@ -84,7 +84,8 @@ def _beyond_bones(body: bpy.types.Object, avatar: bpy.types.Object) -> str | Non
     others = [m for m in avatar.modifiers if m.show_viewport and m.type not in _HARMLESS_MODIFIERS]
     if others:
         return f"modifier '{others[0].name}' deforms it too"
-    bent = [bone.name for bone in body.data.bones if bone.bbone_segments > 1 or not bone.use_deform]
+    skin = (bone for bone in body.data.bones if bone.name in avatar.vertex_groups)
+    bent = [bone.name for bone in skin if bone.bbone_segments > 1 or not bone.use_deform]
     if bent:
         return f"bone '{bent[0]}' bends or does not deform"
     keys = avatar.data.shape_keys

@@ -8,7 +8,8 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import NoReturn
+from contextlib import redirect_stdout
+from typing import Any, NoReturn
 
 from . import __version__
 from .console import Console
@@ -21,6 +22,10 @@ exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a dev
 
 
 class _Parser(argparse.ArgumentParser):
+    def __init__(self, **settings: Any) -> None:
+        # Abbreviated options would change their meaning when one is added.
+        super().__init__(**settings, allow_abbrev=False)
+
     def error(self, message: str) -> NoReturn:
         self.print_usage(sys.stderr)
         raise UsageError(message)
@@ -28,7 +33,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """The parser of all commands."""
-    from .commands import body, demo, device, export, info
+    from .commands import bench, body, demo, device, export, info
 
     parser = _Parser(
         prog=prog,
@@ -38,7 +43,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (demo, export, info, body, device):
+    for module in (demo, export, info, body, device, bench):
         module.add_parser(commands)
     return parser
 
@@ -47,8 +52,10 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
     """Do one command and return its exit code; every fault of the user's is one line."""
     console = Console(as_json="--json" in arguments)
     try:
-        options = build_parser(prog).parse_args(arguments)
-        return int(options.run(options, console))
+        options = build_parser(prog).parse_args(_joined(arguments))
+        # Blender also prints what operators report through Python's own stream.
+        with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
+            return int(options.run(options, console))
     except HfxError as error:
         console.warn(f"hfx: {error}")
         console.result({"error": str(error)})
@@ -65,6 +72,17 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         return 1
 
 
+def _joined(arguments: Sequence[str]) -> list[str]:
+    """``--frames -10:20`` as one argument: argparse would take the range for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] == "--frames":
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
 def main() -> None:
     """Entry point of the console script."""
     from . import blender_session
@@ -73,6 +91,8 @@ def main() -> None:
         code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
     except SystemExit as finished:  # --help and --version
         code = finished.code if isinstance(finished.code, int) else 0
+    except BrokenPipeError:
+        code = 0
     if "bpy" in sys.modules:
         blender_session.leave(code)
     sys.exit(code)

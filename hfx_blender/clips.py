@@ -13,6 +13,9 @@ from .errors import InputError
 
 DATA_PATH = "hfx.activation"
 
+_REPEATS = (0.1, 1000.0)
+"""Blender's own limits of a strip's repetitions; it would clamp others silently."""
+
 Key = tuple[float, float]
 
 
@@ -43,21 +46,26 @@ def add_clip(
     Raises
     ------
     InputError
-        The clip has no length, its fades are longer than it, or it overlaps another one.
+        The clip has no length, its fades are longer than it, or it repeats too often.
     """
     length = frame_end - frame_start
     if length <= 0:
         raise InputError(f"Effect '{effect.name}': a clip must end after it starts.")
     if fade_in < 0 or fade_out < 0 or fade_in + fade_out > length:
         raise InputError(f"Effect '{effect.name}': the fades are longer than the clip.")
+    if not _REPEATS[0] <= repeat <= _REPEATS[1]:
+        raise InputError(
+            f"Effect '{effect.name}': {repeat:g} repetitions in one clip; Blender allows "
+            f"{_REPEATS[0]:g} to {_REPEATS[1]:g}. Divide it into several clips."
+        )
     data = effect.animation_data or effect.animation_data_create()
     busy = data.action
     action = bpy.data.actions.new(f"{effect.name} {name}")
     data.action = action  # a slot is made for, and only for, the datablock that it is assigned to
     keys = profile or ((0.0, 1.0), (length / repeat, 1.0))
     compat.set_keys(compat.new_fcurve(effect, action, DATA_PATH), keys)
-    track = _free_track(data, frame_start, frame_end)
-    strip = track.strips.new(name, floor(frame_start), action)
+    track = _free_track(data, floor(frame_start), frame_end)
+    strip = track.strips.new(name, floor(frame_start), action)  # whole frames only, at first
     data.action = busy
     strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]
     strip.repeat = repeat

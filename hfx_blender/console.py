@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import time
 from typing import Any, TextIO
@@ -51,6 +52,8 @@ class Console:
     def show(self, line: str) -> None:
         """Overwrite the progress line."""
         if self._live:
+            # A line that wraps could not be overwritten.
+            line = line[: shutil.get_terminal_size().columns - 1]
             self._err.write("\r" + line.ljust(self._shown))
             self._err.flush()
             self._shown = len(line)
@@ -84,7 +87,7 @@ class Progress:
         left = ""
         if share > 0.02:
             left = f"  {_duration((now - self._start) * (1 - share) / share)} left"
-        self._console.show(f"{self._title} [{bar}] {share:4.0%}{left} {text}"[:110])
+        self._console.show(f"{self._title} [{bar}] {share:4.0%}{left} {text}".rstrip())
 
 
 def _duration(seconds: float) -> str:

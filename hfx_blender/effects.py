@@ -134,13 +134,14 @@ def checked_area(
         raise InputError(
             f"Effect '{name}': {len(vertices)} painted vertices but {len(weights)} weights."
         )
+    foreign = [vertex for vertex in vertices if not 0 <= vertex < model_size]
+    if foreign:
+        raise InputError(
+            f"Effect '{name}': painted vertex {foreign[0]} is not one of the model's "
+            f"{model_size} vertices."
+        )
     ids = np.array(vertices, np.int64)
     strengths = np.array(weights, np.float32)
-    if len(ids) and not (0 <= ids.min() and ids.max() < model_size):
-        raise InputError(
-            f"Effect '{name}': painted vertex {max(ids.max(), -ids.min())} is not one of the "
-            f"model's {model_size} vertices."
-        )
     if not (np.isfinite(strengths).all() and ((strengths >= 0) & (strengths <= 1)).all()):
         raise InputError(f"Effect '{name}': a painted weight is not a number from 0 to 1.")
     order = np.argsort(ids, kind="stable")

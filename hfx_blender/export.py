@@ -12,7 +12,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -21,11 +21,12 @@ from typing import Any
 import bpy
 
 from . import __version__
+from .atomic_files import atomic_file
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.raster import Raster, unrendered
-from .engine.rendering.render import render
+from .engine.rendering.render import Renderer, blocks
 from .engine.track import SUFFIX, TrackHeader, TrackReader, TrackWriter
 from .errors import InputError, OutputError, UsageError
 from .formats import csv_raster, wav
@@ -56,6 +57,8 @@ class ExportSettings:
                 "the formats csv and wav hold what a device plays: choose one with --device "
                 "('hfx device list' shows them)"
             )
+        if "wav" in self.formats and not any("vibration" in d.modalities for d in self.devices):
+            raise UsageError("none of the devices has vibration actuators, which WAV files play")
 
 
 @dataclass(frozen=True)
@@ -133,8 +136,9 @@ def export_scene(
             engine={"stepping": reader.stepping_note, **engine.counters.as_dict()},
         )
         report_file = stage / f"{stem}.report.json"
-        report_file.write_text(json.dumps(report.as_dict(), indent=1) + "\n", encoding="utf-8")
-        placed = tuple(_move(path, folder) for path in (*report.files, report_file))
+        with atomic_file(report_file) as file:
+            file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
+        placed = _move((*report.files, report_file), folder)
     return replace(report, files=placed)
 
 
@@ -187,11 +191,17 @@ def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
 def render_devices(
     track: TrackReader, devices: Sequence[DeviceConfig]
 ) -> list[tuple[DeviceConfig, Raster]]:
-    """The track, rendered for each device on each body that could wear it."""
+    """The track, read once and rendered for each device on each body that could wear it."""
+    worn = [(device, body.id) for body in track.header.bodies for device in devices]
+    renderers = [
+        Renderer(track.header, device, load_model, body_id=body_id) for device, body_id in worn
+    ]
+    if renderers:
+        for block in blocks(track.header, track.runs()):
+            for renderer in renderers:
+                renderer.add(block)
     return [
-        (device, render(track.header, track.runs(), device, body_id=body.id))
-        for body in track.header.bodies
-        for device in devices
+        (device, renderer.raster()) for (device, _), renderer in zip(worn, renderers, strict=True)
     ]
 
 
@@ -234,8 +244,6 @@ def write_rasters(
         files.append(folder / f"{name}.wav")
         wav.write(raster, device, files[-1])
         files.append(files[-1].with_name(files[-1].name + wav.SIDECAR_SUFFIX))
-    if "wav" in formats and not any(path.suffix == ".wav" for path in files):
-        raise InputError("none of the devices has vibration actuators, which WAV files play.")
     return files, left_out
 
 
@@ -246,6 +254,7 @@ def _counted(warnings: dict[str, int]) -> list[str]:
 @contextmanager
 def _staging(folder: Path, stem: str) -> Iterator[Path]:
     """A folder beside the results that is gone afterwards, whatever happens."""
+    is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         stage = Path(tempfile.mkdtemp(prefix=f".{stem}.", suffix=".tmp", dir=folder))
@@ -255,12 +264,22 @@ def _staging(folder: Path, stem: str) -> Iterator[Path]:
         yield stage
     except OSError as error:
         raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
+    except OutputError as error:  # the user knows the file by its final name
+        raise OutputError(str(error).replace(str(stage), str(folder))) from error
     finally:
         shutil.rmtree(stage, ignore_errors=True)
+        if is_new:
+            with suppress(OSError):  # it holds the results, unless there are none
+                folder.rmdir()
 
 
-def _move(path: Path, folder: Path) -> Path:
-    return path.replace(folder / path.name)
+def _move(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
+    for path in files:
+        if (folder / path.name).is_dir():
+            raise OutputError(
+                f"{folder / path.name}: cannot be written (there is a folder of that name)."
+            )
+    return tuple(path.replace(folder / path.name) for path in files)
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:

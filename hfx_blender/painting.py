@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from . import effects
-from .engine.body.model import load_model
+from .engine.body.model import PerceptualModel, load_model
 from .engine.body.parts import PARTS, SIDES
 from .errors import InputError
 
@@ -20,8 +20,10 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     """Show the effect's perceptual model in place of the avatar, ready to be painted on."""
     if painted_mesh(effect) is not None:
         raise InputError(f"'{effect.name}' is being painted already.")
-    model = load_model(effects.model_id_for(effect.hfx.modality))
     body = effect.hfx.body
+    if body is None:
+        raise InputError(f"'{effect.name}' is painted on no body; choose one first.")
+    model = load_model(effects.model_id_for(effect.hfx.modality))
     mesh = bpy.data.meshes.new(f"{effect.name} Area")
     mesh.from_pydata(model.vertices.tolist(), [], model.triangles.tolist())
     mesh.update()
@@ -31,7 +33,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     context.scene.collection.objects.link(canvas)
     # The weights that pose it, as groups of its own; the painted group comes first.
     group = canvas.vertex_groups.new(name=GROUP)
-    for vertex, weight in zip(*effects.area(effect), strict=True):
+    for vertex, weight in _area_on(model, effect).items():
         group.add([vertex], weight, "REPLACE")
     weights = model.weights
     bones = [canvas.vertex_groups.new(name=name) for name in model.bone_names]
@@ -49,6 +51,13 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     return canvas
 
 
+def _area_on(model: PerceptualModel, effect: bpy.types.Object) -> dict[int, float]:
+    """What is painted on this very model; an area on another one, or edition, means nothing."""
+    if (effect.hfx.model_id, effect.hfx.model_hash) != (model.id, model.content_hash):
+        return {}
+    return dict(zip(*effects.area(effect), strict=True))
+
+
 def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
     """The mesh on which an effect is being painted."""
     for obj in bpy.data.objects:
@@ -62,6 +71,12 @@ def end(effect: bpy.types.Object) -> int:
     canvas = painted_mesh(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
+    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
+    if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
+        raise InputError(
+            f"'{canvas.name}' was edited: it must keep its {size} vertices and the vertex group "
+            f"'{GROUP}'. Undo that, or delete it and paint again."
+        )
     group = canvas.vertex_groups[GROUP].index
     found = {
         vertex.index: element.weight
@@ -90,7 +105,7 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
     chosen = np.isin(model.part, wanted)
     if side != "both":
         chosen &= np.isin(model.side, (SIDES.index("centre"), SIDES.index(side)))
-    area = dict(zip(*effects.area(effect), strict=True))
+    area = _area_on(model, effect)
     area.update(dict.fromkeys(np.flatnonzero(chosen).tolist(), 1.0))
     effects.set_area(effect, list(area), list(area.values()))
     return len(area)

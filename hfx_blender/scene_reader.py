@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -68,8 +69,10 @@ class SceneReader:
         Frames to read, both included; the scene's own range by default.
     rate_hz : Fraction, optional
         Samples a second; the scene's own setting by default.
+    with_positions : bool
+        Also read the poses of bodies on which nothing but painted effects act.
     with_velocities : bool
-        Also read the time before each stretch, so that its first sample has a velocity.
+        The same, and the time before each stretch, so that its first sample has a velocity.
 
     Raises
     ------
@@ -83,12 +86,14 @@ class SceneReader:
         *,
         frames: tuple[int, int] | None = None,
         rate_hz: Fraction | None = None,
+        with_positions: bool = False,
         with_velocities: bool = False,
     ) -> None:
         self._scene = scene
         self._layer = scene.view_layers[0]
         if scene == bpy.context.scene:
             self._layer = bpy.context.view_layer
+        self._with_positions = with_positions or with_velocities
         self._with_velocities = with_velocities
         self._warnings: list[str] = []
         self._unit = (
@@ -110,22 +115,35 @@ class SceneReader:
     @property
     def sample_indices(self) -> I64:
         """Samples at which something can be felt; nothing can at all others."""
+        return np.flatnonzero(self._may_be_on(("PAINTED", "VOLUME")))
+
+    def _may_be_on(self, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
+        """Whether an effect of these kinds can be on, for each sample of the time base."""
         indices = np.arange(self.time.sample_count, dtype=np.int64)
-        frames = self.time.frame_first + indices * float(self.time.fps / self.time.rate_hz)
+        step = self.time.fps / self.time.rate_hz
+        # Rounded once: a sample on the first frame of a clip must not fall before it.
+        frames = self.time.frame_first + indices * step.numerator / step.denominator
         on = np.zeros(len(indices), np.bool_)
-        for state in self._activations:
-            on |= state.may_be_on(frames)
-        return np.flatnonzero(on)
+        for effect, state in zip(self._effects, self._activations, strict=True):
+            if effect.hfx.kind in kinds:
+                on |= state.may_be_on(frames)
+        return on
 
     def blocks(self) -> Iterator[AnimationBlock]:
         """Step through :attr:`sample_indices` and read each; the scene is left as it was."""
-        if self._needs_own_scene():
-            steps = stepping.own_scene(self._scene, self._layer)
-        else:
-            steps = stepping.scratch_scene(self._scene, self._needed_objects())
-        with steps as stepper:
+        with ExitStack() as stack:
+            if self._needs_own_scene():
+                whole = light = stack.enter_context(stepping.own_scene(self._scene, self._layer))
+            else:
+                whole, light = (
+                    stack.enter_context(stepping.scratch_scene(self._scene, objects))
+                    for objects in (self._needed_objects(), self._effects)
+                )
+            # Where only painted effects can be on, nobody's pose matters.
+            needs_pose = self._may_be_on(("VOLUME",)) | self._with_positions
             previous: _Row | None = None
             for indices in _contiguous_blocks(self.sample_indices):
+                stepper = whole if needs_pose[indices].any() else light
                 rows = []
                 if self._with_velocities:
                     if previous is None or previous.index != indices[0] - 1:
@@ -212,8 +230,12 @@ class SceneReader:
             self._describe_effect(effect, state, ids)
             for effect, state in zip(self._effects, self._activations, strict=True)
         )
-        touched = {effect.model_id for effect in described if effect.kind == "volume"}
-        bindings = [body_binding.binding_of(body, touched) for body in self._bodies]
+        posed = {
+            effect.model_id
+            for effect in described
+            if effect.kind == "volume" or self._with_positions
+        }
+        bindings = [body_binding.binding_of(body, posed) for body in self._bodies]
         for body, binding in zip(self._bodies, bindings, strict=True):
             if isinstance(binding, SurfaceBinding):
                 self._warnings.append(
@@ -293,7 +315,7 @@ class SceneReader:
     def _read(self, index: int, stepper: stepping.Stepper) -> _Row:
         stepper.set_frame(self.time.frame(index))
         row = _Row(index)
-        needs_pose = self._with_velocities
+        needs_pose = self._with_positions
         for effect, state in zip(self._effects, self._activations, strict=True):
             values = self._read_effect(effect, state, stepper.evaluated(effect))
             row.effects.append(values)

@@ -64,8 +64,10 @@ def why_own_scene(scene: bpy.types.Scene) -> str | None:
     """What a scratch scene could not reproduce; None if nothing of the kind is there."""
     handlers = bpy.app.handlers
     for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
-        if not handler.__module__.startswith(__package__):
-            return f"the handler '{handler.__name__}' runs on frame changes"
+        module = getattr(handler, "__module__", None) or ""
+        if module != __package__ and not module.startswith(f"{__package__}."):
+            name = getattr(handler, "__name__", type(handler).__name__)
+            return f"the handler '{name}' runs on frame changes"
     for obj in scene.objects:
         if obj.rigid_body is not None or any(m.type in _PHYSICS for m in obj.modifiers):
             return f"physics moves '{obj.name}'"

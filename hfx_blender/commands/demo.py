@@ -88,7 +88,14 @@ def _draw(
     scene_file: Path, track_file: Path, folder: Path, console: Console
 ) -> dict[str, str] | None:
     """Draw in a process of its own: where Blender cannot, only the pictures are missing."""
+    import bpy
+
     console.say("\nDrawing four pictures; this can take a minute ...")
+    if not bpy.app.module:  # a whole Blender cannot be started as a Python module
+        from ..demo import pictures
+
+        pictures.draw(scene_file, track_file, folder)
+        return {"felt": str(folder / "felt.png")}
     root = str(Path(__file__).resolve().parents[2])
     paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-m", "hfx_blender.demo.pictures", scene_file, track_file, folder]
@@ -100,7 +107,10 @@ def _draw(
             timeout=_PICTURE_LIMIT_S,
             env={**os.environ, "PYTHONPATH": paths},
         )
-        problem = None if done.returncode == 0 else done.stderr.strip().rpartition("\n")[2]
+        problem = None
+        if done.returncode != 0:
+            last_line = done.stderr.strip().rpartition("\n")[2]
+            problem = last_line or f"the drawing process ended with code {done.returncode}"
     except subprocess.TimeoutExpired:
         problem = f"it took longer than {_PICTURE_LIMIT_S} s"
     except OSError as error:

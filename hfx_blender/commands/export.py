@@ -25,7 +25,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "export", help="export scenes", description="Export haptic tracks from .blend scenes."
     )
-    in_blender = "bpy" in sys.modules and not _is_module()
+    in_blender = _in_blender()
     parser.add_argument(
         "scenes",
         nargs="*" if in_blender else "+",
@@ -64,7 +64,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Export each scene; one that fails does not stop the others."""
     _check(options)
-    if options.jobs > 1 and len(options.scenes) > 1:
+    if options.jobs > 1 and len(options.scenes) > 1 and not _in_blender():
         results = _export_in_workers(options, console)
     else:
         results = [_export_one(path, options, console) for path in options.scenes or [None]]
@@ -192,7 +192,8 @@ def _rate(text: str) -> Fraction:
     return rate
 
 
-def _is_module() -> bool:
-    import bpy
+def _in_blender() -> bool:
+    """Whether this runs inside a whole Blender, not the module: it has a file open already."""
+    import importlib
 
-    return bool(bpy.app.module)
+    return "bpy" in sys.modules and not importlib.import_module("bpy").app.module

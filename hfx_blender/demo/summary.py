@@ -36,7 +36,7 @@ def summarise(track: TrackReader, rasters: Sequence[Raster], report: ExportRepor
     ]
     if lost:
         lines += ["\nFelt by the body but played by none of these devices:", *lost]
-    lines += [f"\nwarning: {text}" for text in report.warnings]
+    lines += ["", *(f"warning: {text}" for text in report.warnings)]
     return "\n".join(lines)
 
 

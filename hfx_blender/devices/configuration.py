@@ -11,57 +11,26 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from .. import resources
 from ..engine.body.model import PerceptualModel, load_model, manifest
-from ..engine.body.parts import PARTS, SIDES
-from ..engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
-from ..engine.modality import Parameter as ModalityParameter
-from ..engine.rendering.device import (
-    Actuator,
-    ActuatorType,
-    BodyPlace,
-    Brand,
-    Control,
-    DeviceConfig,
-    Place,
-    RoomPlace,
-    Substitution,
-    VertexPlace,
-    VertexSet,
-)
+from ..engine.modality import MODALITIES
+from ..engine.rendering.device import Actuator, DeviceConfig, VertexPlace
 from ..engine.rendering.placement import vertices_of
 from ..errors import InputError
-from .strict_json import Node, read
+from .configuration_reader import ID_PATTERN, WEARABLE_SIDES, device_from
+from .strict_json import read
 
-SCHEMA: Final = "hfx-device"
-VERSION: Final = 1
 SUFFIX: Final = ".json"
-
-MAX_ACTUATORS: Final = 1000
-MAX_TEMPERATURE_C: Final = 40.0
-"""No device is set warmer: a conservative default for heat near skin, not a certified one."""
-
-WEARABLE_SIDES: Final = ("left", "right")
-_OTHER_SIDE = {"left": "right", "right": "left"}
-_ID = r"[a-z0-9][a-z0-9_-]{0,63}"
-_ID_DESCRIBED = "1 to 64 of a-z, 0-9, _ and -, the first a letter or digit"
-
-_CONTROLS: Final = {
-    "vibration": ("amplitude_m_s2", "frequency_hz"),
-    "pressure": ("pressure_kpa",),
-    "temperature": ("temperature_c",),
-    "wind": ("speed_m_s",),
-}
-"""What an actuator of a modality is controlled by, its strength first."""
+_OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
 def list_devices(folder: Path | None = None) -> list[str]:
     """Names that :func:`load_device` takes: the shipped devices and those of a folder.
 
-    A device for one side of the body is listed once for each side. Files are not opened to
-    be checked; a broken one is listed by its file's name.
+    A device for one side of the body is listed once for each side, a file that cannot be
+    read by its own name.
     """
     names: set[str] = set()
     for each in (resources.device_configs(), folder):
@@ -97,19 +66,28 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
     """
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
-        return _read(Path(text))
-    stem, _, side = text.rpartition("_")
+        return _worn(Path(text)) or _read(Path(text))
     for each in (folder, resources.device_configs()):
-        if each is None or not re.fullmatch(_ID, text):
-            continue
-        if (path := each / (text + SUFFIX)).is_file():
-            return _read(path)
-        if side in WEARABLE_SIDES and (path := each / (stem + SUFFIX)).is_file():
-            device = _read(path)
-            if device.side is not None:
-                return device if device.side == side else _mirrored(device)
+        if each is not None and re.fullmatch(ID_PATTERN, text):
+            device = _worn(each / (text + SUFFIX))
+            if device is not None:
+                return device
     known = ", ".join(list_devices(folder)) or "none"
     raise InputError(f"Device '{text[:100]}' is unknown; there are: {known}.")
+
+
+def _worn(path: Path) -> DeviceConfig | None:
+    """The device of a file, or of the file without ``_left`` or ``_right``; None: neither."""
+    if path.is_file():
+        return _read(path)
+    stem, _, side = path.stem.rpartition("_")
+    written = path.with_name(stem + SUFFIX) if stem else path
+    if side not in WEARABLE_SIDES or not written.is_file():
+        return None
+    device = _read(written)
+    if device.side is None:
+        return None
+    return device if device.side == side else _mirrored(device)
 
 
 def check(path: Path, models: Callable[[str], PerceptualModel] | None = load_model) -> list[str]:
@@ -161,262 +139,4 @@ def _mirrored(device: DeviceConfig) -> DeviceConfig:
 
 
 def _read(path: Path) -> DeviceConfig:
-    return _device(read(path))
-
-
-def _device(document: Node) -> DeviceConfig:
-    top = document.members(
-        required=("schema", "version", "id", "name", "actuator_types", "actuators"),
-        optional=(
-            "description",
-            "brand",
-            "size_m",
-            "side",
-            "rendering",
-            "substitutions",
-            "defaults",
-        ),
-    )
-    top["schema"].choice((SCHEMA,))
-    top["version"].integer(VERSION, VERSION)
-    types = {
-        name: _actuator_type(name, node)
-        for name, node in top["actuator_types"]
-        .entries(allowed="an object with at least one actuator type", least=1)
-        .items()
-    }
-    actuators = tuple(
-        _actuator(node, types) for node in top["actuators"].items(least=1, most=MAX_ACTUATORS)
-    )
-    _refuse_repeated_ids(top["actuators"], actuators)
-    side = top["side"].choice(WEARABLE_SIDES) if "side" in top else None
-    width_m, height_m = _size(top["size_m"]) if "size_m" in top else (None, None)
-    device_id, name = top["id"].text(_ID, _ID_DESCRIBED), top["name"].text()
-    return DeviceConfig(
-        id=device_id if side is None else f"{device_id}_{side}",
-        name=name if side is None else f"{name} ({side})",
-        description=top["description"].text() if "description" in top else "",
-        actuator_types=types,
-        actuators=actuators,
-        statistic="mean" if _statistic(top.get("rendering")) == "mean" else "strongest",
-        substitutions=_substitutions(top.get("substitutions"), actuators),
-        gain=_gain(top["defaults"]) if "defaults" in top else 1.0,
-        brand=_brand(top["brand"]) if "brand" in top else None,
-        width_m=width_m,
-        height_m=height_m,
-        side=side,
-    )
-
-
-def _refuse_repeated_ids(node: Node, actuators: tuple[Actuator, ...]) -> None:
-    seen: set[str] = set()
-    for i, actuator in enumerate(actuators):
-        if actuator.id in seen:
-            raise InputError(
-                f'{node.file}: {node.path}[{i}].id is "{actuator.id}", which an actuator before '
-                "it has; allowed is a name of its own."
-            )
-        seen.add(actuator.id)
-
-
-def _size(node: Node) -> tuple[float, float]:
-    members = node.members(required=("width", "height"))
-    return members["width"].number(0.001, 10.0, "m"), members["height"].number(0.001, 10.0, "m")
-
-
-def _brand(node: Node) -> Brand:
-    members = node.members(required=("vendor",), optional=("model", "usb"))
-    usb = []
-    for item in members["usb"].items(least=1, most=16) if "usb" in members else ():
-        ids = item.members(required=("vendor_id", "product_id"))
-        usb.append((_usb_id(ids["vendor_id"]), _usb_id(ids["product_id"])))
-    model = members["model"].text() if "model" in members else ""
-    return Brand(members["vendor"].text(), model, tuple(usb))
-
-
-def _usb_id(node: Node) -> int:
-    return int(node.text(r"0x[0-9a-f]{4}", 'four hexadecimal digits such as "0x2341"'), 16)
-
-
-def _statistic(rendering: Node | None) -> str:
-    if rendering is None:
-        return "strongest"
-    members = rendering.members(required=("scheme",), optional=("options",))
-    members["scheme"].choice(("coverage",))
-    if "options" not in members:
-        return "strongest"
-    options = members["options"].members(required=(), optional=("statistic",))
-    if "statistic" not in options:
-        return "strongest"
-    return options["statistic"].choice(("strongest", "mean"))
-
-
-def _gain(node: Node) -> float:
-    members = node.members(required=(), optional=("gain",))
-    return members["gain"].number(0.0, 10.0) if "gain" in members else 1.0
-
-
-def _actuator_type(name: str, node: Node) -> ActuatorType:
-    if not re.fullmatch(_ID, name):
-        raise InputError(
-            f"{node.file}: {node.path}: the name of an actuator type is {_ID_DESCRIBED}."
-        )
-    members = node.members(
-        required=("modality", "parameters"), optional=("latency_ms", "update_interval_ms", "limits")
-    )
-    modality = members["modality"].choice(tuple(MODALITIES))
-    names = _CONTROLS[modality]
-    ranges = members["parameters"].members(required=names)
-    limits = members["limits"].members(required=(), optional=names) if "limits" in members else {}
-    latency = members.get("latency_ms")
-    interval = members.get("update_interval_ms")
-    return ActuatorType(
-        name=name,
-        modality=modality,
-        controls=tuple(_control(modality, each, ranges[each], limits.get(each)) for each in names),
-        latency_ms=0.0 if latency is None else latency.number(0.0, 60_000.0, "ms"),
-        update_interval_ms=10.0 if interval is None else interval.number(0.1, 60_000.0, "ms"),
-    )
-
-
-def _control(modality: str, name: str, node: Node, limits: Node | None) -> Control:
-    known = next(each for each in MODALITIES[modality].parameters if each.name == name)
-    is_strength = name == MODALITIES[modality].strength
-    # Strengths but temperature are silent at 0, which therefore must be in their range.
-    is_silent_at_0 = is_strength and modality != "temperature"
-    minimum, maximum = _range(node, known, may_be_fixed=not is_strength)
-    if is_silent_at_0 and minimum != 0.0:
-        node.member("minimum").fail("0, at which the actuator is silent")
-    lowest, highest = minimum, maximum
-    if limits is not None:
-        bounds = limits.members(required=(), optional=("minimum", "maximum"))
-        if "minimum" in bounds:
-            high = 0.0 if is_silent_at_0 else maximum
-            lowest = bounds["minimum"].number(minimum, high, known.unit)
-        if "maximum" in bounds:
-            highest = bounds["maximum"].number(lowest, maximum, known.unit)
-    if modality == "temperature":
-        highest = min(highest, MAX_TEMPERATURE_C)
-        if lowest > highest:
-            node.fail(f"a range that reaches below {MAX_TEMPERATURE_C:g} degC, the hottest allowed")
-    neutral = 0.0 if is_silent_at_0 else min(max(_default(name), lowest), highest)
-    if "neutral" in node.value:
-        high = 0.0 if is_silent_at_0 else highest
-        neutral = node.member("neutral").number(lowest, high, known.unit)
-    return Control(name, minimum, maximum, lowest, highest, neutral)
-
-
-def _default(name: str) -> float:
-    """Neutral value of a control whose configuration names none."""
-    return {"temperature_c": AMBIENT_NEUTRAL_C, "frequency_hz": 100.0}[name]
-
-
-def _range(node: Node, known: ModalityParameter, *, may_be_fixed: bool) -> tuple[float, float]:
-    if may_be_fixed and isinstance(node.value, dict) and "fixed" in node.value:
-        members = node.members(required=("unit", "fixed"))
-        members["unit"].choice((known.unit,))
-        fixed = members["fixed"].number(known.minimum, known.maximum, known.unit)
-        return fixed, fixed
-    members = node.members(required=("unit", "minimum", "maximum"), optional=("neutral",))
-    members["unit"].choice((known.unit,))
-    minimum = members["minimum"].number(known.minimum, known.maximum, known.unit)
-    return minimum, members["maximum"].number(minimum, known.maximum, known.unit)
-
-
-def _actuator(node: Node, types: dict[str, ActuatorType]) -> Actuator:
-    members = node.members(required=("id", "type", "place"))
-    return Actuator(
-        id=members["id"].text(_ID, _ID_DESCRIBED),
-        type=types[members["type"].choice(tuple(types))],
-        place=_place(members["place"]),
-    )
-
-
-def _place(node: Node) -> Place:
-    kinds: dict[str, Callable[[Node], Place]] = {
-        "placement": _body_place,
-        "vertices": _vertex_place,
-        "room": _room_place,
-    }
-    members = node.members(required=(), optional=tuple(kinds))
-    if len(members) != 1:
-        node.fail("exactly one of " + ", ".join(kinds))
-    ((kind, place),) = members.items()
-    return kinds[kind](place)
-
-
-def _parts(node: Node) -> tuple[str, ...]:
-    parts = tuple(item.choice(PARTS) for item in node.items(least=1, most=len(PARTS)))
-    if len(set(parts)) != len(parts):
-        node.fail("each body part once")
-    return parts
-
-
-def _body_place(node: Node) -> BodyPlace:
-    members = node.members(required=("parts", "centre_m", "radius_m"), optional=("side",))
-    x, y, z = (item.number(-3.0, 3.0, "m") for item in members["centre_m"].items(least=3, most=3))
-    return BodyPlace(
-        parts=_parts(members["parts"]),
-        centre_m=(x, y, z),
-        radius_m=members["radius_m"].number(0.0, 1.0, "m"),
-        side=members["side"].choice(SIDES) if "side" in members else None,
-    )
-
-
-def _vertex_place(node: Node) -> VertexPlace:
-    sets = tuple(_vertex_set(item) for item in node.items(least=1, most=8))
-    if len({each.model_id for each in sets}) != len(sets):
-        node.fail("each model once")
-    return VertexPlace(sets)
-
-
-def _vertex_set(node: Node) -> VertexSet:
-    members = node.members(required=("model", "hash", "ids"))
-    ids = members["ids"].items(least=1, most=100_000)
-    vertices: list[int] = []
-    for item in ids:
-        lowest = vertices[-1] + 1 if vertices else 0
-        vertices.append(item.integer(lowest, 2**31 - 1))
-    return VertexSet(
-        model_id=members["model"].text(_ID, _ID_DESCRIBED),
-        content_hash=members["hash"].text(r"[0-9a-f]{64}", "a SHA-256 as 64 hexadecimal digits"),
-        vertices=tuple(vertices),
-    )
-
-
-def _room_place(node: Node) -> RoomPlace:
-    members = node.members(required=(), optional=("reaches",))
-    return RoomPlace(_parts(members["reaches"]) if "reaches" in members else PARTS)
-
-
-def _substitutions(node: Node | None, actuators: tuple[Actuator, ...]) -> dict[str, Substitution]:
-    if node is None:
-        return {}
-    available = tuple(dict.fromkeys(each.type.modality for each in actuators))
-    sources = node.members(required=(), optional=tuple(MODALITIES))
-    return {name: _substitution(name, each, available) for name, each in sources.items()}
-
-
-def _substitution(source: str, node: Node, available: tuple[str, ...]) -> Substitution:
-    targets = tuple(each for each in available if each != source)
-    value: Any = node.value
-    is_vibration = isinstance(value, dict) and value.get("as") == "vibration"
-    members = node.members(
-        required=("as", "scale", "frequency_hz") if is_vibration else ("as", "scale"),
-    )
-    target = members["as"].choice(targets)
-    scale = members["scale"].members(required=("value", "unit"))
-    units = {name: _strength_unit(name) for name in (source, target)}
-    scale["unit"].choice((f"{units[target]} per {units[source]}",))
-    return Substitution(
-        source,
-        target,
-        # A negative scale makes sense only where a strength can be negative: wind that cools.
-        scale["value"].number(-1000.0 if target == "temperature" else 0.0, 1000.0),
-        members["frequency_hz"].number(0.1, 1000.0, "Hz") if is_vibration else None,
-    )
-
-
-def _strength_unit(modality: str) -> str:
-    found = MODALITIES[modality]
-    return next(each.unit for each in found.parameters if each.name == found.strength)
+    return device_from(read(path))

@@ -109,8 +109,8 @@ def read(path: Path) -> Node:
             content = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(f"{path}: cannot be read ({error}).") from error
     if len(content) > MAX_BYTES:
         raise InputError(f"{path}: is larger than {MAX_BYTES} bytes, the most that is allowed.")
     try:

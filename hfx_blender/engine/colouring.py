@@ -94,4 +94,5 @@ def avatar_colours(
         colour += shown[:, None] * COLOURS[name]
         most = np.maximum(most, shown)
     skin = (1.0 - most)[:, None] * np.array(SKIN)
-    return np.clip(skin + colour, 0.0, 1.0)
+    colours: F64 = np.clip(skin + colour, 0.0, 1.0)
+    return colours

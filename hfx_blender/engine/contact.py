@@ -26,12 +26,14 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Vertices inside one volume, sorted by row, then by vertex."""
+    """Vertices inside one volume over some times; a vertex set that stays is held once."""
 
-    rows: I64  # (N,) rows of the block
-    vertices: I32  # (N,)
-    weights: F64  # (N,) in (0, 1]
-    points: F64 | None  # (3, N) shape space, where asked for
+    rows: I64  # (n,) rows of the block at which anything is inside, ascending
+    sets: I64  # (n,) which vertex set each has, from 0, rising by 0 or 1
+    offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
+    vertices: I32  # (total,) ascending within a set
+    weights: F64  # (total,) in (0, 1]
+    points: F64 | None  # (3, total) shape space, where asked for; each row has its own set then
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +120,19 @@ def find(
         weights[np.ix_(mine, place)] = _weights(effect.shapes, which[mine], local, falloff)
         if points is not None:
             points[:, mine[:, None], place] = local
-    felt_rows, felt_columns = np.nonzero(weights)
+    felt = weights.any(axis=1)
+    rows, weights = rows[felt], weights[felt]
+    is_new = np.ones(len(rows), np.bool_)
+    if points is None:
+        is_new[1:] = (weights[1:] != weights[:-1]).any(axis=1)
+    owners, felt_columns = np.nonzero(weights[is_new])
     return Contacts(
-        rows[felt_rows],
+        rows,
+        np.cumsum(is_new) - 1,
+        np.searchsorted(owners, np.arange(np.count_nonzero(is_new) + 1)),
         columns[felt_columns],
-        weights[felt_rows, felt_columns],
-        None if points is None else points[:, felt_rows, felt_columns],
+        weights[is_new][owners, felt_columns],
+        None if points is None else points[:, felt][:, owners, felt_columns],
     )
 
 

@@ -75,14 +75,16 @@ class Engine:
         for (effect, animated), rows in zip(self._effects(block), rows_of, strict=True):
             if not len(rows):
                 continue
-            if isinstance(effect.area, PaintedArea):
-                runs.append(self._painted_run(effect, effect.area, animated, rows, block))
-                continue
-            for body in self.scene.bodies:
-                run = self._volume_run(effect, effect.area, animated, rows, body, block, bounds)
-                if run is not None:
-                    runs.append(run)
-        self.counters.contacts += sum(len(run.vertices) for run in runs)
+            area = effect.area
+            if isinstance(area, PaintedArea):
+                found = [self._painted_run(effect, area, animated, rows, block)]
+            else:
+                found = [
+                    self._volume_run(effect, area, animated, rows, body, block, bounds)
+                    for body in self.scene.bodies
+                ]
+            runs += [run for run in found if run is not None]
+        self.counters.contacts += sum(int(run.sizes.sum()) for run in runs)
         return runs
 
     def _effects(self, block: AnimationBlock) -> Iterable[tuple[EffectDescription, EffectBlock]]:
@@ -102,6 +104,16 @@ class Engine:
         on = finite & (np.where(finite, animated.levels, 0.0) > 0.0)
         on[: block.history] = False
         return np.flatnonzero(on)
+
+    def _with_pose(self, rows: I64, posed: I64, body: BodyDescription) -> I64:
+        """Those of ``rows`` whose pose is known."""
+        known = np.isin(rows, posed)
+        if not known.all():
+            self.counters.warn(
+                f"body '{body.name}': its pose is not a finite number; it feels nothing there",
+                int(np.count_nonzero(~known)),
+            )
+        return rows[known]
 
     def _posable(self, body: BodyDescription, model_id: str) -> PosableModel:
         key = (body.id, model_id)
@@ -126,26 +138,35 @@ class Engine:
         animated: EffectBlock,
         rows: I64,
         block: AnimationBlock,
-    ) -> SampleRun:
-        count = len(area.vertices)
-        pose = block.poses[self._body_index[area.body_id]]
+    ) -> SampleRun | None:
         positions = velocities = None
+        sets = np.zeros(len(rows), np.int64)
         if self._record & {"positions", "velocities"}:
-            model = self._posable(
-                self.scene.bodies[self._body_index[area.body_id]], effect.model_id
-            )
+            k = self._body_index[area.body_id]
+            body, pose = self.scene.bodies[k], block.poses[k]
+            rows = self._with_pose(rows, _posed_rows(pose), body)
+            if not len(rows):
+                return None
             positions, velocities = self._motion(
-                model, pose, rows, [area.vertices] * len(rows), block.indices
+                self._posable(body, effect.model_id),
+                pose,
+                rows,
+                [area.vertices] * len(rows),
+                block.indices,
             )
+        if self._record:
+            sets = np.arange(len(rows))
+        count = int(sets[-1]) + 1
         return self._run(
             effect,
             area.body_id,
             animated,
             rows,
             block,
-            offsets=np.arange(len(rows) + 1, dtype=np.int64) * count,
-            vertices=np.tile(area.vertices, len(rows)),
-            weights=np.tile(area.weights, len(rows)),
+            sets=sets,
+            offsets=np.arange(count + 1, dtype=np.int64) * len(area.vertices),
+            vertices=np.tile(area.vertices, count),
+            weights=np.tile(area.weights, count),
             positions=positions,
             velocities=velocities,
         )
@@ -161,37 +182,40 @@ class Engine:
         bounds: dict[tuple[str, str], contact.ReachableBounds],
     ) -> SampleRun | None:
         pose = block.poses[self._body_index[body.id]]
-        posed = np.flatnonzero(pose.valid & _finite_rows(pose))
-        lost = len(rows) - np.count_nonzero(np.isin(rows, posed))
-        if lost:
-            self.counters.warn(
-                f"body '{body.name}': its pose is not a finite number; it feels nothing there", lost
-            )
-            rows = rows[np.isin(rows, posed)]
+        posed = _posed_rows(pose)
+        rows = self._with_pose(rows, posed, body)
         if not len(rows):
             return None
         model = self._posable(body, effect.model_id)
         key = (body.id, effect.model_id)
         if key not in bounds:
             bounds[key] = contact.bounds_of(model, pose, posed)
-        hits = contact.find(animated, volume.falloff, rows, model, pose, bounds[key], self.counters)
+        hits = contact.find(
+            animated,
+            volume.falloff,
+            rows,
+            model,
+            pose,
+            bounds[key],
+            self.counters,
+            with_points=bool(self._record),
+        )
         if not len(hits.rows):
             return None
-        felt, firsts = np.unique(hits.rows, return_index=True)
-        offsets = np.append(firsts, len(hits.rows)).astype(np.int64)
         positions = velocities = depth = None
         if self._record & {"positions", "velocities"}:
-            sets = [hits.vertices[a:b] for a, b in pairwise(offsets)]
-            positions, velocities = self._motion(model, pose, felt, sets, block.indices)
-        if hits.points is not None:
-            depth = _depths(animated, felt, offsets, hits.points)
+            touched = [hits.vertices[a:b] for a, b in pairwise(hits.offsets)]
+            positions, velocities = self._motion(model, pose, hits.rows, touched, block.indices)
+        if "depth" in self._record and hits.points is not None:
+            depth = _depths(animated, hits.rows, hits.offsets, hits.points)
         return self._run(
             effect,
             body.id,
             animated,
-            felt,
+            hits.rows,
             block,
-            offsets=offsets,
+            sets=hits.sets,
+            offsets=hits.offsets,
             vertices=hits.vertices,
             weights=hits.weights.astype(np.float32),
             positions=positions,
@@ -207,6 +231,7 @@ class Engine:
         rows: I64,
         block: AnimationBlock,
         *,
+        sets: I64,
         offsets: I64,
         vertices: I32,
         weights: F32,
@@ -226,6 +251,7 @@ class Engine:
                 [parameter.minimum for parameter in parameters],
                 [parameter.maximum for parameter in parameters],
             ),
+            sets=None if self._record else sets,
             offsets=offsets,
             vertices=vertices,
             weights=weights,
@@ -248,11 +274,12 @@ class Engine:
         where the block does not hold it, they are 0.
         """
         step_s = 1.0 / float(self.scene.time.rate_hz)
+        posed = frozenset(_posed_rows(pose).tolist())
         positions, velocities = [], []
         for row, ids in zip(rows, vertices, strict=True):
             here = model.points(ids, pose, int(row), pose.to_world[row])
             speed = np.zeros_like(here)
-            known = row > 0 and indices[row - 1] == indices[row] - 1 and pose.valid[row - 1]
+            known = int(row) - 1 in posed and indices[row - 1] == indices[row] - 1
             if "velocities" in self._record and known:
                 before = model.points(ids, pose, int(row) - 1, pose.to_world[row - 1])
                 speed = (here - before) / step_s
@@ -264,12 +291,13 @@ class Engine:
         )
 
 
-def _finite_rows(pose: PoseBlock) -> npt.NDArray[np.bool_]:
-    finite: npt.NDArray[np.bool_] = np.isfinite(pose.to_world).all(axis=(1, 2))
+def _posed_rows(pose: PoseBlock) -> I64:
+    """Rows that were read and hold nothing but numbers."""
+    finite = pose.valid & np.isfinite(pose.to_world).all(axis=(1, 2))
     for values in (pose.bones, pose.surface):
         if values is not None:
             finite &= np.isfinite(values).reshape(len(values), -1).all(axis=1)
-    return finite
+    return np.flatnonzero(finite)
 
 
 def _depths(animated: EffectBlock, rows: I64, offsets: I64, points: F64) -> F32:

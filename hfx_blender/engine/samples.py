@@ -44,8 +44,9 @@ class Sample:
 class SampleRun:
     """The samples of one stream over a block of times, in columns.
 
-    Sample ``k`` has the vertices ``slice(offsets[k], offsets[k + 1])``. Only times at which
-    something is felt have a sample.
+    A vertex set that stays is held once: set ``j`` has the vertices ``slice(offsets[j],
+    offsets[j + 1])``, and sample ``k`` has set ``sets[k]`` (None: each sample has its own).
+    Only times at which something is felt have a sample.
     """
 
     stream: Stream
@@ -53,19 +54,31 @@ class SampleRun:
     times_s: F64  # (n,)
     levels: F64  # (n,) in (0, 1]
     parameters: F64  # (n, P)
-    offsets: I64  # (n + 1,)
-    vertices: I32  # (total,) ascending within a sample
+    offsets: I64  # (m + 1,)
+    vertices: I32  # (total,) ascending within a set
     weights: F32  # (total,) in (0, 1]
-    positions: F32 | None = None  # (total, 3)
+    sets: I64 | None = None  # (n,) from 0, rising by 0 or 1
+    positions: F32 | None = None  # (total, 3); only where each sample has a set of its own
     velocities: F32 | None = None  # (total, 3)
     depth_m: F32 | None = None  # (total,)
 
     def __len__(self) -> int:
         return len(self.indices)
 
+    @property
+    def set_of(self) -> I64:
+        """The set of each sample, (n,)."""
+        return np.arange(len(self.indices)) if self.sets is None else self.sets
+
+    @property
+    def sizes(self) -> I64:
+        """How many vertices each sample has, (n,)."""
+        sizes: I64 = np.diff(self.offsets)[self.set_of]
+        return sizes
+
     def __iter__(self) -> Iterator[Sample]:
-        for k in range(len(self.indices)):
-            part = slice(int(self.offsets[k]), int(self.offsets[k + 1]))
+        for k, j in enumerate(self.set_of.tolist()):
+            part = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
             yield Sample(
                 time_s=float(self.times_s[k]),
                 stream=self.stream,

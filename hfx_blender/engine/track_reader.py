@@ -190,14 +190,15 @@ class TrackReader:
         return math.ceil(self._position(time_s) - _TIME_TOLERANCE)
 
     def _run(self, section: Section, low: int, first: int, stop: int) -> SampleRun:
-        """The samples of a section with ``first <= index < stop``, sets repeated in full."""
+        """The samples of a section with ``first <= index < stop``."""
         indices = low + section.steps
         kept = slice(*np.searchsorted(indices, (first, stop)))
         sets = np.cumsum(section.is_new)[kept] - 1
-        sizes = section.sizes[sets]
-        offsets = np.concatenate(([0], np.cumsum(sizes)))
+        used = slice(int(sets[0]), int(sets[-1]) + 1) if len(sets) else slice(0, 0)
         set_starts = np.cumsum(section.sizes) - section.sizes
-        picked = np.repeat(set_starts[sets] - offsets[:-1], sizes) + np.arange(offsets[-1])
+        start = int(set_starts[used][0]) if len(sets) else 0
+        offsets = np.concatenate(([0], np.cumsum(section.sizes[used])))
+        picked = slice(start, start + int(offsets[-1]))
         weights = section.weights[picked]
         channels = {name: values[picked] for name, values in section.channels.items()}
         return SampleRun(
@@ -209,6 +210,7 @@ class TrackReader:
             offsets=offsets,
             vertices=section.vertices[picked],
             weights=weights if self.full_precision else weights_from_bytes(weights),
+            sets=None if channels else sets - used.start,
             positions=channels.get("positions"),
             velocities=channels.get("velocities"),
             depth_m=channels["depth_m"][:, 0] if "depth_m" in channels else None,

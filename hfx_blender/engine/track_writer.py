@@ -132,7 +132,7 @@ class TrackWriter:
             index.first = int(run.indices[0])
         index.last = int(run.indices[-1])
         index.samples += len(run)
-        index.entries += int(run.offsets[-1] - run.offsets[0])
+        index.entries += int(run.sizes.sum())
         index.peak_level = max(index.peak_level, float(run.levels.max()))
         index.channels = tuple(
             name for name in CHANNELS if name in index.channels or getattr(run, name) is not None
@@ -177,13 +177,19 @@ class _SectionBuilder:
         present = {name for name in CHANNELS if getattr(run, name) is not None}
         if self._indices and present != self._channels.keys():
             raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
-        low, high = int(run.offsets[first]), int(run.offsets[last])
+        sets = run.set_of[first:last]
+        low, high = int(run.offsets[sets[0]]), int(run.offsets[sets[-1] + 1])
         weights: npt.NDArray[Any] = run.weights[low:high].astype(np.float32)
         if not self._full_precision:
             weights = weights_to_bytes(weights)
         vertices = run.vertices[low:high].astype(np.int32)
-        for k in range(first, last):
-            part = slice(int(run.offsets[k]) - low, int(run.offsets[k + 1]) - low)
+        before = -1
+        for j in sets.tolist():
+            if j == before:
+                self._is_new.append(False)
+                continue
+            before = j
+            part = slice(int(run.offsets[j]) - low, int(run.offsets[j + 1]) - low)
             self._add_set(vertices[part], weights[part], bool(present))
         self._indices += run.indices[first:last].tolist()
         self._levels += run.levels[first:last].tolist()
@@ -191,7 +197,7 @@ class _SectionBuilder:
         for name in present:
             values = getattr(run, name)[low:high].astype(np.float32)
             self._channels.setdefault(name, []).append(values.reshape(-1, CHANNELS[name]))
-        self._entries += high - low
+        self._entries += int(run.sizes[first:last].sum())
 
     def _add_set(
         self, vertices: npt.NDArray[np.int32], weights: npt.NDArray[Any], is_new: bool
@@ -235,9 +241,14 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
     if not (
         run.levels.shape == run.times_s.shape == run.indices.shape == (count,)
         and run.parameters.shape == (count, parameters)
-        and run.offsets.shape == (count + 1,)
+        and run.set_of.shape == (count,)
+        and run.offsets.shape == (int(run.set_of[-1]) + 2,)
     ):
         raise ValueError(f"effect '{run.stream.effect_id}': columns of unequal length")
+    if run.set_of[0] != 0 or not np.isin(np.diff(run.set_of), (0, 1)).all():
+        raise ValueError("sets: expected a number from 0 for each sample, rising by 0 or 1")
+    if run.sets is not None and any(getattr(run, name) is not None for name in CHANNELS):
+        raise ValueError("positions, velocities and depth need a set for each sample")
     total = len(run.vertices)
     sizes = np.diff(run.offsets)
     if run.offsets[0] != 0 or run.offsets[-1] != total or (sizes < 0).any():

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
+from math import ceil, floor, inf
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +25,7 @@ _LEFT: Final = 190
 _WIDTH: Final = 960  # of the plot
 _ROW: Final = 46
 _STEPS: Final = 480  # columns of the chart over the whole time
+_TICKS_S: Final = (0.01, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 300, 600, 3600, 36_000, inf)
 _TEXT: Final = 'font-family="sans-serif" font-size="12"'
 
 
@@ -58,7 +60,7 @@ def _felt_rows(track: TrackReader, start_s: float, length_s: float) -> list[_Row
     places = {(s.effect_id, s.body_id): k for k, s in enumerate(track.header.streams)}
     for run in track.runs():
         k = places[run.stream.effect_id, run.stream.body_id]
-        sizes = np.diff(run.offsets)
+        sizes = run.sizes
         np.maximum.at(levels[k], _columns(run.times_s, start_s, length_s), run.levels * (sizes > 0))
         counts[k] = max(counts[k], int(sizes.max(initial=0)))
     return [
@@ -104,18 +106,15 @@ def _svg(rows: Sequence[_Row], start_s: float, length_s: float) -> str:
         f'height="{height}" viewBox="0 0 {_LEFT + _WIDTH + 20} {height}">',
         f'<rect width="100%" height="{height}" fill="#ffffff"/>',
     ]
-    step_s = next(
-        step for step in (0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 1e9) if length_s / step < 20
-    )
-    tick = np.ceil(start_s / step_s) * step_s
-    while tick <= start_s + length_s:
+    step_s = next(step for step in _TICKS_S if length_s / step < 20)
+    for k in range(ceil(start_s / step_s), floor((start_s + length_s) / step_s) + 1):
+        tick = k * step_s
         x = _LEFT + (tick - start_s) / length_s * _WIDTH
         parts.append(
             f'<line x1="{x:.1f}" y1="10" x2="{x:.1f}" y2="{height - 32}" stroke="#e4e4e8"/>'
             f'<text x="{x:.1f}" y="{height - 16}" text-anchor="middle" fill="#555" {_TEXT}>'
             f"{tick:g} s</text>"
         )
-        tick += step_s
     for k, row in enumerate(rows):
         parts += _row_parts(row, 14 + k * _ROW)
     return "\n".join([*parts, "</svg>"]) + "\n"

@@ -34,6 +34,8 @@ _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 # The tail of KSDATAFORMAT_SUBTYPE_PCM and _IEEE_FLOAT, after the format's own number.
 _SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
 _MAX_CHANNELS = 65_535
+MAX_FREQUENCY_HZ: Final = 1000.0
+"""Skin feels no vibration above it; well below half of any audio rate."""
 _MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
 _BLOCK_SAMPLES = 1 << 18  # over all channels
 
@@ -128,9 +130,10 @@ def _drive(raster: Raster, device: DeviceConfig) -> _Drive:
     amplitude_columns = [column[each.id, "amplitude_m_s2"] for each in vibrating]
     frequency_columns = [column[each.id, "frequency_hz"] for each in vibrating]
     silence = np.zeros((1, len(vibrating)))
-    amplitudes = np.vstack([raster.values[:, amplitude_columns], silence])
-    frequencies = raster.values[:, frequency_columns]
-    frequencies = np.vstack([frequencies, frequencies[-1:]])
+    pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
+    safe = limited(pairs, 0.0, [full_scale, MAX_FREQUENCY_HZ], 0.0)
+    amplitudes = np.vstack([safe[..., 0], silence])
+    frequencies = np.vstack([safe[..., 1], safe[-1:, :, 1]])
     # A silent row's frequency means nothing: sound that begins or ends there keeps its own.
     is_silent = amplitudes == 0.0
     first_hz = np.where(is_silent[:-1], frequencies[1:], frequencies[:-1])
@@ -159,11 +162,10 @@ def _waveform(drive: _Drive, raster: Raster, rate_hz: int, first: int, stop: int
 
 
 def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
-    safe = limited(waveform[..., None], -1.0, 1.0, 0.0)[..., 0]
     if sample_format == "float32":
-        return safe.astype("<f4").tobytes()
+        return waveform.astype("<f4").tobytes()
     highest = 2 ** (_BITS[sample_format] - 1) - 1  # -highest - 1 is not used: symmetric
-    whole: npt.NDArray[np.int32] = np.rint(safe * highest).astype("<i4")
+    whole: npt.NDArray[np.int32] = np.rint(waveform * highest).astype("<i4")
     kept = _BITS[sample_format] // 8  # the lowest bytes hold the number
     return whole.view(np.uint8).reshape(-1, 4)[:, :kept].tobytes()
 

@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from .. import effects
+from ..errors import InputError
 from .shared import HfxOperator
 
 
@@ -41,6 +42,8 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         devices = tuple(load_device(device.name) for device in scene.hfx.devices)
         formats = ("track", "csv") if devices else ("track",)
         path = Path(bpy.path.abspath(self.filepath))
+        if not self.filepath or path.is_dir():
+            raise InputError(f"Choose a file to export to; '{self.filepath}' names none.")
         context.window_manager.progress_begin(0, 1)
         try:
             report = export_scene(

@@ -33,8 +33,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         effect = context.object
         canvas = painting.begin(context, effect)
-        if effect.hfx.body.hfx.avatar is not None:
-            effect.hfx.body.hfx.avatar.hide_set(True)
+        _show_avatar(effect, False)
         select_only(context, canvas)
         if not bpy.app.background:
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
@@ -59,10 +58,15 @@ class HFX_OT_paint_end(HfxOperator):
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
-        if effect.hfx.body.hfx.avatar is not None:
-            effect.hfx.body.hfx.avatar.hide_set(False)
+        _show_avatar(effect, True)
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"
+
+
+def _show_avatar(effect: bpy.types.Object, is_shown: bool) -> None:
+    body = effect.hfx.body
+    if body is not None and body.hfx.avatar is not None:
+        body.hfx.avatar.hide_set(not is_shown)
 
 
 class HFX_OT_fill_part(_PaintedOperator):
@@ -97,7 +101,7 @@ class HFX_OT_set_area(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         try:
             found = {int(vertex): float(w) for vertex, w in json.loads(self.area).items()}
-        except (ValueError, TypeError, AttributeError) as error:
+        except (ValueError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(f"Area: expected a JSON object of weights by vertex ({error}).") from (
                 error
             )

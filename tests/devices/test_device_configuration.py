@@ -75,6 +75,12 @@ def test_what_may_be_left_out_has_defaults(full, stored):
     VALIDATOR.validate(full)
 
 
+def test_heat_is_limited_even_if_the_file_does_not(full, stored):
+    del full["actuator_types"]["peltier"]["limits"]
+    strength = load_device(stored(full)).actuator_types["peltier"].strength
+    assert (strength.maximum, strength.lowest, strength.highest) == (45, 10, 40)
+
+
 MOTOR = "actuator_types/motor"
 PLACE = "actuators/0/place/placement"
 VERTICES = "actuators/1/place/vertices/0"
@@ -260,11 +266,16 @@ def test_brackets_in_text_do_not_count_as_nesting(full, stored):
 def test_missing_files_and_folders(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_device(tmp_path / "nothing.json")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_device(tmp_path)
+    for unreadable in (tmp_path, Path("a\0b.json")):
+        with pytest.raises(InputError, match="cannot be read"):
+            load_device(unreadable)
+    with pytest.raises(InputError, match="no such file"):
+        load_device("back_pad_left.json")
 
 
-@pytest.mark.parametrize("name", ["", "..", "nothing", "back_pad_left", "schema", "a" * 300, "a\0b"])
+@pytest.mark.parametrize(
+    "name", ["", "..", "nothing", "back_pad_left", "schema", "a" * 300, "a\0b"]
+)
 def test_unknown_names_list_the_known(name):
     with pytest.raises(InputError, match=r"is unknown; there are: .*back_pad, fan_heater"):
         load_device(name)
@@ -280,6 +291,8 @@ def test_names_in_a_folder_of_the_user(full, stored, tmp_path):
     right = load_device("test_sleeve_right", tmp_path)
     assert (right.id, right.name) == ("test_sleeve_right", "Test sleeve (right)")
     assert (right.side, right.is_mirrored) == ("right", True)
+    by_path = load_device(tmp_path / "test_sleeve_right.json")
+    assert (by_path.id, by_path.is_mirrored) == (right.id, True)
 
 
 def test_a_folder_of_the_user_goes_first(full, stored, tmp_path):
@@ -316,3 +329,14 @@ def test_shipped_configurations_are_valid(path: Path):
     VALIDATOR.validate(document)
     assert document["id"] == path.stem
     assert check(path) == []
+
+
+def test_the_example_of_the_documentation_is_valid(stored):
+    page = Path(__file__).parents[2] / "docs" / "device-configuration.md"
+    example = page.read_text(encoding="utf-8").split("```json\n")[1].split("```")[0]
+    VALIDATOR.validate(json.loads(example))
+    file = stored(example, "warm_sleeve.json")
+    assert check(file) == []
+    device = load_device(file)
+    assert [each.id for each in device.actuators] == ["inner", "outer"]
+    assert device.actuator_types["element"].strength.highest == 38

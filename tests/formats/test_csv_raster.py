@@ -49,7 +49,7 @@ def test_read_back_by_numpy_and_csv(tmp_path, rows):
     path = tmp_path / "device.csv"
     csv_raster.write(raster, path)
     table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2)
-    np.testing.assert_allclose(table[:, 1:], values, rtol=5e-10)  # half of the ninth digit
+    np.testing.assert_allclose(table[:, 1:], values, rtol=5e-9)  # half of the ninth digit
     np.testing.assert_allclose(table[:, 0], raster.times_s, rtol=0, atol=1e-9)
     with open(path, newline="", encoding="utf-8") as file:
         read = list(csv.reader(file))

@@ -57,7 +57,10 @@ def make_raster(amplitudes, frequencies, rate_hz=Fraction(100)):
     count = amplitudes.shape[1]
     columns = []
     for i in range(count):
-        columns += [Column(f"m{i}", "amplitude_m_s2", "m/s^2"), Column(f"m{i}", "frequency_hz", "Hz")]
+        columns += [
+            Column(f"m{i}", "amplitude_m_s2", "m/s^2"),
+            Column(f"m{i}", "frequency_hz", "Hz"),
+        ]
     return Raster(
         device_id="device",
         body_id="body",

@@ -108,12 +108,12 @@ def triangle_normals(points: F64, triangles: I64) -> F64:
 
 
 def collapsible(
-    points: F64, normals: F64, triangles: I64, edges: Edges, gone: I64, kept: I64
+    points: F64, normals: F64, triangles: I64, edges: Edges, gone: I64, kept: I64, fold: float
 ) -> Bool:
     """Whether ``gone[i]`` can be merged into ``kept[i]`` without a fold or a pinch.
 
     The two may share exactly the neighbours across their edge (the link condition, Dey et al.
-    1999), and no triangle may turn its back on the skin.
+    1999), and no triangle may turn from the skin by more than ``arccos(fold)``.
     """
     offsets, around = neighbours(edges)
     places, owner = expand(offsets, gone)
@@ -134,7 +134,7 @@ def collapsible(
     cosine = np.einsum("ij,ij->i", facing, skin) / np.maximum(
         np.linalg.norm(facing, axis=1) * np.linalg.norm(skin, axis=1), 1e-30
     )
-    allowed[owner[cosine < 0.2]] = False
+    allowed[owner[cosine < fold]] = False
     return allowed
 
 
@@ -190,43 +190,65 @@ def split(triangles: I64, edges: Edges, chosen: I64) -> tuple[I64, I64]:
 
 
 def flip_to_delaunay(points: F64, triangles: I64, is_midline: Bool, rounds: int = 12) -> I64:
-    """Flip edges whose opposite angles add up to more than a half turn.
-
-    No flip makes an edge twice, folds the surface or joins two midline vertices by a chord.
-    """
-    triangles = triangles.copy()
+    """Flip edges whose opposite angles add up to more than a half turn."""
     for turn in range(rounds):
         edges = edges_of(triangles, len(points))
         index = np.flatnonzero(~edges.is_border)
         a, b = edges.ends[index].T
         c, d = edges.opposite[index].T
         bad = _cotangent(points, c, a, b) + _cotangent(points, d, a, b) < -1e-9
-        bad &= ~(is_midline[c] & is_midline[d]) & (c != d)
-        index, a, b, c, d = index[bad], a[bad], b[bad], c[bad], d[bad]
-        bad = ~edges.exists(c, d)
-        index, a, b, c, d = index[bad], a[bad], b[bad], c[bad], d[bad]
-        # Orient: in the first triangle the edge runs from `start` to `end`, c is opposite.
-        first, second = edges.triangle[index].T
-        rows = triangles[first]
-        forward = ((rows == a[:, None]) & (np.roll(rows, -1, axis=1) == b[:, None])).any(axis=1)
-        start, end = np.where(forward, a, b), np.where(forward, b, a)
-        one, other = np.column_stack((start, d, c)), np.column_stack((d, end, c))
-        old = triangle_normals(points, rows) + triangle_normals(points, triangles[second])
-        safe = np.einsum("ij,ij->i", triangle_normals(points, one), old) > 0.0
-        safe &= np.einsum("ij,ij->i", triangle_normals(points, other), old) > 0.0
-        rank = scatter_ranks(len(index), turn)
-        rank[~safe] = np.iinfo(np.int64).max
-        best = np.full(len(triangles), np.iinfo(np.int64).max)
-        np.minimum.at(best, first, rank)
-        np.minimum.at(best, second, rank)
-        chosen = np.flatnonzero(safe & (best[first] == rank) & (best[second] == rank))
-        _, unique = np.unique(key(c[chosen], d[chosen], len(points)), return_index=True)
-        chosen = chosen[unique]
-        if not len(chosen):
+        triangles, done = flip(points, triangles, edges, index[bad], is_midline, turn)
+        if not done:
             break
-        triangles[first[chosen]] = one[chosen]
-        triangles[second[chosen]] = other[chosen]
     return triangles
+
+
+def flip(
+    points: F64,
+    triangles: I64,
+    edges: Edges,
+    chosen: I64,
+    is_midline: Bool,
+    seed: int,
+    normals: F64 | None = None,
+) -> tuple[I64, int]:
+    """Replace inner edges by the other diagonal of their two triangles, where that is safe.
+
+    A flip must not make an edge twice, join two midline vertices by a chord or turn a triangle
+    over: away from the two old ones, or from the vertices' ``normals`` where these are given.
+
+    Returns
+    -------
+    triangles : (F, 3) int64
+    done : int
+        Number of edges flipped; of flips that touch one triangle only one is done.
+    """
+    (a, b), (c, d) = edges.ends[chosen].T, edges.opposite[chosen].T
+    allowed = ~(is_midline[c] & is_midline[d]) & (c != d) & ~edges.exists(c, d)
+    chosen, a, b, c, d = chosen[allowed], a[allowed], b[allowed], c[allowed], d[allowed]
+    # In the first triangle the edge runs from `start` to `end`, and c is opposite.
+    first, second = edges.triangle[chosen].T
+    rows = triangles[first]
+    forward = ((rows == a[:, None]) & (np.roll(rows, -1, axis=1) == b[:, None])).any(axis=1)
+    start, end = np.where(forward, a, b), np.where(forward, b, a)
+    one, other = np.column_stack((start, d, c)), np.column_stack((d, end, c))
+    if normals is None:
+        facing = triangle_normals(points, rows) + triangle_normals(points, triangles[second])
+    else:
+        facing = normals[a] + normals[b] + normals[c] + normals[d]
+    safe = np.einsum("ij,ij->i", triangle_normals(points, one), facing) > 0.0
+    safe &= np.einsum("ij,ij->i", triangle_normals(points, other), facing) > 0.0
+    rank = np.where(safe, scatter_ranks(len(chosen), seed), len(chosen))
+    best = np.full(len(triangles), len(chosen))
+    np.minimum.at(best, first, rank)
+    np.minimum.at(best, second, rank)
+    winners = np.flatnonzero(safe & (best[first] == rank) & (best[second] == rank))
+    _, unique = np.unique(key(c[winners], d[winners], len(points)), return_index=True)
+    winners = winners[unique]
+    triangles = triangles.copy()
+    triangles[first[winners]] = one[winners]
+    triangles[second[winners]] = other[winners]
+    return triangles, len(winners)
 
 
 def _cotangent(points: F64, apex: I64, one: I64, other: I64) -> F64:

@@ -33,12 +33,13 @@ def locate(points: F64, surface: F64, triangles: I64) -> tuple[I64, F64, F64]:
     from scipy.spatial import cKDTree
 
     used = np.unique(triangles)
-    _, near = cKDTree(surface[used]).query(points, k=_CANDIDATES)
+    tries = min(_CANDIDATES, len(used))
+    _, near = cKDTree(surface[used]).query(points, k=tries)
     corners = triangles.ravel()
     order = np.argsort(corners, kind="stable")
     offsets = np.searchsorted(corners[order], np.arange(len(surface) + 1)).astype(np.int64)
     place, row = expand(offsets, used[near].ravel())
-    point, triangle = row // _CANDIDATES, order[place] // 3
+    point, triangle = row // tries, order[place] // 3
     weights = barycentric(points[point], surface[triangles[triangle]])
     nearest = np.einsum("ij,ijk->ik", weights, surface[triangles[triangle]])
     distance = np.linalg.norm(points[point] - nearest, axis=1)

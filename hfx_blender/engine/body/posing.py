@@ -65,28 +65,35 @@ class SkinnedModel:
         sums = np.add.reduceat(values, self._offsets[:-1])
         self._values = values / np.repeat(sums, np.diff(self._offsets))
         self._rest = np.hstack([model.vertices.astype(np.float64), np.ones((len(model), 1))])
-        self._factors: list[F64] = []  # per cluster (Vc, 4 Bc): weight times homogeneous rest
-        self._cluster_bones: list[I64] = []
-        centres, halves, pair_bones, starts = [], [], [], []
-        for ids in self.clusters:
+        self._factors: dict[int, tuple[I64, F64]] = {}
+
+        # A pair is a cluster and a bone that moves some of it, with the box of what it moves.
+        cluster_of = np.zeros(len(model), np.int64)
+        for cluster, ids in enumerate(self.clusters):
+            cluster_of[ids] = cluster
+        owners = np.repeat(np.arange(len(model)), np.diff(self._offsets))
+        pair_of = cluster_of[owners] * len(binding.bone_names) + self._bones
+        order = np.argsort(pair_of, kind="stable")
+        pairs, firsts = np.unique(pair_of[order], return_index=True)
+        moved = self._rest[owners[order], :3]
+        low = np.minimum.reduceat(moved, firsts, axis=0)
+        high = np.maximum.reduceat(moved, firsts, axis=0)
+        self._pair_centres = (low + high) / 2
+        self._pair_halves = (high - low) / 2
+        pair_clusters, pair_bones = np.divmod(pairs, len(binding.bone_names))
+        self._pair_starts = np.searchsorted(pair_clusters, np.arange(len(self.clusters)))
+        self._used_bones, self._pair_slots = np.unique(pair_bones, return_inverse=True)
+
+    def _cluster_factors(self, cluster: int) -> tuple[I64, F64]:
+        """Bones of a cluster, and weight times homogeneous rest position (Vc, 4 Bc)."""
+        if cluster not in self._factors:
+            ids = self.clusters[cluster]
             entries, owners = self._entries(ids)
             bones, column = np.unique(self._bones[entries], return_inverse=True)
             factors = np.zeros((len(ids), len(bones), 4))
             factors[owners, column] = self._values[entries, None] * self._rest[ids[owners]]
-            self._factors.append(factors.reshape(len(ids), -1))
-            self._cluster_bones.append(bones)
-            starts.append(len(pair_bones))
-            for k, bone in enumerate(bones):
-                moved = self._rest[ids[owners[column == k]], :3]
-                low, high = moved.min(axis=0), moved.max(axis=0)
-                pair_bones.append(bone)
-                centres.append((low + high) / 2)
-                halves.append((high - low) / 2)
-        self._pair_bones = np.array(pair_bones, np.int64)
-        self._pair_starts = np.array(starts, np.int64)
-        self._pair_centres = np.array(centres)
-        self._pair_halves = np.array(halves)
-        self._used_bones, self._pair_slots = np.unique(self._pair_bones, return_inverse=True)
+            self._factors[cluster] = bones, factors.reshape(len(ids), -1)
+        return self._factors[cluster]
 
     def _entries(self, ids: I32) -> tuple[I64, I64]:
         """Positions in the weight arrays of some vertices' weights, and whose each is."""
@@ -113,10 +120,10 @@ class SkinnedModel:
         return low, high
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        bones = self._cluster_bones[cluster]
+        bones, factors = self._cluster_factors(cluster)
         matrices = self._matrices(pose, rows, to_target, bones)
         stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(3 * len(rows), -1)
-        return (stacked @ self._factors[cluster].T).reshape(3, len(rows), -1)
+        return (stacked @ factors.T).reshape(3, len(rows), -1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         entries, owners = self._entries(vertices)

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from . import mesh_edit
+from . import fit, mesh_edit
 from .mesh_edit import F64, I64, Bool
 from .parts import CENTRE, PARTS, RIGHT
 from .skin import Skins
@@ -206,7 +206,9 @@ class Remesher:
             excess = self._counts(kinds) - np.concatenate((beside, on))
             if (excess <= 0).all() or reach > 8.0:
                 return
-            removed = self._thin_once(kinds, excess, reach, seed)
+            # A limb thinner than its cells can only be reached by letting triangles turn.
+            fold = 0.2 if reach < 2.0 else -1.0
+            removed = self._thin_once(kinds, excess, reach, fold, seed)
             seed += 1
             if removed < 0.02 * excess.clip(0).sum() or removed == 0:
                 reach *= 1.2
@@ -215,7 +217,7 @@ class Remesher:
         alive = np.unique(self.triangles)
         return np.bincount(kinds[alive], minlength=2 * len(PARTS))
 
-    def _thin_once(self, kinds: I64, excess: I64, reach: float, seed: int) -> int:
+    def _thin_once(self, kinds: I64, excess: I64, reach: float, fold: float, seed: int) -> int:
         edges = mesh_edit.edges_of(self.triangles, len(self.points))
         one, other = edges.ends.T
         lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
@@ -227,7 +229,9 @@ class Remesher:
         swap = (rank & 1).astype(bool)
         gone = np.where(swap, one[index], other[index])
         kept = np.where(swap, other[index], one[index])
-        good = mesh_edit.collapsible(self.points, self.normals, self.triangles, edges, gone, kept)
+        good = mesh_edit.collapsible(
+            self.points, self.normals, self.triangles, edges, gone, kept, fold
+        )
         gone, kept, rank = gone[good], kept[good], rank[good]
         chosen = mesh_edit.independent(edges, gone, kept, rank)
         gone, kept, rank = gone[chosen], kept[chosen], rank[chosen]
@@ -342,11 +346,17 @@ class Remesher:
         np.maximum.at(gaps, self.samples.part, distance)
         return gaps
 
-    def mean_spacing(self) -> F64:
-        """Mean distance between neighbours of the same part, for each part, metres."""
-        edges = mesh_edit.edges_of(self.triangles, len(self.points))
+    def mean_spacing(self, points: F64) -> F64:
+        """Mean distance between neighbours of the same part, for each part, metres.
+
+        Parameters
+        ----------
+        points : (V, 3) float64
+            Where the vertices are taken to be.
+        """
+        edges = mesh_edit.edges_of(self.triangles, len(points))
         one, other = edges.ends.T
-        lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
+        lengths = np.linalg.norm(points[one] - points[other], axis=1)
         # An edge beside the midline stands for two, one on it for one.
         copies = np.where(edges.is_border, 1.0, 2.0)
         same = self.part[one] == self.part[other]
@@ -391,12 +401,15 @@ def remesh(skin: LeftSkin, spacing_m: F64, progress: Progress) -> Remesher:
         mesh.relax(_SETTLE, _PUSH)
         kinds = mesh.part.astype(np.int64) + len(PARTS) * mesh.is_midline
         now = mesh._counts(kinds)[: len(PARTS)]
-        wanted = (now + 0.5 * on) * (mesh.mean_spacing() / spacing_m) ** 2 - 0.5 * on
+        mean = mesh.mean_spacing(fit.raised(mesh))
+        wanted = (now + 0.5 * on) * (mean / spacing_m) ** 2 - 0.5 * on
         few = beside < 20
         wanted = np.where(few, beside, np.minimum(now, np.rint(wanted)))
         mesh.thin(wanted.astype(np.int64), on)
         mesh.compact()
     progress(0.8, "relaxing")
     mesh.relax(_FINAL)
-    progress(1.0, "relaxed")
+    progress(0.95, "fitting to the skin")
+    fit.fit(mesh)
+    progress(1.0, "done")
     return mesh

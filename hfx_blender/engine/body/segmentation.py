@@ -33,6 +33,7 @@ _PART_OF_BONE: Final = {
     "lowerleg02": "lower_leg",
 }
 _RIBBON_M: Final = 0.012
+_SOLE_LIMIT: Final = 0.35  # how far the skin of the foot must face down to be sole
 _SMOOTHING_STEPS: Final = 60
 """Averaging steps on the dense skin: clean borders about 4 mm around."""
 
@@ -83,7 +84,7 @@ def label(skin: Skin, skeleton: Skeleton) -> tuple[U8, U8]:
     palm_axis = _palm_axis(skeleton)
     toward_palm = np.einsum("ij,ij->i", facing, palm_axis * _mirror_sign(skin))
     down = -facing[:, 2]
-    fields = np.column_stack((shares, toward_palm, down))
+    fields = np.column_stack((shares, toward_palm, down - _SOLE_LIMIT))
     for _ in range(_SMOOTHING_STEPS):
         fields = average @ fields
     fields = 0.5 * (fields + fields[skin.mirror])
@@ -92,7 +93,7 @@ def label(skin: Skin, skeleton: Skeleton) -> tuple[U8, U8]:
         chosen == "hand", np.where(fields[:, -2] > 0.0, "hand_palm", "hand_dorsum"), chosen
     )
     chosen = np.where(
-        chosen == "foot", np.where(fields[:, -1] > 0.35, "foot_sole", "foot_dorsum"), chosen
+        chosen == "foot", np.where(fields[:, -1] > 0.0, "foot_sole", "foot_dorsum"), chosen
     )
     index = {name: number for number, name in enumerate(PARTS)}
     part = np.array([index[name] for name in chosen], np.uint8)

@@ -41,8 +41,10 @@ class ActuatorCells:
         reached, slots = np.unique(every, return_inverse=True)
         self.reached = reached  # (D,) vertices that any actuator reaches
         self._slots = slots.ravel()
-        self._slot_of = np.full(vertex_count, -1, np.int32)
-        self._slot_of[reached] = np.arange(len(reached), dtype=np.int32)
+        self._overlaps = not np.array_equal(self._slots, np.arange(len(reached)))
+        self._is_reached = np.zeros(vertex_count, np.bool_)
+        self._is_reached[reached] = True
+        self._slot_of = np.cumsum(self._is_reached) - 1  # where it is reached
 
     def gains(self, offsets: I64, vertices: I32, weights: F32, statistic: Statistic) -> F64:
         """How strongly each actuator fires for each of n samples.
@@ -76,21 +78,37 @@ class ActuatorCells:
 
     def _dense(self, offsets: I64, vertices: I32, weights: F32) -> F32:
         """Weights (n, D) at the reached vertices, 0 where a sample does not have them."""
-        slots = self._slot_of[vertices]
-        shared = np.flatnonzero(slots >= 0)
-        samples = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))[shared]
-        dense = np.zeros((len(offsets) - 1, len(self.reached)), np.float32)
-        dense[samples, slots[shared]] = weights[shared]
+        count = len(offsets) - 1
+        dense = np.zeros((count, len(self.reached)), np.float32)
+        if _is_one_set(offsets, vertices):  # a painted area, or a body well inside a volume
+            size = len(vertices) // count
+            shared = np.flatnonzero(self._is_reached[vertices[:size]])
+            dense[:, self._slot_of[vertices[shared]]] = weights.reshape(count, size)[:, shared]
+            return dense
+        shared = np.flatnonzero(self._is_reached[vertices])
+        firsts = np.searchsorted(shared, offsets - offsets[0])
+        row_starts = np.repeat(np.arange(count) * len(self.reached), np.diff(firsts))
+        dense.ravel()[row_starts + self._slot_of[vertices[shared]]] = weights[shared]
         return dense
 
     def _reduce(self, dense: F32, statistic: Statistic) -> F64:
         gains = np.zeros((len(dense), len(self.rows)))
         filled = np.flatnonzero(self.counts)  # reduceat has no identity for an empty row
         starts = (np.cumsum(self.counts) - self.counts)[filled]
-        spread = dense[:, self._slots]
+        spread = dense[:, self._slots] if self._overlaps else dense
         if statistic == "strongest":
             gains[:, filled] = np.maximum.reduceat(spread, starts, axis=1)
         else:
             sums = np.add.reduceat(spread, starts, axis=1, dtype=np.float64)
             gains[:, filled] = sums / self.counts[filled]
         return gains
+
+
+def _is_one_set(offsets: I64, vertices: I32) -> bool:
+    """Whether all of n > 0 samples have the same vertices."""
+    count = len(offsets) - 1
+    size = int(offsets[1] - offsets[0])
+    if size == 0 or not (np.diff(offsets) == size).all():
+        return False
+    rows = vertices.reshape(count, size)
+    return bool((rows[0] == rows[-1]).all() and (rows == rows[0]).all())

@@ -7,7 +7,7 @@ only then the device's limits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,19 +18,16 @@ from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
 from ..track_header import TrackHeader
-from .coverage import ActuatorCells
-from .device import Actuator, DeviceConfig
+from .device import DeviceConfig
+from .dispatch import ActuatorGroup, ModelLoader
 from .hold import held
 from .limits import limited
 from .mixing import Contribution, Mixed, merged, mix, substituted
-from .placement import cells_of
 from .raster import Column, Felt, Raster, Reason, Shortfall
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
-
-ModelLoader = Callable[[str], PerceptualModel]
 
 
 def render(
@@ -62,12 +59,13 @@ def render(
         that the track was recorded on.
     """
     renderer = Renderer(header, device, models, body_id=body_id)
-    for block in _blocks(header, runs):
+    for block in blocks(header, runs):
         renderer.add(block)
     return renderer.raster()
 
 
-def _blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
+def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
+    """Cut a track's runs where a new block of times begins."""
     place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
     block: list[SampleRun] = []
     last = -1
@@ -80,22 +78,6 @@ def _blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[Sam
         last = here
     if block:
         yield block
-
-
-@dataclass(eq=False)
-class _Group:
-    """The device's actuators of one modality."""
-
-    modality: str
-    actuators: tuple[Actuator, ...]
-    strength_columns: I64  # (A,) into the raster
-    frequency_columns: I64 | None
-    neutral: F64  # (A,) of the strength
-    lowest: F64
-    highest: F64
-    lowest_hz: F64 | None = None
-    highest_hz: F64 | None = None
-    cells: dict[str, ActuatorCells] = field(default_factory=dict)  # by model id
 
 
 @dataclass(eq=False)
@@ -149,34 +131,11 @@ class Renderer:
         self._neutral = np.array([control.neutral for control in controls], np.float64)
         self._lowest = np.array([control.lowest for control in controls], np.float64)
         self._highest = np.array([control.highest for control in controls], np.float64)
-        self._groups = self._make_groups()
+        self._groups = [
+            ActuatorGroup(device, modality, self._model) for modality in device.modalities
+        ]
         self._values = np.tile(self._neutral, (header.time.sample_count, 1))
         self._next_row = 0
-
-    def _make_groups(self) -> list[_Group]:
-        groups = []
-        counts = [len(actuator.type.controls) for actuator in self._device.actuators]
-        firsts = np.cumsum([0, *counts])
-        for modality in self._device.modalities:
-            members = [
-                i for i, each in enumerate(self._device.actuators) if each.type.modality == modality
-            ]
-            columns = firsts[members]
-            group = _Group(
-                modality=modality,
-                actuators=tuple(self._device.actuators[i] for i in members),
-                strength_columns=columns,
-                frequency_columns=None,
-                neutral=self._neutral[columns],
-                lowest=self._lowest[columns],
-                highest=self._highest[columns],
-            )
-            if modality == "vibration":
-                group.frequency_columns = columns + 1
-                group.lowest_hz = self._lowest[columns + 1]
-                group.highest_hz = self._highest[columns + 1]
-            groups.append(group)
-        return groups
 
     def add(self, runs: Iterable[SampleRun]) -> None:
         """Render one block: all runs of its times; blocks follow each other in time.
@@ -199,12 +158,9 @@ class Renderer:
         for group in self._groups:
             played: list[tuple[int, _Played]] = []
             for k, run in enumerate(runs):
-                if self._target(run.stream.modality, group) is None:
-                    continue
-                gains = self._cells(group, run.stream.model_id).gains(
-                    run.offsets, run.vertices, run.weights, self._device.statistic
-                )
-                played.append((k, _Played(run, np.searchsorted(rows, run.indices), gains)))
+                if group.answers_to(run.stream.modality):
+                    positions = np.searchsorted(rows, run.indices)
+                    played.append((k, _Played(run, positions, group.gains(run))))
             if not played:
                 continue
             mixed = self._mixed(group, [each for _, each in played], len(rows))
@@ -212,7 +168,7 @@ class Renderer:
             for k, each in played:
                 fires = each.gains > 0.0
                 is_rendered[k] |= fires.any(axis=1)
-                is_off[k] |= self._is_off_frequency(group, each, fires)
+                is_off[k] |= group.is_off_frequency(each.run, fires)
                 is_over[k] |= (fires & is_cut[each.positions]).any(axis=1)
         for run, rendered, off, over in zip(runs, is_rendered, is_off, is_over, strict=True):
             tally = self._tallies[self._streams[run.stream.effect_id]]
@@ -221,13 +177,6 @@ class Renderer:
             tally.is_rendered.append(rendered)
             tally.off_frequency += int(np.count_nonzero(off))
             tally.over_limit += int(np.count_nonzero(over))
-
-    def _target(self, modality: str, group: _Group) -> str | None:
-        """What the group makes of a modality: itself, a substitute (its target) or nothing."""
-        if modality == group.modality:
-            return modality
-        substitution = self._device.substitutions.get(modality)
-        return group.modality if substitution and substitution.target == group.modality else None
 
     def _neutral_c(self, stream: Stream) -> float:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
@@ -238,20 +187,18 @@ class Renderer:
             return run.parameters[:, 0] - self._neutral_c(run.stream)
         return run.parameters[:, 0]
 
-    def _cells(self, group: _Group, model_id: str) -> ActuatorCells:
-        if model_id not in group.cells:
-            model = self._models(model_id)
-            recorded = next(each for each in self._header.models if each.id == model_id)
-            if recorded.content_hash != model.content_hash:
-                raise InputError(
-                    f"The track was recorded on body model '{model_id}' with the hash "
-                    f"{recorded.content_hash[:12]}..., here it has {model.content_hash[:12]}...; "
-                    "record it again, or use the version that it was recorded with."
-                )
-            group.cells[model_id] = cells_of(self._device, group.actuators, model)
-        return group.cells[model_id]
+    def _model(self, model_id: str) -> PerceptualModel:
+        model = self._models(model_id)
+        recorded = next(each for each in self._header.models if each.id == model_id)
+        if recorded.content_hash != model.content_hash:
+            raise InputError(
+                f"The track was recorded on body model '{model_id}' with the hash "
+                f"{recorded.content_hash[:12]}..., here it has {model.content_hash[:12]}...; "
+                "record it again, or use the version that it was recorded with."
+            )
+        return model
 
-    def _mixed(self, group: _Group, played: Sequence[_Played], row_count: int) -> Mixed:
+    def _mixed(self, group: ActuatorGroup, played: Sequence[_Played], row_count: int) -> Mixed:
         mixes = []
         for modality in MODALITIES:
             contributions = [
@@ -274,27 +221,16 @@ class Renderer:
         parameters[played.positions] = run.parameters
         return Contribution(strengths, parameters, self._neutral_c(run.stream))
 
-    def _write(self, group: _Group, rows: I64, mixed: Mixed) -> Bool:
+    def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> Bool:
         """Put what was mixed into the raster; tells (R, A) where a limit will cut it."""
         strengths = group.neutral + self._device.gain * mixed.strengths
         self._values[rows[:, None], group.strength_columns] = strengths
-        if mixed.frequencies_hz is not None and group.frequency_columns is not None:
-            neutral_hz = self._neutral[group.frequency_columns]
-            frequencies = np.where(mixed.strengths == 0.0, neutral_hz, mixed.frequencies_hz)
-            self._values[rows[:, None], group.frequency_columns] = frequencies
+        if mixed.frequencies_hz is not None:
+            columns = group.strength_columns + 1
+            is_silent = mixed.strengths == 0.0
+            frequencies = np.where(is_silent, self._neutral[columns], mixed.frequencies_hz)
+            self._values[rows[:, None], columns] = frequencies
         return np.asarray((strengths < group.lowest) | (strengths > group.highest))
-
-    def _is_off_frequency(self, group: _Group, played: _Played, fires: Bool) -> Bool:
-        """Samples (n,) of which an actuator that fires cannot play the frequency."""
-        if (
-            group.lowest_hz is None
-            or group.highest_hz is None
-            or played.run.stream.modality != "vibration"
-        ):
-            return np.zeros(len(played.run), np.bool_)
-        frequencies = played.run.parameters[:, 1:2]
-        is_outside = (frequencies < group.lowest_hz) | (frequencies > group.highest_hz)
-        return np.asarray((fires & is_outside).any(axis=1))
 
     def raster(self) -> Raster:
         """The finished raster; nothing can be added after it."""
@@ -329,7 +265,7 @@ class Renderer:
         for each in felt:
             tally = self._tallies[each.stream]
             lost = int(np.count_nonzero(~each.is_rendered))
-            can = any(self._target(each.stream.modality, group) for group in self._groups)
+            can = any(group.answers_to(each.stream.modality) for group in self._groups)
             losses: list[tuple[Reason, int]] = [
                 ("place" if can else "modality", lost),
                 ("frequency", tally.off_frequency),

@@ -61,8 +61,8 @@ class TriangleTree:
         for low, high in self._levels[1:]:
             owners, nodes = np.repeat(owners, 2), np.repeat(nodes, 2) * 2
             nodes[1::2] += 1
-            place = points[:, owners]
-            gaps = np.maximum(low[:, nodes] - place, place - high[:, nodes])
+            place = points.take(owners, axis=1)
+            gaps = np.maximum(low.take(nodes, axis=1) - place, place - high.take(nodes, axis=1))
             near = _squared_norm(np.maximum(gaps, 0.0)) <= best[owners]
             owners, nodes = owners[near], nodes[near]
             if len(owners) > _PAIRS_AT_ONCE and count > 1:
@@ -71,7 +71,11 @@ class TriangleTree:
                 return np.concatenate([self._squared(points[:, p], best[p]) for p in parts])
         triangles = self._order[nodes]
         best = best.copy()
-        np.minimum.at(best, owners, _to_triangles(points[:, owners], self._frames[:, triangles]))
+        np.minimum.at(
+            best,
+            owners,
+            _to_triangles(points.take(owners, axis=1), self._frames.take(triangles, axis=1)),
+        )
         return best
 
     def _first_guess(self, points: F64) -> F64:

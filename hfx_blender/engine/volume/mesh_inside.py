@@ -189,12 +189,12 @@ class InsideGrid:
         inside = np.zeros(points.shape[1], np.bool_)
         near = (points >= self._low[:, None]) & (points <= self._high[:, None])
         candidates = np.flatnonzero(near[0] & near[1] & near[2])
-        placed = self._to_cells(points[:, candidates])
+        placed = self._to_cells(points.take(candidates, axis=1))
         cells = np.minimum(placed.astype(np.int64), self._counts[:, None] - 1)
         codes = self._codes[(cells[0] * self._counts[1] + cells[1]) * self._counts[2] + cells[2]]
         unsure = np.flatnonzero(codes >= 0)
         decided = codes == _INSIDE
-        decided[unsure] = self._in_columns(placed[:, unsure], codes[unsure])
+        decided[unsure] = self._in_columns(placed.take(unsure, axis=1), codes[unsure])
         inside[candidates] = decided
         return inside
 
@@ -209,7 +209,7 @@ class InsideGrid:
             owners, steps = _ramp(counts[chosen])
             owners = chosen[owners]
             triangles = self._listed[starts[owners] + steps]
-            pairs, heights, signs = self._spans.cross(triangles, placed[:, owners])
+            pairs, heights, signs = self._spans.cross(triangles, placed.take(owners, axis=1))
             owners = owners[pairs]
             above = heights >= placed[2, owners]
             winding = winding + np.bincount(

@@ -95,9 +95,7 @@ def make_run(
     body_id: str = "body",
 ) -> SampleRun:
     """A run from ``{sample index: {vertex: weight}}``."""
-    stream = next(
-        s for s in header.streams if (s.effect_id, s.body_id) == (effect_id, body_id)
-    )
+    stream = next(s for s in header.streams if (s.effect_id, s.body_id) == (effect_id, body_id))
     indices = np.array(sorted(samples), np.int64)
     rows = [sorted(samples[i].items()) for i in indices.tolist()]
     return SampleRun(
@@ -127,9 +125,7 @@ def make_type(modality: str, interval_ms: float = 10.0) -> ActuatorType:
 
 def at(*vertices: int) -> VertexPlace:
     """These vertices on each of the models."""
-    return VertexPlace(
-        tuple(VertexSet(m.id, m.content_hash, vertices) for m in MODELS.values())
-    )
+    return VertexPlace(tuple(VertexSet(m.id, m.content_hash, vertices) for m in MODELS.values()))
 
 
 def make_device(

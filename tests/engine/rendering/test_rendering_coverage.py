@@ -54,6 +54,12 @@ def test_strongest_and_mean_by_hand():
     assert fast_gains(samples, rows, "mean").tolist() == [[0.375, 0.125, 0, 0], [0, 0, 0, 0.25]]
 
 
+def test_samples_with_equal_first_and_last_sets_are_not_taken_for_one_set():
+    samples = [{0: 0.5, 1: 0.25}, {2: 0.125, 3: 1.0}, {0: 0.75, 1: 0.25}]
+    found = fast_gains(samples, [{0}, {3}], "strongest")
+    assert found.tolist() == [[0.5, 0], [0, 1], [0.75, 0]]
+
+
 MODEL = MODELS["dots-pressure"]  # x = -0.45 ... 0.45; even vertices forearm, odd ones torso
 
 

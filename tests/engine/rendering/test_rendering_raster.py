@@ -16,6 +16,7 @@ from rendering_synthetic import (
 
 from hfx_blender.engine.rendering import Renderer, render, unrendered
 from hfx_blender.engine.rendering.device import Substitution
+from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import InputError
 
 load = MODELS.__getitem__
@@ -198,9 +199,7 @@ def pieces(runs, cuts):
     for low, high in zip([0, *cuts], cuts, strict=False):
         for run in runs:
             samples = {
-                int(i): dict(
-                    zip(sample.vertices.tolist(), sample.weights.tolist(), strict=True)
-                )
+                int(i): dict(zip(sample.vertices.tolist(), sample.weights.tolist(), strict=True))
                 for i, sample in zip(run.indices, run, strict=True)
                 if low <= i < high
             }
@@ -310,3 +309,23 @@ def test_energy_share_weighs_by_the_square_of_the_strength():
     soft = make_run(header, "push", {1: {9: 1.0}}, [4.0], level=0.25)
     (lost,) = unrendered([play(header, [loud, soft], make_device({"p": ("pressure", at(0))}))])
     assert (lost.share, lost.energy_share) == (0.5, pytest.approx(1 / 10))  # 1 of 9 + 1
+
+
+def test_a_track_that_was_written_and_read_renders_alike(tmp_path):
+    order = {stream.effect_id: i for i, stream in enumerate(HEADER.streams)}
+    header = make_header(ALL, 4000)
+    random = np.random.default_rng(8)
+    blocks = []
+    for low in range(0, 4000, 500):  # some streams pause for whole chunks
+        runs = random_runs(header, random, low, low + 40)
+        kept = [run for run in runs if random.random() < 0.6]
+        blocks.append(sorted(kept, key=lambda run: order[run.stream.effect_id]))
+    with TrackWriter(tmp_path / "t.hfxtrack", header, full_precision=True) as writer:
+        renderer = Renderer(header, DEVICE, load)
+        for block in blocks:
+            writer.append(block)
+            renderer.add(block)
+    with TrackReader(tmp_path / "t.hfxtrack") as reader:
+        read = render(reader.header, reader.runs(), DEVICE, load)
+    assert read.values.tobytes() == renderer.raster().values.tobytes()
+    assert (read.values != read.neutral).any()

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The finished mesh brought closer to the skin, and freed from crossing itself.
+
+Even cells make a good grid but know nothing of the chords between their centres. Here the
+vertices of finely spaced parts are raised by the little that the chords lie too deep, diagonals
+that cut through the flesh are exchanged, and triangles that cross are smoothed apart.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from . import mesh_edit
+from .mesh_edit import F64, I64, Bool
+from .nearest import locate
+
+if TYPE_CHECKING:
+    from .remesh import Remesher
+
+_COARSE_M: Final = 0.1  # spacing from which a limb is thinner than its cells
+_FLIP_GAIN: Final = 0.10  # of the spacing: what an exchanged diagonal must win
+_COARSE_FLIP_GAIN: Final = 0.02
+_SMALLEST_ANGLE: Final = np.radians(12.0)
+_RAISED_UP_TO_M: Final = 0.0315  # spacing
+_RAISED_FROM_M: Final = 0.012
+_RAISE_LIMIT_M: Final = 0.0015
+_RAISE_SAMPLES: Final = 30_000
+_RAISE_DAMPING: Final = 0.005
+_UNTANGLE_ROUNDS: Final = 30
+_UNTANGLE_LIMIT: Final = 0.25  # of the spacing
+_CONNECT_ROUNDS: Final = 10
+_NEIGHBOURHOOD: Final = 40  # triangles around an edge that it is tested against
+
+
+def fit(mesh: Remesher) -> None:
+    """Fit a relaxed mesh to its skin, in place."""
+    _connect(mesh)
+    _exchange_diagonals(mesh)
+    mesh.points = raised(mesh)
+    _untangle(mesh)
+
+
+def _connect(mesh: Remesher) -> None:
+    """Join what the triangulation has cut off from its part.
+
+    Cells of one part can touch in a corner only; the diagonal there is then laid the other way.
+    A vertex that no diagonal can join goes to the part around it.
+    """
+    for turn in range(_CONNECT_ROUNDS):
+        edges = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+        stray = _stray(mesh, edges)
+        if not stray.any():
+            return
+        c, d = edges.opposite.T
+        across = np.flatnonzero(
+            ~edges.is_border & (stray[c] != stray[d]) & (mesh.part[c] == mesh.part[d])
+        )
+        mesh.triangles, done = mesh_edit.flip(
+            mesh.points, mesh.triangles, edges, across, mesh.is_midline, turn, mesh.normals
+        )
+        if not done:
+            offsets, around = mesh_edit.neighbours(edges)
+            for vertex in np.flatnonzero(stray):
+                parts = mesh.part[around[offsets[vertex] : offsets[vertex + 1]]]
+                others = parts[parts != mesh.part[vertex]]
+                if len(others):
+                    mesh.part[vertex] = np.bincount(others).argmax()
+
+
+def _stray(mesh: Remesher, edges: mesh_edit.Edges) -> Bool:
+    """Vertices that are not in the largest connected piece of their part."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    one, other = edges.ends[(mesh.part[edges.ends[:, 0]] == mesh.part[edges.ends[:, 1]])].T
+    size = (len(mesh.points),) * 2
+    piece = connected_components(
+        coo_array((np.ones(len(one)), (one, other)), shape=size), directed=False
+    )[1]
+    stray = np.zeros(len(mesh.points), bool)
+    for part in np.unique(mesh.part):
+        own = mesh.part == part
+        stray |= own & (piece != np.bincount(piece[own]).argmax())
+    return stray
+
+
+def _exchange_diagonals(mesh: Remesher) -> None:
+    """Flip an edge where the other diagonal's middle is clearly nearer to the skin.
+
+    On a fine part that is a sharp feature (ear, nose, toe); in a coarse one any gain counts.
+    """
+    from scipy.spatial import cKDTree
+
+    skin = cKDTree(mesh.samples.points)
+
+    def depth(one: I64, other: I64) -> F64:
+        found: F64 = skin.query(0.5 * (mesh.points[one] + mesh.points[other]))[0]
+        return found
+
+    for turn in range(8):
+        edges = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+        index = np.flatnonzero(~edges.is_border)
+        a, b = edges.ends[index].T
+        c, d = edges.opposite[index].T
+        spacing = mesh.spacing_m[mesh.part]
+        coarsest = np.max((spacing[a], spacing[b], spacing[c], spacing[d]), axis=0)
+        gain = np.where(coarsest < _COARSE_M, _FLIP_GAIN, _COARSE_FLIP_GAIN)
+        wanted = depth(a, b) - depth(c, d) > gain * coarsest
+        wanted &= _smallest_angle(mesh.points, a, b, c, d) > _SMALLEST_ANGLE
+        mesh.triangles, done = mesh_edit.flip(
+            mesh.points, mesh.triangles, edges, index[wanted], mesh.is_midline, turn, mesh.normals
+        )
+        if not done:
+            break
+
+
+def _smallest_angle(points: F64, a: I64, b: I64, c: I64, d: I64) -> F64:
+    """Of the two triangles that the diagonal from c to d would make."""
+    angles = []
+    for apex, one, other in ((c, a, d), (a, c, d), (d, a, c), (c, b, d), (b, c, d), (d, b, c)):
+        u, v = points[one] - points[apex], points[other] - points[apex]
+        area = np.linalg.norm(np.cross(u, v), axis=1)
+        angles.append(np.arctan2(area, np.einsum("ij,ij->i", u, v)))
+    found: F64 = np.min(angles, axis=0)
+    return found
+
+
+def raised(mesh: Remesher) -> F64:
+    """Vertices moved along their normals so that the triangles lie on the skin on average.
+
+    The heights are the least-squares fit to the distances of skin samples from the mesh.
+    """
+    from scipy.sparse import coo_array, csr_array, diags_array
+    from scipy.sparse.linalg import spsolve
+
+    spacing = mesh.spacing_m[mesh.samples.part]
+    chosen = np.flatnonzero((spacing >= _RAISED_FROM_M) & (spacing <= _RAISED_UP_TO_M))
+    if not len(chosen):
+        return mesh.points
+    chosen = chosen[:: max(1, len(chosen) // _RAISE_SAMPLES)]
+    triangle, shares, height = locate(mesh.samples.points[chosen], mesh.points, mesh.triangles)
+    rows = np.repeat(np.arange(len(chosen)), 3)
+    size = (len(chosen), len(mesh.points))
+    columns = mesh.triangles[triangle].ravel()
+    mix = csr_array(coo_array((shares.ravel(), (rows, columns)), shape=size))
+    normal = mix.T @ mix
+    held = _RAISE_DAMPING * normal.diagonal().max() * np.ones(len(mesh.points))
+    heights = spsolve((normal + diags_array(held)).tocsc(), mix.T @ height)
+    own = mesh.spacing_m[mesh.part]
+    heights[(own < _RAISED_FROM_M) | (own > _RAISED_UP_TO_M)] = 0.0
+    heights = np.clip(heights, -_RAISE_LIMIT_M, _RAISE_LIMIT_M)
+    points: F64 = mesh.points + heights[:, None] * mesh.normals
+    points[mesh.is_midline, 0] = 0.0
+    return points
+
+
+def crossings(points: F64, triangles: I64) -> npt.NDArray[np.int64]:
+    """Pairs of an edge and a triangle that it runs through.
+
+    Returns
+    -------
+    (N, 5) int64
+        The ends of the edge, then the corners of the triangle; they share no vertex.
+    """
+    from scipy.spatial import cKDTree
+
+    ends = mesh_edit.edges_of(triangles, len(points)).ends
+    centres = points[triangles].mean(axis=1)
+    count = min(_NEIGHBOURHOOD, len(triangles))
+    near = cKDTree(centres).query(points[ends].mean(axis=1), k=count)[1]
+    edge = np.repeat(np.arange(len(ends)), count)
+    corners = triangles[near.ravel()]
+    apart = (corners[:, :, None] != ends[edge][:, None, :]).all(axis=(1, 2))
+    edge, corners = edge[apart], corners[apart]
+    start, end = points[ends[edge, 0]], points[ends[edge, 1]]
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    through = _volume(start, a, b, c) * _volume(end, a, b, c) < 0.0
+    sides = np.column_stack(
+        [_volume(start, end, one, other) for one, other in ((a, b), (b, c), (c, a))]
+    )
+    through &= (sides > 0.0).all(axis=1) | (sides < 0.0).all(axis=1)
+    return np.column_stack((ends[edge[through]], corners[through]))
+
+
+def _volume(a: F64, b: F64, c: F64, d: F64) -> F64:
+    found: F64 = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+    return found
+
+
+def _untangle(mesh: Remesher) -> None:
+    """Draw the vertices of crossing triangles toward the middle of their neighbours."""
+    from scipy.sparse import coo_array, csr_array
+
+    edges = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+    one, other = edges.ends.T
+    size = (len(mesh.points),) * 2
+    graph = csr_array(coo_array((np.ones(len(one)), (one, other)), shape=size))
+    graph = graph + graph.T
+    mean = csr_array(graph / np.asarray(graph.sum(axis=1))[:, None])
+    start = mesh.points.copy()
+    movable: Bool = ~mesh.is_midline & (mesh.spacing_m[mesh.part] < _COARSE_M)
+    for _ in range(_UNTANGLE_ROUNDS):
+        crossing = np.unique(crossings(mesh.points, mesh.triangles))
+        crossing = crossing[movable[crossing]]
+        if not len(crossing):
+            return
+        middle = mean[crossing] @ mesh.points
+        moved = mesh.points[crossing] + 0.3 * (middle - mesh.points[crossing]) - start[crossing]
+        limit = _UNTANGLE_LIMIT * mesh.spacing_m[mesh.part[crossing]]
+        length = np.maximum(np.linalg.norm(moved, axis=1), 1e-30)
+        moved *= np.minimum(1.0, limit / length)[:, None]
+        mesh.points[crossing] = start[crossing] + moved

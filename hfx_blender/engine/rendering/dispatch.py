@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dispatch: which of a device's actuators answer to a stream, and how strongly they fire.
+
+Danieau et al., VRST 2018, section 3.3: haptic data goes to a device if the device has the
+modality and shares vertices with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.model import PerceptualModel
+from ..samples import SampleRun
+from .coverage import ActuatorCells
+from .device import DeviceConfig
+from .placement import cells_of
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+ModelLoader = Callable[[str], PerceptualModel]
+
+
+class ActuatorGroup:
+    """The A actuators of one modality of a device.
+
+    Attributes
+    ----------
+    modality : str
+    strength_columns : (A,) int64
+        Where their strengths stand among all controls of the device; the frequency of
+        a vibration actuator stands right of its strength.
+    neutral, lowest, highest : (A,) float64
+        Of the strength.
+    """
+
+    def __init__(self, device: DeviceConfig, modality: str, models: ModelLoader) -> None:
+        self.modality = modality
+        self._device = device
+        self._models = models
+        self._cells: dict[str, ActuatorCells] = {}
+        counts = [len(each.type.controls) for each in device.actuators]
+        firsts = np.cumsum([0, *counts])
+        members = [i for i, each in enumerate(device.actuators) if each.type.modality == modality]
+        self._actuators = [device.actuators[i] for i in members]
+        self.strength_columns: I64 = firsts[members]
+        strengths = [each.type.strength for each in self._actuators]
+        self.neutral: F64 = np.array([each.neutral for each in strengths], np.float64)
+        self.lowest: F64 = np.array([each.lowest for each in strengths], np.float64)
+        self.highest: F64 = np.array([each.highest for each in strengths], np.float64)
+
+    def answers_to(self, modality: str) -> bool:
+        """Whether the actuators show a modality: their own, or one that they substitute."""
+        substitution = self._device.substitutions.get(modality)
+        return modality == self.modality or (
+            substitution is not None and substitution.target == self.modality
+        )
+
+    def gains(self, run: SampleRun) -> F64:
+        """How strongly each actuator fires for each sample of a run, (n, A) in 0..1.
+
+        Raises
+        ------
+        InputError
+            A place of the device does not fit the run's model.
+        """
+        model_id = run.stream.model_id
+        if model_id not in self._cells:
+            self._cells[model_id] = cells_of(self._device, self._actuators, self._models(model_id))
+        of_sets = self._cells[model_id].gains(
+            run.offsets, run.vertices, run.weights, self._device.statistic
+        )
+        gains: F64 = of_sets[run.set_of]
+        return gains
+
+    def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
+        """Samples (n,) of which an actuator that fires (n, A) cannot play the frequency."""
+        if self.modality != "vibration" or run.stream.modality != "vibration":
+            return np.zeros(len(run), np.bool_)
+        controls = [each.type.controls[1] for each in self._actuators]
+        frequencies = run.parameters[:, 1:2]
+        is_outside = frequencies < np.array([each.lowest for each in controls])
+        is_outside |= frequencies > np.array([each.highest for each in controls])
+        return np.asarray((fires & is_outside).any(axis=1))

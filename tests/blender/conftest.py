@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender for tests: an empty scene with the add-on registered, settings of nobody."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+# Before bpy is imported: nobody's preferences, add-ons or start-up file.
+os.environ.setdefault("BLENDER_USER_RESOURCES", tempfile.mkdtemp(prefix="hfx_test_"))
+
+
+@pytest.fixture(scope="session")
+def registered() -> Iterator[Any]:
+    """The ``bpy`` module with the add-on registered."""
+    from hfx_blender import blender_session
+
+    yield blender_session.start()
+
+
+@pytest.fixture
+def scene(registered: Any) -> Any:
+    """A new, empty scene."""
+    registered.ops.wm.read_homefile(use_empty=True)
+    return registered.context.scene
