@@ -60,10 +60,12 @@ def open_blend(path: Path) -> None:
         found = "it is a folder" if path.is_dir() else "there is no such file"
         raise InputError(f"{path}: {found}; expected a .blend file.")
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+        # Blender does not look for bare names in the working folder.
+        full = os.path.abspath(path)
+        bpy.ops.wm.open_mainfile(filepath=full, load_ui=False, use_scripts=False)
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[0].rpartition(": ")[2]
-        reason = reason.replace(f' in file "{path}"', "")
+        reason = reason.replace(f' in file "{full}"', "")
         raise InputError(f"{path}: Blender cannot open it ({reason}).") from error
 
 

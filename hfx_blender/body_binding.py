@@ -109,28 +109,30 @@ def _anchors(
     points = [vertex.co.copy() for vertex in mesh.vertices]
     tree = BVHTree.FromPolygons(points, triangles, all_triangles=True)
     to_avatar = avatar.matrix_world.inverted_safe() @ body.matrix_world
-    corners = np.zeros((len(model), 3), np.int32)
-    weights = np.zeros((len(model), 3), np.float64)
-    offsets = np.zeros(len(model), np.float64)
-    for k, vertex in enumerate(model.vertices):
-        point = to_avatar @ Vector(vertex)
-        nearest, _, index, _ = tree.find_nearest(point)
-        corners[k] = triangles[index]
-        a, b, c = (np.array(points[i], np.float64) for i in triangles[index])
-        weights[k] = _barycentric(np.array(nearest, np.float64), a, b, c)
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal)
-        if length > 0:
-            foot = weights[k] @ np.array([a, b, c])
-            offsets[k] = (np.array(point, np.float64) - foot) @ normal / length
+    places = [to_avatar @ Vector(vertex) for vertex in model.vertices]
+    nearest = [tree.find_nearest(place)[2] for place in places]
+    corners = np.array(triangles, np.int32)[nearest]
+    shape = np.array(points, np.float64)[corners]
+    weights, offsets = _over_triangles(np.array(places, np.float64), shape)
     return SurfaceAnchors(corners, weights, offsets)
 
 
-def _barycentric(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    edges = np.stack([b - a, c - a], axis=1)
-    solution, *_ = np.linalg.lstsq(edges, p - a, rcond=None)
-    u, v = np.clip(solution, 0.0, 1.0)
-    return np.array([1.0 - u - v, u, v])
+def _over_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric weights (n, 3) of points' feet on triangles (n, 3, 3), and heights over them."""
+    along = corners[:, 1:] - corners[:, :1]
+    products = along @ along.transpose(0, 2, 1)
+    onto = np.einsum("nei,ni->ne", along, points - corners[:, 0])
+    area = products[:, 0, 0] * products[:, 1, 1] - products[:, 0, 1] ** 2
+    flat = np.where(area > 0.0, area, np.inf)
+    u = np.clip((products[:, 1, 1] * onto[:, 0] - products[:, 0, 1] * onto[:, 1]) / flat, 0.0, 1.0)
+    v = (products[:, 0, 0] * onto[:, 1] - products[:, 0, 1] * onto[:, 0]) / flat
+    v = np.clip(v, 0.0, 1.0 - u)
+    weights = np.stack([1.0 - u - v, u, v], axis=1)
+    feet = np.einsum("nc,nci->ni", weights, corners)
+    normals = np.cross(along[:, 0], along[:, 1])
+    lengths = np.linalg.norm(normals, axis=1)
+    heights = np.einsum("ni,ni->n", points - feet, normals)
+    return weights, np.divide(heights, lengths, out=np.zeros(len(points)), where=lengths > 0.0)
 
 
 def read_surface(avatar: bpy.types.Object, evaluated: bpy.types.Object) -> np.ndarray:

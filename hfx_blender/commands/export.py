@@ -6,8 +6,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
+import traceback
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -35,7 +37,11 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="DIR")
     parser.add_argument(
-        "-f", "--formats", metavar="F,...", help="track, csv, wav (default: track; csv for devices)"
+        "-f",
+        "--formats",
+        type=_names,
+        metavar="F,...",
+        help="track, csv, wav (default: track; csv for devices)",
     )
     parser.add_argument("--frames", type=_frames, metavar="A:B", help="both included")
     parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second")
@@ -51,7 +57,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument(
         "--record",
-        type=lambda text: tuple(text.split(",")),
+        type=_names,
         default=(),
         metavar="WHAT,...",
         help="also record positions, velocities, depth of each vertex",
@@ -63,6 +69,7 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Export each scene; one that fails does not stop the others."""
+    blender_session.start()
     _check(options)
     if options.jobs > 1 and len(options.scenes) > 1 and not _in_blender():
         results = _export_in_workers(options, console)
@@ -76,8 +83,17 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
+    """Refuse what no scene could be exported with, before any of them is opened."""
+    from ..devices.configuration import load_device
     from ..engine.evaluate import ON_DEMAND
+    from ..export import FORMATS
 
+    unknown = [name for name in options.formats or () if name not in FORMATS]
+    if unknown:
+        raise UsageError(f"-f {unknown[0]}: expected some of {', '.join(FORMATS)}")
+    for name in options.device or ():
+        if name != "none":
+            load_device(name)
     unknown = sorted(set(options.record) - ON_DEMAND)
     if unknown:
         raise UsageError(f"--record {unknown[0]}: expected some of {', '.join(sorted(ON_DEMAND))}")
@@ -96,8 +112,12 @@ def _export_one(path: Path | None, options: argparse.Namespace, console: Console
             blender_session.open_blend(path)
         return _export_open_file(title, options, console)
     except HfxError as error:
-        console.warn(f"hfx: {title}: {error}")
+        where = "" if path is not None and str(path) in str(error) else f"{title}: "
+        console.warn(f"hfx: {where}{error}")
         return {"input": title, "error": str(error), "exit_code": error.exit_code}
+    except Exception as error:  # the other scenes are not to suffer for our defects
+        console.warn(f"hfx: {title}: a defect of hfx, please report it:\n{traceback.format_exc()}")
+        return {"input": title, "error": f"a defect of hfx ({error!r})", "exit_code": 1}
 
 
 def _export_open_file(title: str, options: argparse.Namespace, console: Console) -> dict[str, Any]:
@@ -110,9 +130,9 @@ def _export_open_file(title: str, options: argparse.Namespace, console: Console)
     scene = scene_named(options.scene)
     names = options.device or [device.name for device in scene.hfx.devices]
     devices = tuple(load_device(name) for name in names if name != "none")
-    formats = options.formats or ("track,csv" if devices else "track")
+    formats = options.formats or (("track", "csv") if devices else ("track",))
     settings = ExportSettings(
-        formats=tuple(dict.fromkeys(formats.split(","))),
+        formats=formats,
         devices=devices,
         frames=options.frames,
         rate_hz=options.rate,
@@ -128,50 +148,87 @@ def _export_open_file(title: str, options: argparse.Namespace, console: Console)
 def _export_in_workers(options: argparse.Namespace, console: Console) -> list[dict[str, Any]]:
     """Each scene in a process of its own, so that a crash costs one scene only."""
     progress = console.progress(f"{len(options.scenes)} scenes")
+    running: set[subprocess.Popen[str]] = set()
     with ThreadPoolExecutor(options.jobs) as pool:
-        jobs = [pool.submit(_export_in_worker, path, options) for path in options.scenes]
+        jobs = [pool.submit(_export_in_worker, path, options, running) for path in options.scenes]
         results = []
-        for job in jobs:
-            results.append(job.result())
-            progress(len(results) / len(jobs))
-            if "error" in results[-1]:
-                console.warn(f"hfx: {results[-1]['input']}: {results[-1]['error']}")
-            else:
-                console.say(f"{results[-1]['input']}: {len(results[-1]['files'])} files")
+        try:
+            for job in jobs:
+                results.append(job.result())
+                progress(len(results) / len(jobs))
+                if "error" in results[-1]:
+                    console.warn(f"hfx: {results[-1]['input']}: {results[-1]['error']}")
+                else:
+                    console.say(f"{results[-1]['input']}: {len(results[-1]['files'])} files")
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in list(running):
+                _interrupt(worker)
+            raise
     return results
 
 
-def _export_in_worker(path: Path, options: argparse.Namespace) -> dict[str, Any]:
-    command = [sys.executable, "-m", "hfx_blender.cli", "export", str(path), "--json"]
-    command += ["-o", str(options.output)]
+def _interrupt(worker: subprocess.Popen[str]) -> None:
+    if os.name == "nt":
+        worker.terminate()
+    else:
+        worker.send_signal(signal.SIGINT)  # it tidies up after itself
+
+
+def _export_in_worker(
+    path: Path, options: argparse.Namespace, running: set[subprocess.Popen[str]]
+) -> dict[str, Any]:
+    root = str(Path(__file__).resolve().parents[2])
+    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    worker = subprocess.Popen(
+        _worker_command(path, options),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+        start_new_session=True,  # Ctrl-C comes from us, once
+    )
+    running.add(worker)
+    try:
+        out, err = worker.communicate()
+    finally:
+        running.discard(worker)
+    try:
+        found: dict[str, Any] = json.loads(out)
+        return found
+    except ValueError:
+        last_line = err.strip().rpartition("\n")[2]
+        return {
+            "input": path.name,
+            "error": f"its worker process ended with code {worker.returncode} ({last_line})",
+            "exit_code": 1,
+        }
+
+
+def _worker_command(path: Path, options: argparse.Namespace) -> list[str]:
+    """The same export of one scene; values are joined to their options, so that none of them
+    is taken for an option itself."""
+    command = [sys.executable, "-m", "hfx_blender.cli", "export", "--json"]
+    command.append(f"--output={options.output}")
     if options.formats:
-        command += ["-f", options.formats]
+        command.append(f"--formats={','.join(options.formats)}")
     if options.frames:
-        command += ["--frames", f"{options.frames[0]}:{options.frames[1]}"]
+        command.append(f"--frames={options.frames[0]}:{options.frames[1]}")
     if options.rate:
-        command += ["--rate", str(options.rate)]
-    for name in options.device or ():
-        command += ["--device", name]
+        command.append(f"--rate={options.rate}")
+    command += [f"--device={name}" for name in options.device or ()]
     if options.scene:
-        command += ["--scene", options.scene]
+        command.append(f"--scene={options.scene}")
     if options.full_precision:
         command.append("--full-precision")
     if options.record:
-        command += ["--record", ",".join(options.record)]
-    root = str(Path(__file__).resolve().parents[2])
-    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": paths}
-    )
-    try:
-        found: dict[str, Any] = json.loads(done.stdout)
-        return found
-    except ValueError:
-        return {
-            "input": path.name,
-            "error": f"its worker process ended with code {done.returncode}",
-            "exit_code": 1,
-        }
+        command.append(f"--record={','.join(options.record)}")
+    return [*command, "--", str(path)]
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names with commas between them, each once."""
+    return tuple(dict.fromkeys(text.split(",")))
 
 
 def _frames(text: str) -> tuple[int, int]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
-from math import ceil, floor, inf
+from math import ceil, floor
 from pathlib import Path
 from typing import Final
 
@@ -21,11 +21,11 @@ from ..engine.track import TrackReader
 
 F64 = npt.NDArray[np.float64]
 
-_LEFT: Final = 190
+_LEFT: Final = 215
 _WIDTH: Final = 960  # of the plot
 _ROW: Final = 46
 _STEPS: Final = 480  # columns of the chart over the whole time
-_TICKS_S: Final = (0.01, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 300, 600, 3600, 36_000, inf)
+_TICKS_S: Final = (0.01, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 300, 600, 3600, 36_000, 1e9)
 _TEXT: Final = 'font-family="sans-serif" font-size="12"'
 
 
@@ -78,17 +78,19 @@ def _device_rows(rasters: Sequence[Raster], start_s: float, length_s: float) -> 
     rows = []
     for raster in rasters:
         columns = _columns(raster.times_s, start_s, length_s)
-        lines = []
+        lines: list[F64] = []
+        parameters: list[str] = []
         for k, column in enumerate(raster.columns):
             if column.unit in ("Hz", "1"):
                 continue  # which, not how much
-            strength = np.abs(raster.values[:, k] - raster.neutral[k])
             line = np.zeros(_STEPS)
-            np.maximum.at(line, columns, strength)
+            np.maximum.at(line, columns, np.abs(raster.values[:, k] - raster.neutral[k]))
             lines.append(line)
+            parameters.append(column.parameter)
         bands = np.array(lines).reshape(len(lines), _STEPS)
-        peaks = bands.max(axis=1, initial=0.0, keepdims=True)
-        bands = np.divide(bands, peaks.max(initial=0.0) or 1.0)
+        for parameter in set(parameters):  # kPa and degrees are not to be compared
+            alike = [each == parameter for each in parameters]
+            bands[alike] /= bands[alike].max() or 1.0
         note = f"{len(raster.actuators)} actuators"
         rows.append(_Row(raster.device_id, note, "#4a4a52", bands))
     return rows

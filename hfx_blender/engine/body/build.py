@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from . import assemble, remesh, segmentation, skeleton, skin, stats, thresholds, walk
+from ...atomic_files import atomic_file
+from . import assemble, quadric, remesh, segmentation, skeleton, skin, stats, thresholds, walk
 from . import source as source_data
 from .model import Avatar, PerceptualModel, WalkCycle, save
 from .parts import PARTS
@@ -36,7 +36,7 @@ def quiet(_share: float, _text: str) -> None:
 def build(
     source: Path | None,
     destination: Path,
-    targets: dict[str, tuple[float, ...]] = thresholds.LITERATURE_MM,
+    targets: thresholds.Targets = thresholds.LITERATURE_MM,
     progress: Progress = quiet,
 ) -> dict[str, Any]:
     """Make the avatar, the walk cycle and one perceptual model for each modality.
@@ -76,22 +76,37 @@ def build(
     left = remesh.left_of(skins, part, side)
     dense = (left.points, left.triangles, skins.dense.weights[left.kept])
     models: list[PerceptualModel] = []
+    decimated: list[dict[str, Any]] = []
     for number, (modality, spacings_mm) in enumerate(targets.items()):
         start, share = 0.05 + 0.95 * number / len(targets), 0.95 / len(targets)
 
         def part_of_it(
             done: float, text: str, at: float = start, by: float = share, what: str = modality
         ) -> None:
-            progress(at + by * done, f"{what}: {text}")
+            progress(at + by * 0.9 * done, f"{what}: {text}")
 
-        mesh = remesh.remesh(left, np.array(spacings_mm) / 1000.0, part_of_it)
+        spacing_m = np.array(spacings_mm) / 1000.0
+        mesh = remesh.remesh(left, spacing_m, part_of_it)
+        progress(start + 0.92 * share, f"{modality}: quadric decimation, to compare")
+        decimated.append(stats.decimated(quadric.decimate(left, spacing_m)))
+        progress(start + 0.96 * share, f"{modality}: weights")
         provenance = {**_SOURCE, "method": remesh.METHOD, "targets_mm": _by_part(spacings_mm)}
         made = assemble.model(
-            f"hfx-{modality}-1", modality, mesh.result(), mesh.areas_m2(), avatar, dense, provenance
+            thresholds.model_id(modality, spacings_mm),
+            modality,
+            mesh.result(),
+            mesh.areas_m2(),
+            avatar,
+            dense,
+            provenance,
         )
-        made.provenance["statistics"] = stats.statistics(made, mesh.largest_gaps_m())
+        made.provenance["statistics"] = stats.statistics(
+            made, mesh.largest_gaps_m(), mesh.errors_m()
+        )
         models.append(made)
-    return _write(destination, avatar, cycle, models)
+    manifest = _write(destination, avatar, cycle, models, decimated)
+    progress(1.0, "done")
+    return manifest
 
 
 def _by_part(values: tuple[float, ...]) -> dict[str, float]:
@@ -126,7 +141,11 @@ def _ranges(ascending: Any) -> list[list[int]]:
 
 
 def _write(
-    destination: Path, avatar: Avatar, cycle: WalkCycle, models: list[PerceptualModel]
+    destination: Path,
+    avatar: Avatar,
+    cycle: WalkCycle,
+    models: list[PerceptualModel],
+    decimated: list[dict[str, Any]],
 ) -> dict[str, Any]:
     destination.mkdir(parents=True, exist_ok=True)
     common = {"source": _SOURCE["source"], "licence": _SOURCE["licence"]}
@@ -156,19 +175,15 @@ def _write(
                 "vertices": len(model),
                 **common,
                 "statistics": model.provenance["statistics"],
+                "quadric": by_quadrics,
             }
-            for model in models
+            for model, by_quadrics in zip(models, decimated, strict=True)
         },
     }
     save(avatar, destination / "avatar.npz")
     save(cycle, destination / "walk.npz")
     for model in models:
         save(model, destination / f"{model.modality}.npz")
-    text = json.dumps(manifest, indent=1) + "\n"
-    beside = destination / "manifest.json.tmp"
-    with beside.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(destination / "manifest.json")
+    with atomic_file(destination / "manifest.json") as file:
+        file.write((json.dumps(manifest, indent=1) + "\n").encode())
     return manifest

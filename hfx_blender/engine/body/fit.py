@@ -136,6 +136,8 @@ def raised(mesh: Remesher) -> F64:
     from scipy.sparse import coo_array, csr_array, diags_array
     from scipy.sparse.linalg import spsolve
 
+    if (mesh.spacing_m >= _COARSE_M).any():
+        return mesh.points  # chords through whole limbs: nothing that a millimetre could mend
     spacing = mesh.spacing_m[mesh.samples.part]
     chosen = np.flatnonzero((spacing >= _RAISED_FROM_M) & (spacing <= _RAISED_UP_TO_M))
     if not len(chosen):

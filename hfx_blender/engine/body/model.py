@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import zipfile
+import zlib
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ... import resources
-from ...errors import InputError, OutputError
+from ...atomic_files import atomic_file
+from ...errors import InputError
 
 FORMAT_VERSION = 1
 
@@ -160,15 +161,8 @@ def save(item: PerceptualModel | Avatar | WalkCycle, path: Path) -> None:
     """
     meta = {"format": type(item).__name__, "version": FORMAT_VERSION, **_facts(item)}
     meta_bytes = np.frombuffer(json.dumps(meta, sort_keys=True).encode(), np.uint8)
-    beside = path.with_name(path.name + ".tmp")
-    try:
-        with beside.open("wb") as file:
-            np.savez_compressed(file, meta=meta_bytes, **_arrays(item))
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}).") from error
+    with atomic_file(path) as file:
+        np.savez_compressed(file, meta=meta_bytes, **_arrays(item))
 
 
 def load(kind: type[_Stored], path: Path) -> _Stored:
@@ -185,7 +179,7 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
         meta = json.loads(arrays.pop("meta").tobytes())
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: not a readable body model ({error}).") from error
     if meta.pop("format") != kind.__name__ or meta.pop("version") > FORMAT_VERSION:
         raise InputError(

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from . import fit, mesh_edit
 from .mesh_edit import F64, I64, Bool
+from .nearest import locate
 from .parts import CENTRE, PARTS, RIGHT
 from .skin import Skins
 
@@ -38,6 +39,7 @@ _START: Final = 1.10  # vertices to start with, over the number expected
 _SETTLE: Final = 25  # relaxation steps after each thinning
 _CORRECTIONS: Final = 4
 _FINAL: Final = 40
+_ERROR_STRIDE: Final = 7  # of the samples that measure the error
 _PUSH: Final = 1.5  # overshoot of the centres, which settles faster
 
 
@@ -163,7 +165,8 @@ class Remesher:
         ends = mesh_edit.edges_of(self.triangles, len(self.points))
         border = ends.ends[ends.is_border]
         lengths = np.linalg.norm(self.points[border[:, 0]] - self.points[border[:, 1]], axis=1)
-        return np.bincount(self.part[border[:, 0]], lengths, minlength=len(PARTS))
+        total = np.bincount(self.part[border[:, 0]], lengths, minlength=len(PARTS))
+        return total.astype(np.float64)
 
     def expected(self) -> tuple[I64, I64]:
         """Vertices beside the midline and on it, for each part, by area and length."""
@@ -256,7 +259,7 @@ class Remesher:
 
     def relax(self, steps: int, push: float = 1.0) -> None:
         """Move every vertex to the middle of its cell, steps times; ``push`` overshoots."""
-        for step in range(steps):
+        for _ in range(steps):
             self.triangles = mesh_edit.flip_to_delaunay(
                 self.points, self.triangles, self.is_midline, rounds=4
             )
@@ -333,7 +336,8 @@ class Remesher:
 
     def areas_m2(self) -> F64:
         """Skin in the cell of each vertex, on the left half."""
-        return np.bincount(self.owner, self.samples.areas_m2, minlength=len(self.points))
+        areas = np.bincount(self.owner, self.samples.areas_m2, minlength=len(self.points))
+        return areas.astype(np.float64)
 
     def largest_gaps_m(self) -> F64:
         """Distance from the farthest skin of each part to the nearest vertex of all."""
@@ -345,6 +349,16 @@ class Remesher:
         gaps = np.zeros(len(PARTS))
         np.maximum.at(gaps, self.samples.part, distance)
         return gaps
+
+    def errors_m(self) -> F64:
+        """Mean distance of the skin from the mesh, for each part."""
+        chosen = np.arange(0, len(self.samples.points), _ERROR_STRIDE)
+        triangle, shares, _ = locate(self.samples.points[chosen], self.points, self.triangles)
+        nearest = np.einsum("ij,ijk->ik", shares, self.points[self.triangles[triangle]])
+        distance = np.linalg.norm(self.samples.points[chosen] - nearest, axis=1)
+        weight, part = self.samples.areas_m2[chosen], self.samples.part[chosen]
+        total = np.bincount(part, weight, minlength=len(PARTS))
+        return np.bincount(part, weight * distance, minlength=len(PARTS)) / total
 
     def mean_spacing(self, points: F64) -> F64:
         """Mean distance between neighbours of the same part, for each part, metres.

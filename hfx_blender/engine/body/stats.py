@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from .mesh_edit import edges_of
 from .model import PerceptualModel
 from .parts import PARTS
+from .quadric import Decimated
 from .thresholds import TABLE_1_MM, TABLE_1_SD_MM
 
 F64 = npt.NDArray[np.float64]
@@ -20,14 +21,14 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Row:
-    """One part of one model. Distances in millimetres; NaN where nothing can be measured."""
+    """One part of one model. Distances in millimetres, None where there is nothing to measure."""
 
     modality: str
     part: str
     vertices: int
     target_mm: float
-    mean_mm: float
-    sd_mm: float
+    mean_mm: float | None
+    sd_mm: float | None
     gap_mm: float
     table_1_mm: float
     table_1_sd_mm: float
@@ -54,13 +55,15 @@ def spacing_m(model: PerceptualModel) -> tuple[F64, F64]:
     return mean, sd
 
 
-def statistics(model: PerceptualModel, gaps_m: F64) -> dict[str, Any]:
+def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, Any]:
     """What the manifest and the provenance say of a model, for each part.
 
     Parameters
     ----------
     gaps_m : (parts,) float64
         Distance from the farthest point of the part's skin to the nearest vertex.
+    errors_m : (parts,) float64
+        Mean distance of the part's skin from the mesh.
     """
     mean, sd = spacing_m(model)
     result: dict[str, Any] = {}
@@ -72,8 +75,23 @@ def statistics(model: PerceptualModel, gaps_m: F64) -> dict[str, Any]:
             "mean_mm": _rounded(mean[number]),
             "sd_mm": _rounded(sd[number]),
             "gap_mm": _rounded(gaps_m[number]),
+            "error_mm": _rounded(errors_m[number]),
         }
     return result
+
+
+def decimated(rows: Iterable[Decimated]) -> dict[str, Any]:
+    """What the manifest says of the paper's own way, for each part of the left half."""
+    return {
+        row.part: {
+            "vertices": row.vertices,
+            "mean_mm": _rounded(row.mean_m),
+            "sd_mm": _rounded(row.sd_m),
+            "gap_mm": _rounded(row.gap_m),
+            "error_mm": _rounded(row.error_m),
+        }
+        for row in rows
+    }
 
 
 def _rounded(metres: float) -> float | None:
@@ -93,8 +111,8 @@ def table(models: Iterable[PerceptualModel]) -> list[Row]:
                     part=part,
                     vertices=int((model.part == number).sum()),
                     target_mm=stored[part]["target_mm"],
-                    mean_mm=1000.0 * float(mean[number]),
-                    sd_mm=1000.0 * float(sd[number]),
+                    mean_mm=_rounded(mean[number]),
+                    sd_mm=_rounded(sd[number]),
                     gap_mm=stored[part]["gap_mm"],
                     table_1_mm=TABLE_1_MM[model.modality][number],
                     table_1_sd_mm=TABLE_1_SD_MM[model.modality][number],
@@ -115,10 +133,45 @@ def as_text(rows: Iterable[Row]) -> str:
                 f"{modality:<14}{'vertices':>9}{'target':>9}{'mean':>9}{'off':>8}{'SD':>8}"
                 f"{'SD/mean':>9}{'gap':>8}{'Table 1 (SD)':>18}",
             ]
-        off = f"{100.0 * (row.mean_mm / row.target_mm - 1.0):+.1f}%"
+        mean = off = sd = spread = "-"
+        if row.mean_mm is not None and row.sd_mm is not None:
+            mean, sd = f"{row.mean_mm:.2f}", f"{row.sd_mm:.2f}"
+            off = f"{100.0 * (row.mean_mm / row.target_mm - 1.0):+.1f}%"
+            spread = f"{row.sd_mm / row.mean_mm:.3f}"
         lines.append(
-            f"{row.part:<14}{row.vertices:>9}{row.target_mm:>9.1f}{row.mean_mm:>9.2f}{off:>8}"
-            f"{row.sd_mm:>8.2f}{row.sd_mm / row.mean_mm:>9.3f}{row.gap_mm:>8.2f}"
+            f"{row.part:<14}{row.vertices:>9}{row.target_mm:>9.1f}{mean:>9}{off:>8}{sd:>8}"
+            f"{spread:>9}{row.gap_mm:>8.2f}"
             f"{f'{row.table_1_mm:.2f} ({row.table_1_sd_mm:.2f})':>18}"
         )
     return "\n".join(lines[1:]) + "\n"
+
+
+def comparison_as_text(manifest: Mapping[str, Any]) -> str:
+    """The even cells of the shipped models beside the paper's quadric decimation.
+
+    Both are stored in the manifest when the models are built; the decimated parts are those of
+    the left half of the body (Danieau et al. 2018, section 3.1).
+    """
+    lines: list[str] = []
+    for model in manifest["models"].values():
+        lines += [
+            "",
+            f"{model['modality']:<14}{'target':>8} |{'cells':>8}{'mean':>8}{'SD/mean':>8}"
+            f"{'gap':>8}{'error':>7} |{'quadric':>8}{'mean':>8}{'SD/mean':>8}"
+            f"{'gap':>8}{'error':>7}",
+        ]
+        for part, cells in model["statistics"].items():
+            quadric = model["quadric"][part]
+            lines.append(
+                f"{part:<14}{cells['target_mm']:>8.1f} |{_columns(cells, 2)} |"
+                f"{_columns(quadric, 1)}"
+            )
+    return "\n".join(lines[1:]) + "\n"
+
+
+def _columns(facts: Mapping[str, Any], sides: int) -> str:
+    mean, sd = facts["mean_mm"], facts["sd_mm"]
+    text = "".join(f"{value:>8}" for value in ("-", "-"))
+    if mean:
+        text = f"{mean:>8.2f}{sd / mean:>8.3f}"
+    return f"{facts['vertices'] // sides:>8}{text}{facts['gap_mm']:>8.2f}{facts['error_mm']:>7.2f}"

@@ -35,11 +35,16 @@ _TOE_LAG: Final = 0.2  # share of the cycle until the lifted toes are in line ag
 _CLEARANCE_M: Final = 0.028  # added to the swinging foot
 _BEHIND_M: Final = 0.065  # the middle of the way on the ground, behind the hips
 _STEP_WIDTH_M: Final = 0.10
-_SWAY_M, _BOB_M = 0.018, 0.017
+_SWAY_M: Final = 0.018
+_BOB_M: Final = 0.017
 _LEG_REACH: Final = 0.992  # of the leg's length: a knee is never quite straight
-_PELVIS_TURN_DEG, _CHEST_TURN_DEG, _PELVIS_LIST_DEG = 5.0, 5.0, 3.0
-_ARM_SWING_DEG, _ARM_OUT_DEG = 21.0, 9.0
-_ELBOW_DEG, _ELBOW_SWING_DEG = 20.0, 11.0
+_PELVIS_TURN_DEG: Final = 5.0
+_PELVIS_LIST_DEG: Final = 3.0
+_CHEST_TURN_DEG: Final = 5.0
+_ARM_SWING_DEG: Final = 21.0
+_ARM_OUT_DEG: Final = 9.0
+_ELBOW_DEG: Final = 20.0
+_ELBOW_SWING_DEG: Final = 11.0
 _FINGER_CURL_DEG: Final = 11.0
 
 
@@ -124,7 +129,14 @@ class _Foot:
             + (3 * u**2 - 2 * u**3) * end
             + (u**3 - u**2) * length * arrive
         )
-        return place + (0.0, 0.0, _CLEARANCE_M * 16.0 * (u * (1.0 - u)) ** 2)
+        place[2] += _CLEARANCE_M * 16.0 * (u * (1.0 - u)) ** 2
+        return place
+
+    def under_hip(self, phase: float) -> F64:
+        """Place of the ankle in rest space."""
+        place = self.ankle_at(phase)
+        place[1] += self.hip[1]
+        return place
 
     def _standing(self, phase: float) -> F64:
         yaw = _about(2, self.sign * np.radians(_TOE_OUT_DEG))
@@ -156,10 +168,10 @@ def _posture(
     offset = np.array([_SWAY_M * np.sin(around), 0.0, -_BOB_M * np.cos(2.0 * around)])
     offset[0] -= root[0]
     phases = {"L": phase, "R": (phase + 0.5) % 1.0}
-    offset[2] += _hip_drop(feet, root, pelvis)
+    offset[2] += _hip_drop(feet)
     for side, foot in feet.items():
         hip = root + offset + pelvis @ (foot.hip - root)
-        ankle = foot.ankle_at(phases[side]) + (0.0, foot.hip[1], 0.0)
+        ankle = foot.under_hip(phases[side])
         given |= _leg(foot, side, hip, ankle)
         given[f"foot.{side}"] = foot.turn(phases[side])
         for digit in range(1, 6):
@@ -168,7 +180,7 @@ def _posture(
     return offset, given
 
 
-def _hip_drop(feet: Mapping[str, _Foot], root: F64, _pelvis: F64) -> float:
+def _hip_drop(feet: Mapping[str, _Foot]) -> float:
     """How far the hips are lowered, so that no leg is overstretched in the whole cycle."""
     foot = feet["L"]
     reach = _LEG_REACH * (
@@ -176,7 +188,7 @@ def _hip_drop(feet: Mapping[str, _Foot], root: F64, _pelvis: F64) -> float:
     )
     drop = 0.0
     for phase in np.linspace(0.0, 1.0, 65)[:-1]:
-        ankle = foot.ankle_at(phase) + (0.0, foot.hip[1], 0.0)
+        ankle = foot.under_hip(float(phase))
         bob = -_BOB_M * np.cos(4.0 * np.pi * phase)
         turn = np.radians(_PELVIS_TURN_DEG) * np.cos(2.0 * np.pi * phase)
         across = ankle[0] - foot.hip[0] - _SWAY_M * np.sin(2.0 * np.pi * phase)
@@ -189,7 +201,7 @@ def _hip_drop(feet: Mapping[str, _Foot], root: F64, _pelvis: F64) -> float:
 def _leg(foot: _Foot, side: str, hip: F64, ankle: F64) -> dict[str, F64]:
     """Turns of thigh and shank that bring the ankle to its place, knee to the front."""
     thigh, shank = foot.knee - foot.hip, foot.ankle - foot.knee
-    upper, lower = np.linalg.norm(thigh), np.linalg.norm(shank)
+    upper, lower = float(np.linalg.norm(thigh)), float(np.linalg.norm(shank))
     way = ankle - hip
     distance = min(float(np.linalg.norm(way)), 0.9999 * (upper + lower))
     along = way / np.linalg.norm(way)
@@ -218,7 +230,7 @@ def _arm(bones: Skeleton, side: str, chest: F64, swing: float) -> dict[str, F64]
     lower = _shortest(elbow - shoulder, hang)
     swung = _about(0, np.radians(_ARM_SWING_DEG * swing + 2.0))
     upper = chest @ swung @ lower
-    straight = _shortest(lower @ (wrist - elbow), hang + (0.0, 0.0, -0.05))
+    straight = _shortest(lower @ (wrist - elbow), hang + np.array([0.0, 0.0, -0.05]))
     bend = np.radians(_ELBOW_DEG - _ELBOW_SWING_DEG * swing)
     fore = chest @ swung @ _about(0, -bend) @ straight @ lower
     given = {f"upperarm01.{side}": upper, f"lowerarm01.{side}": fore, f"wrist.{side}": fore}
@@ -317,7 +329,7 @@ def _frame(along: F64, ahead: F64) -> F64:
 
 
 def _smooth(phase: float, knots: tuple[float, ...], values: tuple[float, ...]) -> float:
-    """Values at knots joined by half cosines, flat at every knot that is an extreme."""
+    """Values at knots joined by cubics, flat at every knot that is an extreme."""
     from_knot = int(np.searchsorted(knots, phase, side="right")) - 1
     from_knot = min(max(from_knot, 0), len(knots) - 2)
     slopes = _monotone_slopes(np.array(knots), np.array(values))

@@ -17,7 +17,7 @@ from ...errors import InputError
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
-from ..track_header import TrackHeader
+from ..track.header import TrackHeader
 from .device import DeviceConfig
 from .dispatch import ActuatorGroup, ModelLoader
 from .hold import held

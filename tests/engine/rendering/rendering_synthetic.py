@@ -21,7 +21,7 @@ from hfx_blender.engine.rendering.device import (
 )
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
-from hfx_blender.engine.track_header import TrackBody, TrackEffect, TrackHeader, TrackModel
+from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 
 
 def dots(modality: str, count: int = 10) -> PerceptualModel:

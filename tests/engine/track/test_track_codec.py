@@ -10,7 +10,7 @@ import pytest
 from track_synthetic import header, run
 
 from hfx_blender.engine.track import TrackReader, TrackWriter
-from hfx_blender.engine.track_codec import Cursor, Section, decode, encode, read_head
+from hfx_blender.engine.track.codec import Cursor, Section, decode, encode, read_head
 from hfx_blender.errors import InputError
 
 GOOD = Section(

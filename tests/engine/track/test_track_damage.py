@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from track_synthetic import header, run
 
-from hfx_blender.engine import track_layout
 from hfx_blender.engine.track import TrackReader, TrackWriter
-from hfx_blender.engine.track_codec import MAX_ENTRIES
+from hfx_blender.engine.track import layout as track_layout
+from hfx_blender.engine.track.codec import MAX_ENTRIES
 from hfx_blender.errors import InputError
 
 HEADER = header(sample_count=300, vertex_count=500)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from track_synthetic import header, run
 
-from hfx_blender.engine import track_writer
 from hfx_blender.engine.samples import Stream
 from hfx_blender.engine.scene import (
     BodyDescription,
@@ -22,6 +21,7 @@ from hfx_blender.engine.scene import (
     TimeBase,
 )
 from hfx_blender.engine.track import TrackBody, TrackHeader, TrackModel, TrackReader, TrackWriter
+from hfx_blender.engine.track import writer as track_writer
 from hfx_blender.engine.volume.shape import Falloff
 from hfx_blender.errors import OutputError
 

@@ -14,14 +14,14 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from ..atomic_files import atomic_file
-from ..errors import OutputError
-from . import track_layout as layout
-from .modality import MODALITIES
-from .samples import SampleRun
-from .track_codec import CHANNELS, MAX_ENTRIES, Section, encode, weights_to_bytes
-from .track_header import TrackHeader
-from .track_json import to_json
+from ...atomic_files import atomic_file
+from ...errors import OutputError
+from ..modality import MODALITIES
+from ..samples import SampleRun
+from . import layout
+from .codec import CHANNELS, MAX_ENTRIES, Section, encode, weights_to_bytes
+from .header import TrackHeader
+from .header_json import to_json
 
 _ZIP_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 _TIME_TOLERANCE_S: Final = 1e-9
@@ -92,7 +92,7 @@ class TrackWriter:
         """Record one block of time: runs of any of the header's streams.
 
         Blocks come in time order, and so do the runs of one stream within a block. A block
-        may start within the chunk of :data:`track_layout.SAMPLES_PER_CHUNK` samples in which
+        may start within the chunk of :data:`layout.SAMPLES_PER_CHUNK` samples in which
         the one before ended.
 
         Raises

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from .body.model import PerceptualModel
-from .modality import MODALITIES
-from .samples import Stream
-from .scene import Clip, HapticVolume, PaintedArea, SceneDescription, TimeBase
+from ..body.model import PerceptualModel
+from ..modality import MODALITIES
+from ..samples import Stream
+from ..scene import Clip, HapticVolume, PaintedArea, SceneDescription, TimeBase
 
 MAX_VERTEX_COUNT: Final = 2**31 - 1
 MAX_SAMPLE_COUNT: Final = 2**31 - 1

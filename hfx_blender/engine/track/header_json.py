@@ -10,10 +10,10 @@ from dataclasses import asdict
 from fractions import Fraction
 from typing import Any, Final, TypeVar
 
-from .modality import AMBIENT_NEUTRAL_C, CONTACT_NEUTRAL_C, MODALITIES
-from .samples import Stream
-from .scene import Clip, TimeBase
-from .track_header import TrackBody, TrackEffect, TrackHeader, TrackModel
+from ..modality import AMBIENT_NEUTRAL_C, CONTACT_NEUTRAL_C, MODALITIES
+from ..samples import Stream
+from ..scene import Clip, TimeBase
+from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
 
 FORMAT: Final = "hfxtrack"
 VERSION: Final = 1

@@ -6,9 +6,9 @@ strongly. :class:`TrackWriter` records blocks of samples as they are computed,
 :class:`TrackReader` plays them back from any time. ``docs/track-format.md`` has the layout.
 """
 
-from .track_header import TrackBody, TrackEffect, TrackHeader, TrackModel
-from .track_reader import StreamSummary, TrackReader
-from .track_writer import TrackWriter
+from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
+from .reader import StreamSummary, TrackReader
+from .writer import TrackWriter
 
 SUFFIX = ".hfxtrack"
 

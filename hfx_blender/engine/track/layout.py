@@ -7,8 +7,8 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Final
 
-from .track_codec import CHANNELS
-from .track_json import get, parse_json
+from .codec import CHANNELS
+from .header_json import get, parse_json
 
 HEADER: Final = "header.json"
 INDEX: Final = "index.json"

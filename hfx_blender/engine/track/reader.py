@@ -16,12 +16,12 @@ from typing import Any, Final, NoReturn, Self, TypeVar
 
 import numpy as np
 
-from ..errors import InputError
-from . import track_layout as layout
-from .modality import MODALITIES
-from .samples import Sample, SampleRun, Stream
-from .track_codec import Cursor, Section, decode, read_head, weights_from_bytes
-from .track_json import from_json, get
+from ...errors import InputError
+from ..modality import MODALITIES
+from ..samples import Sample, SampleRun, Stream
+from . import layout
+from .codec import Cursor, Section, decode, read_head, weights_from_bytes
+from .header_json import from_json, get
 
 # What zipfile and zlib raise for damaged containers, as found by changing bytes.
 _DAMAGE: Final = (

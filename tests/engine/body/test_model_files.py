@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Storing models: what comes back, and what a broken file says."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender.engine.body import model
+from hfx_blender.errors import InputError, OutputError
+
+
+def assert_equal(one: Any, other: Any) -> None:
+    for field in fields(one):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(a, np.ndarray):
+            assert a.dtype == b.dtype and np.array_equal(a, b), field.name
+        elif isinstance(a, model.SkinWeights | model.Skeleton):
+            assert_equal(a, b)
+        else:
+            assert a == b, field.name
+
+
+@pytest.mark.parametrize(
+    "get", (model.load_avatar, model.load_walk, lambda: model.load_model("hfx-temperature-1"))
+)
+def test_what_is_saved_is_loaded_and_gives_the_same_bytes(get: Any, tmp_path: Path) -> None:
+    item = get()
+    model.save(item, tmp_path / "one.npz")
+    again = model.load(type(item), tmp_path / "one.npz")
+    assert_equal(item, again)
+    model.save(again, tmp_path / "two.npz")
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one.npz", "two.npz"]
+
+
+def test_the_hash_changes_with_one_bit_of_one_vertex() -> None:
+    item = model.load_model("hfx-temperature-1")
+    vertices = item.vertices.copy()
+    vertices[7, 1] = np.nextafter(vertices[7, 1], np.float32(9.0))
+    assert replace(item, vertices=vertices).content_hash != item.content_hash
+    assert replace(item, id="other").content_hash != item.content_hash
+    assert replace(item, provenance={}).content_hash == item.content_hash
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.npz: there is no such file"):
+        model.load(model.Avatar, tmp_path / "gone.npz")
+
+
+@pytest.mark.parametrize("keep", (0, 10, 1000, 20000))
+def test_a_cut_file_is_refused(tmp_path: Path, keep: int) -> None:
+    path = tmp_path / "cut.npz"
+    model.save(model.load_model("hfx-temperature-1"), path)
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(InputError, match=r"cut\.npz: not a readable body model"):
+        model.load(model.PerceptualModel, path)
+
+
+def test_a_damaged_byte_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bad.npz"
+    model.save(model.load_model("hfx-temperature-1"), path)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(bytes(data))
+    with pytest.raises(InputError, match=r"bad\.npz"):
+        model.load(model.PerceptualModel, path)
+
+
+def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "walk.npz"
+    model.save(model.load_walk(), path)
+    with pytest.raises(InputError, match="expected a PerceptualModel"):
+        model.load(model.PerceptualModel, path)
+
+
+def test_a_plain_npz_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "plain.npz"
+    np.savez(path, values=np.arange(3))
+    with pytest.raises(InputError, match=r"plain\.npz: not a readable body model"):
+        model.load(model.PerceptualModel, path)
+
+
+def test_an_unknown_id_names_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"'hfx-wind-1' is unknown; there are: hfx-pressure-1"):
+        model.load_model("hfx-wind-1")
+
+
+def test_an_unwritable_place_is_an_output_error(tmp_path: Path) -> None:
+    with pytest.raises(OutputError):
+        model.save(model.load_walk(), tmp_path / "no folder" / "walk.npz")
