@@ -47,6 +47,12 @@ def start() -> Any:
     return bpy
 
 
+def inside_blender() -> bool:
+    """Whether this runs in a whole Blender, not in its Python module: a file is open already."""
+    bpy = sys.modules.get("bpy")
+    return bpy is not None and bool(bpy.app.binary_path)  # app.module is not there before 4.5
+
+
 def open_blend(path: Path) -> None:
     """Open a .blend. No script, driver or handler of the file is run.
 

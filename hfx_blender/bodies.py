@@ -56,7 +56,6 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
         made.append(bone)
     bpy.ops.object.mode_set(mode="OBJECT")
     armature.data.display_type = "STICK"
-    armature.show_in_front = True
     return armature
 
 

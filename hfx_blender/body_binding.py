@@ -21,6 +21,10 @@ from .errors import InputError
 
 REST_TOLERANCE_M = 1e-4
 
+_BEYOND = 0.25
+"""How far a foot may lie beyond an edge of its triangle, as a barycentric weight: enough for the
+rest pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
+
 _HARMLESS_MODIFIERS = {
     "ARMATURE", "DATA_TRANSFER", "EDGE_SPLIT", "NORMAL_EDIT", "PARTICLE_SYSTEM", "COLLISION",
     "SUBSURF", "TRIANGULATE", "UV_PROJECT", "UV_WARP", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX",
@@ -124,9 +128,10 @@ def _over_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray
     onto = np.einsum("nei,ni->ne", along, points - corners[:, 0])
     area = products[:, 0, 0] * products[:, 1, 1] - products[:, 0, 1] ** 2
     flat = np.where(area > 0.0, area, np.inf)
-    u = np.clip((products[:, 1, 1] * onto[:, 0] - products[:, 0, 1] * onto[:, 1]) / flat, 0.0, 1.0)
+    u = (products[:, 1, 1] * onto[:, 0] - products[:, 0, 1] * onto[:, 1]) / flat
     v = (products[:, 0, 0] * onto[:, 1] - products[:, 0, 1] * onto[:, 0]) / flat
-    v = np.clip(v, 0.0, 1.0 - u)
+    u = np.clip(u, -_BEYOND, 1.0 + _BEYOND)
+    v = np.clip(v, -_BEYOND, 1.0 + _BEYOND - u)
     weights = np.stack([1.0 - u - v, u, v], axis=1)
     feet = np.einsum("nc,nci->ni", weights, corners)
     normals = np.cross(along[:, 0], along[:, 1])

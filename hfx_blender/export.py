@@ -22,6 +22,7 @@ import bpy
 
 from . import __version__
 from .atomic_files import atomic_file
+from .devices.configuration import load_device
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
@@ -280,6 +281,17 @@ def _move(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
                 f"{folder / path.name}: cannot be written (there is a folder of that name)."
             )
     return tuple(path.replace(folder / path.name) for path in files)
+
+
+def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
+    """The devices that a scene names. A .blend names devices, it never chooses files."""
+    for device in scene.hfx.devices:
+        if "/" in device.name or "\\" in device.name or device.name.endswith(".json"):
+            raise InputError(
+                f"Scene '{scene.name}' asks for the device file '{device.name}': a .blend may "
+                "name devices only. Choose the file with --device."
+            )
+    return tuple(load_device(device.name) for device in scene.hfx.devices)
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:

@@ -57,7 +57,8 @@ def scratch_scene(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -
         layer.update()
         yield Stepper(scratch, layer)
     finally:
-        bpy.data.scenes.remove(scratch)
+        # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
+        bpy.data.batch_remove([scratch])
 
 
 def why_own_scene(scene: bpy.types.Scene) -> str | None:

@@ -87,15 +87,31 @@ def _save(bpy: Any, path: Path) -> None:
 def _draw(
     scene_file: Path, track_file: Path, folder: Path, console: Console
 ) -> dict[str, str] | None:
-    """Draw in a process of its own: where Blender cannot, only the pictures are missing."""
-    import bpy
-
+    """Draw the pictures; where Blender cannot, only they are missing."""
     console.say("\nDrawing four pictures; this can take a minute ...")
-    if not bpy.app.module:  # a whole Blender cannot be started as a Python module
-        from ..demo import pictures
+    if blender_session.inside_blender():  # a whole Blender cannot be started as a Python module
+        problem = _draw_here(scene_file, track_file, folder)
+    else:
+        problem = _draw_apart(scene_file, track_file, folder)
+    if problem is not None:
+        console.warn(f"hfx: no pictures: this machine could not draw them ({problem})")
+        return None
+    return {"felt": str(folder / "felt.png")}
 
+
+def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
+    """Draw in this process; what went wrong."""
+    from ..demo import pictures
+
+    try:
         pictures.draw(scene_file, track_file, folder)
-        return {"felt": str(folder / "felt.png")}
+    except RuntimeError as error:
+        return str(error).strip()
+    return None
+
+
+def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
+    """Draw in a process of its own, which may crash; what went wrong."""
     root = str(Path(__file__).resolve().parents[2])
     paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-m", "hfx_blender.demo.pictures", scene_file, track_file, folder]
@@ -107,18 +123,11 @@ def _draw(
             timeout=_PICTURE_LIMIT_S,
             env={**os.environ, "PYTHONPATH": paths},
         )
-        problem = None
-        if done.returncode != 0:
-            last_line = done.stderr.strip().rpartition("\n")[2]
-            problem = last_line or f"the drawing process ended with code {done.returncode}"
     except subprocess.TimeoutExpired:
-        problem = f"it took longer than {_PICTURE_LIMIT_S} s"
+        return f"it took longer than {_PICTURE_LIMIT_S} s"
     except OSError as error:
-        problem = str(error)
-    if problem is not None:
-        console.warn(f"hfx: no pictures: this machine could not draw them ({problem})")
-        return None
-    return {"felt": str(folder / "felt.png")}
+        return str(error)
+    return None if done.returncode == 0 else done.stderr.strip().rpartition("\n")[2]
 
 
 def _say_what_there_is(

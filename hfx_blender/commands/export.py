@@ -27,7 +27,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "export", help="export scenes", description="Export haptic tracks from .blend scenes."
     )
-    in_blender = _in_blender()
+    in_blender = blender_session.inside_blender()
     parser.add_argument(
         "scenes",
         nargs="*" if in_blender else "+",
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Export each scene; one that fails does not stop the others."""
     blender_session.start()
     _check(options)
-    if options.jobs > 1 and len(options.scenes) > 1 and not _in_blender():
+    if options.jobs > 1 and len(options.scenes) > 1 and not blender_session.inside_blender():
         results = _export_in_workers(options, console)
     else:
         results = [_export_one(path, options, console) for path in options.scenes or [None]]
@@ -124,12 +124,14 @@ def _export_open_file(title: str, options: argparse.Namespace, console: Console)
     import bpy
 
     from ..devices.configuration import load_device
-    from ..export import ExportSettings, export_scene, scene_named
+    from ..export import ExportSettings, export_scene, scene_devices, scene_named
     from ..report import describe
 
     scene = scene_named(options.scene)
-    names = options.device or [device.name for device in scene.hfx.devices]
-    devices = tuple(load_device(name) for name in names if name != "none")
+    if options.device:
+        devices = tuple(load_device(name) for name in options.device if name != "none")
+    else:
+        devices = scene_devices(scene)
     formats = options.formats or (("track", "csv") if devices else ("track",))
     settings = ExportSettings(
         formats=formats,
@@ -247,10 +249,3 @@ def _rate(text: str) -> Fraction:
     if not 0 < rate <= 10000:
         raise argparse.ArgumentTypeError(f"expected 0 to 10000 Hz, found '{text}'")
     return rate
-
-
-def _in_blender() -> bool:
-    """Whether this runs inside a whole Blender, not the module: it has a file open already."""
-    import importlib
-
-    return "bpy" in sys.modules and not importlib.import_module("bpy").app.module

@@ -16,6 +16,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 from mathutils import Vector
+from mathutils.kdtree import KDTree
 
 from .. import blender_session, effects
 from ..engine.body.model import load_avatar, load_model
@@ -52,7 +53,7 @@ def draw(scene_file: Path, track_file: Path, folder: Path) -> list[Path]:
             tubes = [_tube(effects_by_id(scene)[s.stream.effect_id]) for s in samples]
             _aim(scene, body, task)
             scene.render.filepath = str(folder / f"{task.name}.png")
-            bpy.ops.render.render(write_still=True)
+            _render(scene)
             for tube in filter(None, tubes):
                 bpy.data.objects.remove(tube)
     files = [folder / f"{task.name}.png" for task in TASKS]
@@ -79,6 +80,18 @@ def _set_up_rendering(scene: bpy.types.Scene) -> None:
     scene.render.image_settings.file_format = "PNG"
 
 
+def _render(scene: bpy.types.Scene) -> None:
+    try:
+        bpy.ops.render.render(write_still=True)
+    except RuntimeError:
+        if not scene.cycles.use_denoising:
+            raise
+        # Distribution builds come without OpenImageDenoise: more samples instead.
+        scene.cycles.use_denoising = False
+        scene.cycles.samples = 64
+        bpy.ops.render.render(write_still=True)
+
+
 def _show_felt_colours(avatar: bpy.types.Object) -> None:
     avatar.data.attributes.new(FELT, "FLOAT_COLOR", "POINT")
     material = bpy.data.materials.new(FELT)
@@ -101,7 +114,7 @@ def _colour(avatar: bpy.types.Object, samples: list[Sample], header: TrackHeader
     models = {s.stream.model_id: load_model(s.stream.model_id) for s in samples}
     colours = avatar_colours(
         samples,
-        {key: Spread.between(rest, model.vertices) for key, model in models.items()},
+        {key: _spread(rest, model.vertices) for key, model in models.items()},
         {key: len(model) for key, model in models.items()},
         frozenset(effect.id for effect in header.effects if effect.is_contact),
     )
@@ -109,6 +122,19 @@ def _colour(avatar: bpy.types.Object, samples: list[Sample], header: TrackHeader
     flat[:, :3] = colours
     avatar.data.attributes[FELT].data.foreach_set("color", flat.ravel())
     avatar.data.update()
+
+
+def _spread(avatar: np.ndarray, model: np.ndarray, count: int = 3) -> Spread:
+    """How a model's vertices colour an avatar's: by the nearest few."""
+    tree = KDTree(len(model))
+    for index, vertex in enumerate(model.tolist()):
+        tree.insert(vertex, index)
+    tree.balance()
+    found = [tree.find_n(vertex, count) for vertex in avatar.tolist()]
+    return Spread.of_neighbours(
+        np.array([[index for _, index, _ in each] for each in found]),
+        np.array([[distance for _, _, distance in each] for each in found]),
+    )
 
 
 def _tube(effect: bpy.types.Object) -> bpy.types.Object | None:

@@ -45,14 +45,16 @@ class Spread:
     shares: F64  # (A, k) rows sum to 1
 
     @classmethod
-    def between(
-        cls, avatar: npt.NDArray[np.float32], model: npt.NDArray[np.float32], k: int = 3
-    ) -> Spread:
-        """From a model's vertices (V, 3) to an avatar's (A, 3), both rest space, metres."""
-        from scipy.spatial import cKDTree
+    def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> Spread:
+        """Nearer vertices count for more.
 
-        distances, nearest = cKDTree(model).query(avatar, k=k)
-        inverse = 1.0 / np.maximum(distances, 1e-6)
+        Parameters
+        ----------
+        nearest : (A, k) int64
+            Vertices of the model nearest to each vertex of the avatar, rest space.
+        distances_m : (A, k) float64
+        """
+        inverse = 1.0 / np.maximum(distances_m, 1e-6)
         return cls(nearest, inverse / inverse.sum(axis=1, keepdims=True))
 
 

@@ -35,11 +35,10 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         return False
 
     def work(self, context: bpy.types.Context) -> str:
-        from ..devices.configuration import load_device
-        from ..export import ExportSettings, export_scene
+        from ..export import ExportSettings, export_scene, scene_devices
 
         scene = context.scene
-        devices = tuple(load_device(device.name) for device in scene.hfx.devices)
+        devices = scene_devices(scene)
         formats = ("track", "csv") if devices else ("track",)
         path = Path(bpy.path.abspath(self.filepath))
         if not self.filepath or path.is_dir():

@@ -124,7 +124,7 @@ def world_vertices(scene: Any, obj: Any) -> np.ndarray:
     return local_vertices(scene, obj) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _triangles(scene: Any, obj: Any) -> np.ndarray:
+def triangles(scene: Any, obj: Any) -> np.ndarray:
     mesh = obj.evaluated_get(scene.view_layers[0].depsgraph).to_mesh()
     mesh.calc_loop_triangles()
     flat = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
@@ -186,22 +186,22 @@ def _falloff(hfx: Any, rise: np.ndarray) -> np.ndarray:
 
 
 def _judge_mesh(scene: Any, effect: Any, points: np.ndarray) -> Verdict:
-    corners, triangles = world_vertices(scene, effect), _triangles(scene, effect)
+    corners, faces = world_vertices(scene, effect), triangles(scene, effect)
     low, high = corners.min(axis=0) - 1e-3, corners.max(axis=0) + 1e-3
     near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
     inside, clear = np.zeros(len(points), bool), np.ones(len(points), bool)
     if len(near):
         # Of a turned copy: the winding number's sign is of no interest, its zero is.
-        inside[near] = np.rint(np.abs(igl.winding_number(corners, triangles, points[near]))) > 0
-        squared = igl.point_mesh_squared_distance(points[near], corners, triangles)[0]
+        inside[near] = np.rint(np.abs(igl.winding_number(corners, faces, points[near]))) > 0
+        squared = igl.point_mesh_squared_distance(points[near], corners, faces)[0]
         clear[near] = np.sqrt(squared) > BOUNDARY_M
     return Verdict(inside, clear, None)
 
 
 def mesh_depths(scene: Any, effect: Any, points: np.ndarray) -> np.ndarray:
     """World distance of points (V, 3) to the surface of a mesh volume, (V,)."""
-    corners, triangles = world_vertices(scene, effect), _triangles(scene, effect)
-    return np.sqrt(igl.point_mesh_squared_distance(points, corners, triangles)[0])
+    corners, faces = world_vertices(scene, effect), triangles(scene, effect)
+    return np.sqrt(igl.point_mesh_squared_distance(points, corners, faces)[0])
 
 
 # Building scenes with the operators that a user has

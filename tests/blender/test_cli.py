@@ -323,9 +323,12 @@ def test_info_tells_about_each_kind_of_file(blend: Path, exported: Path) -> None
     assert "vibration" in device
 
 
-# TODO(lead): engine.body.model.load lets EOFError of an empty .npz through.
 @pytest.mark.parametrize("name", ["x.txt", "x.npz", "x.json", "x.hfxtrack", "x.blend"])
-@pytest.mark.parametrize("content", [None, b"", b"\x00" * 100, b"{}", "folder"])
+@pytest.mark.parametrize(
+    "content",
+    [None, b"", bytes(100), b"{}", "folder"],
+    ids=["missing", "empty", "zeros", "braces", "folder"],
+)
 def test_info_on_foreign_files_is_one_line(
     registered: Any,
     tmp_path: Path,

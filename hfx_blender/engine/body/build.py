@@ -10,10 +10,23 @@ from typing import Any
 
 import numpy as np
 
+from ... import resources
 from ...atomic_files import atomic_file
-from . import assemble, quadric, remesh, segmentation, skeleton, skin, stats, thresholds, walk
+from ...errors import OutputError, UsageError
+from . import (
+    assemble,
+    correspondence,
+    quadric,
+    remesh,
+    segmentation,
+    skeleton,
+    skin,
+    stats,
+    thresholds,
+    walk,
+)
 from . import source as source_data
-from .model import Avatar, PerceptualModel, WalkCycle, save
+from .model import Avatar, PerceptualModel, WalkCycle, load_model, save
 from .parts import PARTS
 
 Progress = Callable[[float, str], None]
@@ -49,7 +62,8 @@ def build(
         Folder; files of the same names are replaced, each when it is complete, the manifest
         last.
     targets : dict
-        Modality to spacings, millimetres, in the order of :data:`.parts.PARTS`.
+        From :func:`.thresholds.read`. A model of other spacings than the literature's gets an
+        id of its own, and ``<modality>-map.npz`` leads to and from the canonical vertex ids.
     progress : callable
         Given the share that is done, 0..1, and what is being done.
 
@@ -62,7 +76,20 @@ def build(
     ------
     InputError
         The source data is missing or cannot be read.
+    OutputError
+        The folder or a file in it cannot be written.
+    UsageError
+        Other targets for the folder of the canonical models.
     """
+    is_canonical = targets == thresholds.LITERATURE_MM
+    if not is_canonical and destination.resolve() == resources.body_models().resolve():
+        raise UsageError(
+            f"{destination}: holds the canonical models; name another folder for other targets."
+        )
+    try:
+        destination.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{destination}: cannot be made a folder ({error.strerror}).") from error
     progress(0.0, "reading the source")
     data = source_data.read(source_data.locate(source))
     names = skeleton.bone_order(data.rig)
@@ -104,6 +131,11 @@ def build(
             made, mesh.largest_gaps_m(), mesh.errors_m()
         )
         models.append(made)
+    for model in models:
+        canonical_id = f"hfx-{model.modality}-1"
+        if model.id != canonical_id:
+            canonical = load_model(canonical_id)
+            correspondence.save(model, canonical, destination / f"{model.modality}-map.npz")
     manifest = _write(destination, avatar, cycle, models, decimated)
     progress(1.0, "done")
     return manifest
@@ -147,7 +179,6 @@ def _write(
     models: list[PerceptualModel],
     decimated: list[dict[str, Any]],
 ) -> dict[str, Any]:
-    destination.mkdir(parents=True, exist_ok=True)
     common = {"source": _SOURCE["source"], "licence": _SOURCE["licence"]}
     manifest: dict[str, Any] = {
         "version": MANIFEST_VERSION,

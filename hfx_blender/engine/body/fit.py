@@ -3,7 +3,7 @@
 
 Even cells make a good grid but know nothing of the chords between their centres. Here the
 vertices of finely spaced parts are raised by the little that the chords lie too deep, diagonals
-that cut through the flesh are exchanged, and triangles that cross are smoothed apart.
+that cut through a coarse limb are exchanged, and triangles that cross are smoothed apart.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from .remesh import Remesher
 
 _COARSE_M: Final = 0.1  # spacing from which a limb is thinner than its cells
-_FLIP_GAIN: Final = 0.10  # of the spacing: what an exchanged diagonal must win
-_COARSE_FLIP_GAIN: Final = 0.02
+_FLIP_GAIN: Final = 0.02  # of the spacing: what an exchanged diagonal must win
 _SMALLEST_ANGLE: Final = np.radians(12.0)
 _RAISED_UP_TO_M: Final = 0.0315  # spacing
 _RAISED_FROM_M: Final = 0.012
@@ -88,12 +87,11 @@ def _stray(mesh: Remesher, edges: mesh_edit.Edges) -> Bool:
 
 
 def _exchange_diagonals(mesh: Remesher) -> None:
-    """Flip an edge where the other diagonal's middle is clearly nearer to the skin.
-
-    On a fine part that is a sharp feature (ear, nose, toe); in a coarse one any gain counts.
-    """
+    """Flip an edge of a coarse part where the other diagonal's middle is nearer to the skin."""
     from scipy.spatial import cKDTree
 
+    if (mesh.spacing_m < _COARSE_M).all():
+        return
     skin = cKDTree(mesh.samples.points)
 
     def depth(one: I64, other: I64) -> F64:
@@ -107,8 +105,8 @@ def _exchange_diagonals(mesh: Remesher) -> None:
         c, d = edges.opposite[index].T
         spacing = mesh.spacing_m[mesh.part]
         coarsest = np.max((spacing[a], spacing[b], spacing[c], spacing[d]), axis=0)
-        gain = np.where(coarsest < _COARSE_M, _FLIP_GAIN, _COARSE_FLIP_GAIN)
-        wanted = depth(a, b) - depth(c, d) > gain * coarsest
+        wanted = depth(a, b) - depth(c, d) > _FLIP_GAIN * coarsest
+        wanted &= coarsest >= _COARSE_M
         wanted &= _smallest_angle(mesh.points, a, b, c, d) > _SMALLEST_ANGLE
         mesh.triangles, done = mesh_edit.flip(
             mesh.points, mesh.triangles, edges, index[wanted], mesh.is_midline, turn, mesh.normals

@@ -21,7 +21,7 @@ F64 = npt.NDArray[np.float64]
 
 RATE_HZ: Final = 30.0
 FRAMES: Final = 32
-STRIDE_M: Final = 1.34
+STRIDE_M: Final = 1.30
 
 _STANCE: Final = 0.62  # share of the cycle that a foot is on the ground
 # The foot lies flat between these phases.
@@ -32,11 +32,13 @@ _STRIKE_DEG: Final = 18.0
 _TOE_OFF_DEG: Final = -48.0
 _TOE_OUT_DEG: Final = 7.0
 _TOE_LAG: Final = 0.2  # share of the cycle until the lifted toes are in line again
-_CLEARANCE_M: Final = 0.028  # added to the swinging foot
+_LEAVING: Final = 0.5  # speed of the foot when it leaves the ground, over the ground's
+_ARRIVING: Final = 0.6
+_CLEARANCE_M: Final = 0.025  # added to the swinging foot
 _BEHIND_M: Final = 0.065  # the middle of the way on the ground, behind the hips
 _STEP_WIDTH_M: Final = 0.10
 _SWAY_M: Final = 0.018
-_BOB_M: Final = 0.017
+_BOB_M: Final = 0.023
 _LEG_REACH: Final = 0.992  # of the leg's length: a knee is never quite straight
 _PELVIS_TURN_DEG: Final = 5.0
 _PELVIS_LIST_DEG: Final = 3.0
@@ -116,11 +118,11 @@ class _Foot:
         """Place of the ankle over the moving ground, x from the midline, y from the hips."""
         if phase < _STANCE:
             return self._standing(phase)
-        # A cubic from toe-off to heel strike with the ground's own speed at both ends, lifted.
+        # A cubic from toe-off to heel strike, near the ground's own speed at both ends, lifted.
         step = 1e-4
         start, end = self._standing(_STANCE - step), self._standing(0.0)
-        leave = (start - self._standing(_STANCE - 2 * step)) / step
-        arrive = (self._standing(step) - end) / step
+        leave = _LEAVING * (start - self._standing(_STANCE - 2 * step)) / step
+        arrive = _ARRIVING * (self._standing(step) - end) / step
         length = 1.0 - _STANCE
         u = (phase - _STANCE) / length
         place = (
@@ -129,7 +131,7 @@ class _Foot:
             + (3 * u**2 - 2 * u**3) * end
             + (u**3 - u**2) * length * arrive
         )
-        place[2] += _CLEARANCE_M * 16.0 * (u * (1.0 - u)) ** 2
+        place[2] += _CLEARANCE_M * 6.75 * u * (1.0 - u) ** 2  # highest at a third of the way
         return place
 
     def under_hip(self, phase: float) -> F64:

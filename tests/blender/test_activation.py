@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""When an effect is on: every way in which a timeline can say so, end to end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender import activation, clips, compat
+from hfx_blender.activation import Source
+
+bpy = pytest.importorskip("bpy")
+oracle = pytest.importorskip("oracle")
+
+FRAMES = range(1, 31)
+
+
+@pytest.fixture
+def effect(scene: Any) -> Any:
+    """An effect on the head in a scene of thirty frames."""
+    scene.frame_start, scene.frame_end = FRAMES[0], FRAMES[-1]
+    scene.render.fps = 24
+    return oracle.add_painted("Felt", "temperature", oracle.add_avatar(), part="head")
+
+
+def levels(effect: Any) -> np.ndarray:
+    """The level at each frame, 0 where nothing was felt."""
+    evaluation = oracle.evaluate(bpy.context.scene, rate_hz=24)
+    found = np.zeros(len(FRAMES))
+    for index, level in evaluation.levels(effect.name).items():
+        found[index] = level
+    return found
+
+
+def trapezoid(start: float, end: float, fade_in: float = 0.0, fade_out: float = 0.0) -> np.ndarray:
+    """A clip's level at each frame, from what a fade means."""
+    frames = np.array(FRAMES, float)
+    rise = (frames - start) / fade_in if fade_in else np.ones(len(frames))
+    fall = (end - frames) / fade_out if fade_out else np.ones(len(frames))
+    inside = (frames >= start) & (frames <= end)
+    return np.where(inside, np.clip(np.minimum(rise, fall), 0.0, 1.0), 0.0)
+
+
+def test_without_animation_it_is_on(effect: Any) -> None:
+    assert effect.hfx.activation == 0.0
+    assert activation.activation_of(effect).source is Source.ALWAYS_ON
+    assert levels(effect).tolist() == [1.0] * 30
+
+
+def test_animation_of_something_else_does_not_switch_it_off(effect: Any) -> None:
+    oracle.key(effect, "hfx.temperature", [(1, 20.0), (30, 40.0)])
+    assert activation.activation_of(effect).source is Source.ALWAYS_ON
+    assert levels(effect).tolist() == [1.0] * 30
+
+
+@pytest.mark.parametrize("fades", [(0, 0), (4, 0), (0, 5), (4, 5), (6, 6)])
+def test_a_clip_with_fades(effect: Any, fades: tuple[float, float]) -> None:
+    oracle.add_clip(effect, 5, 17, fade_in=fades[0], fade_out=fades[1])
+    assert np.allclose(levels(effect), trapezoid(5, 17, *fades), atol=1e-6)
+
+
+def test_fades_at_sub_frames(effect: Any) -> None:
+    oracle.add_clip(effect, 5, 17, fade_in=4)
+    evaluation = oracle.evaluate(bpy.context.scene, rate_hz=100)
+    found = evaluation.levels("Felt")
+    time = evaluation.reader.time
+    for index in range(time.sample_count):
+        frame = float(time.frame(index))
+        expected = min((frame - 5) / 4, 1.0) if 5 <= frame <= 17 else 0.0
+        assert found.get(index, 0.0) == pytest.approx(expected, abs=1e-5)
+
+
+def test_two_clips_and_the_gap_between(effect: Any) -> None:
+    oracle.add_clip(effect, 3, 8)
+    oracle.add_clip(effect, 15, 20, fade_in=2)
+    state = activation.activation_of(effect)
+    assert state.spans == ((3.0, 8.0), (15.0, 20.0))
+    assert [clip.frame_start for clip in state.clips] == [3.0, 15.0]
+    assert np.allclose(levels(effect), trapezoid(3, 8) + trapezoid(15, 20, 2), atol=1e-6)
+
+
+def test_overlapping_tracks(effect: Any) -> None:
+    oracle.add_clip(effect, 3, 12)
+    oracle.add_clip(effect, 8, 20)
+    assert len(effect.animation_data.nla_tracks) == 2
+    assert np.allclose(levels(effect), trapezoid(3, 20), atol=1e-6)
+
+
+def test_a_muted_strip(effect: Any) -> None:
+    oracle.add_clip(effect, 3, 8)
+    oracle.add_clip(effect, 15, 20).mute = True
+    assert np.allclose(levels(effect), trapezoid(3, 8), atol=1e-6)
+
+
+def _mute_the_strip(data: Any) -> None:
+    data.nla_tracks[0].strips[0].mute = True
+
+
+def _mute_the_track(data: Any) -> None:
+    data.nla_tracks[0].mute = True
+
+
+def _nla_off(data: Any) -> None:
+    data.use_nla = False
+
+
+def _solo_another(data: Any) -> None:
+    data.nla_tracks.new().is_solo = True
+
+
+@pytest.mark.parametrize("silence", [_mute_the_strip, _mute_the_track, _nla_off, _solo_another])
+def test_silenced_while_on_it_is_off(effect: Any, silence: Any) -> None:
+    """Nothing writes the property then: it keeps a value that means nothing."""
+    oracle.add_clip(effect, 3, 20)
+    bpy.context.scene.frame_set(10)
+    assert effect.hfx.activation == 1.0
+    silence(effect.animation_data)
+    bpy.context.scene.frame_set(11)
+    assert effect.hfx.activation == 1.0, "the trap that this test is about is gone"
+    assert activation.activation_of(effect).source is Source.OFF
+    assert oracle.evaluate(bpy.context.scene).reader.sample_indices.tolist() == []
+    assert not levels(effect).any()
+
+
+def test_solo(effect: Any) -> None:
+    oracle.add_clip(effect, 3, 12)
+    oracle.add_clip(effect, 8, 20)
+    effect.animation_data.nla_tracks[1].is_solo = True
+    assert np.allclose(levels(effect), trapezoid(8, 20), atol=1e-6)
+
+
+def test_the_last_strip_removed_while_on(effect: Any) -> None:
+    strip = oracle.add_clip(effect, 3, 20)
+    bpy.context.scene.frame_set(10)
+    effect.animation_data.nla_tracks[0].strips.remove(strip)
+    assert activation.activation_of(effect).source is Source.ALWAYS_ON
+    assert levels(effect).tolist() == [1.0] * 30
+
+
+def test_a_curve_on_the_activation(effect: Any) -> None:
+    oracle.key(effect, "hfx.activation", [(5, 0.0), (15, 1.0)])
+    (curve,) = compat.fcurves(effect)
+    for point in curve.keyframe_points:
+        point.interpolation = "LINEAR"
+    expected = np.clip((np.array(FRAMES) - 5) / 10, 0, 1)
+    assert np.allclose(levels(effect), expected, atol=1e-6)
+
+
+def test_a_driver_on_the_activation(effect: Any) -> None:
+    source = oracle.empty(bpy.context.scene)
+    oracle.key(source, "location", [(1, (0, 0, -1.0)), (30, (0, 0, 1.9))])
+    for curve in compat.fcurves(source):
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+    driver = effect.driver_add("hfx.activation").driver
+    driver.type = "SUM"
+    variable = driver.variables.new()
+    variable.type = "TRANSFORMS"
+    variable.targets[0].id, variable.targets[0].transform_type = source, "LOC_Z"
+    expected = np.clip(-1 + 0.1 * (np.array(FRAMES) - 1), 0, 1)  # the property's own limits
+    assert np.allclose(levels(effect), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("extrapolation", "expected"),
+    [("NOTHING", trapezoid(5, 10)), ("HOLD", np.ones(30)), ("HOLD_FORWARD", trapezoid(5, 99))],
+)
+def test_extrapolation(effect: Any, extrapolation: str, expected: np.ndarray) -> None:
+    strip = oracle.add_clip(effect, 5, 10)
+    assert strip.extrapolation == "NOTHING"
+    strip.extrapolation = extrapolation
+    assert np.allclose(levels(effect), expected, atol=1e-6)
+
+
+def test_a_repeated_profile(effect: Any) -> None:
+    """A sawtooth of eight frames, three times."""
+    clips.add_clip(effect, 3, 27, profile=((0.0, 0.0), (4.0, 1.0), (8.0, 0.0)), repeat=3)
+    phase = (np.array(FRAMES) - 3) % 8
+    expected = np.where(trapezoid(3, 27) > 0, 1 - np.abs(phase - 4) / 4, 0.0)
+    assert np.allclose(levels(effect), expected, atol=1e-6)
+
+
+def test_a_stretched_strip(effect: Any) -> None:
+    strip = clips.add_clip(effect, 3, 11, profile=((0.0, 0.0), (4.0, 1.0), (8.0, 0.0)))
+    strip.scale = 2.0
+    assert strip.frame_end == 19
+    expected = np.clip(1 - np.abs(np.array(FRAMES) - 11) / 8, 0, 1)
+    assert np.allclose(levels(effect), expected, atol=1e-6)
+
+
+def test_intensity_multiplies(effect: Any) -> None:
+    oracle.add_clip(effect, 5, 17, fade_in=4)
+    oracle.key(effect, "hfx.intensity", [(1, 0.0), (30, 0.58)])
+    for curve in compat.fcurves(effect):
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+    expected = trapezoid(5, 17, 4) * 0.02 * (np.array(FRAMES) - 1)
+    assert np.allclose(levels(effect), expected, atol=1e-5)
+
+
+def test_copies_have_clips_and_ids_of_their_own(effect: Any) -> None:
+    oracle.add_clip(effect, 3, 8)
+    copy = effect.copy()
+    copy.name = "Copy"
+    bpy.context.scene.collection.objects.link(copy)
+    copy.animation_data.nla_tracks[0].strips[0].frame_start_ui = 13
+    evaluation = oracle.evaluate(bpy.context.scene, rate_hz=24)
+    assert len({each.id for each in evaluation.reader.description.effects}) == 2
+    assert sorted(evaluation.levels("Felt")) == list(range(2, 8))
+    assert sorted(evaluation.levels("Copy")) == list(range(12, 18))
+
+
+@pytest.mark.parametrize("fps", [24, 25, 29, 30, 60, 120])
+@pytest.mark.parametrize("rate_hz", [7, 90, 100, 1000])
+def test_a_sample_on_the_first_frame_of_a_clip_is_in_it(
+    effect: Any, fps: int, rate_hz: int
+) -> None:
+    """Whatever the rates, rounding must not push a sample on a whole frame out of its clip."""
+    bpy.context.scene.render.fps = fps
+    oracle.add_clip(effect, 7, 20)
+    reader = oracle.evaluate(bpy.context.scene, rate_hz=rate_hz, frames=(1, 2)).reader
+    reader.time = type(reader.time)(reader.time.fps, reader.time.rate_hz, 1, 1, 30)
+    expected = [
+        index for index in range(reader.time.sample_count) if 7 <= reader.time.frame(index) <= 20
+    ]
+    assert reader.sample_indices.tolist() == expected
+
+
+def test_spans_are_certain() -> None:
+    on = activation.Activation(Source.ANIMATED, ((2.0, 4.0), (6.0, 6.5)))
+    frames = np.array([1.999, 2.0, 3.0, 4.0, 4.001, 6.25, 7.0])
+    assert on.may_be_on(frames).tolist() == [False, True, True, True, False, True, False]
+    assert activation.Activation(Source.ALWAYS_ON).may_be_on(frames).all()
+    assert not activation.Activation(Source.OFF).may_be_on(frames).any()
