@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,8 @@ def start() -> Any:
         Blender cannot be loaded on this machine; says what is missing.
     """
     try:
-        import bpy
+        with interrupts_held():
+            import bpy
     except ModuleNotFoundError as error:
         if error.name != "bpy":
             raise
@@ -45,6 +48,29 @@ def start() -> Any:
 
         register()
     return bpy
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of the block.
+
+    While it starts, and in operators, Blender swallows or wraps what Python raises.
+    """
+    default = signal.default_int_handler
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGINT) is not default
+    ):
+        yield
+        return
+    noted: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _frame: noted.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, default)
+    if noted:
+        raise KeyboardInterrupt
 
 
 def inside_blender() -> bool:

@@ -70,10 +70,11 @@ class Progress:
 
     _WIDTH = 24
     _INTERVAL_S = 0.1
+    _TITLE = 30
 
     def __init__(self, console: Console, title: str) -> None:
         self._console = console
-        self._title = title
+        self._title = title if len(title) <= self._TITLE else title[: self._TITLE - 3] + "..."
         self._start = time.monotonic()
         self._next = self._start
 

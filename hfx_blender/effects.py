@@ -44,9 +44,7 @@ def add_volume(
 ) -> bpy.types.Object:
     """An allocentric effect at the origin: a wire frame that is never rendered."""
     title = name or f"{modality.title()} {shape.title()}"
-    effect = _new_effect(scene, title, bpy.data.meshes.new(title), modality)
-    effect.hfx.kind = "VOLUME"
-    effect.hfx.shape = shape
+    effect = _new_effect(scene, title, bpy.data.meshes.new(title), modality, shape)
     effect.display_type = "WIRE"
     effect.hide_render = True
     volumes.refresh_display(effect)
@@ -59,9 +57,8 @@ def volume_from_mesh(
     """An allocentric effect with exactly the shape of a mesh object, moving along with it."""
     if source.type != "MESH":
         raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
-    effect = _new_effect(scene, name or f"{source.name} {modality.title()}", source.data, modality)
-    effect.hfx.kind = "VOLUME"
-    effect.hfx.shape = "MESH"
+    title = name or f"{source.name} {modality.title()}"
+    effect = _new_effect(scene, title, source.data, modality, "MESH")
     effect.display_type = "WIRE"
     effect.hide_render = True
     effect.parent = source
@@ -74,19 +71,27 @@ def add_painted(
     """An egocentric effect on a body; its area is empty until it is painted."""
     if body.hfx.role != "BODY":
         raise InputError(f"'{body.name}' is not a haptic body.")
-    effect = _new_effect(scene, name or f"Painted {modality.title()}", None, modality)
+    effect = _new_effect(scene, name or f"Painted {modality.title()}", None, modality, None)
     effect.empty_display_type = "SINGLE_ARROW"
     effect.empty_display_size = 0.2
-    effect.hfx.kind = "PAINTED"
     effect.hfx.body = body
     set_area(effect, [], [])
     return effect
 
 
 def _new_effect(
-    scene: bpy.types.Scene, name: str, data: bpy.types.ID | None, modality: str
+    scene: bpy.types.Scene,
+    name: str,
+    data: bpy.types.ID | None,
+    modality: str,
+    shape: str | None,
 ) -> bpy.types.Object:
+    """An effect: a volume of a shape, or a painted one (None)."""
     effect = bpy.data.objects.new(name, data)
+    # Kind and shape first: whatever is set draws the wires of a shape that is not a mesh.
+    effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
+    if shape is not None:
+        effect.hfx.shape = shape
     effect.hfx.role = "EFFECT"
     effect.hfx.uid = uuid.uuid4().hex
     effect.hfx.modality = modality

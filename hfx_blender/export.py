@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import bpy
 
@@ -233,7 +234,8 @@ def write_rasters(
     files: list[Path] = []
     left_out: list[str] = []
     for device, raster in played:
-        name = f"{stem}.{raster.body_id}.{device.id}" if several else f"{stem}.{device.id}"
+        body = f".{quote(raster.body_id, safe='')}" if several else ""  # an id may be any text
+        name = f"{stem}{body}.{device.id}"
         if "csv" in formats:
             files.append(folder / f"{name}.csv")
             csv_raster.write(raster, files[-1])

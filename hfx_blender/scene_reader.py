@@ -99,6 +99,9 @@ class SceneReader:
         self._unit = (
             1.0 if scene.unit_settings.system == "NONE" else scene.unit_settings.scale_length
         )
+        # Blender does not notice by itself that a script has set a property of ``hfx``.
+        for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)):
+            obj.update_tag()
         self._layer.update()
         self.time = time_base(scene, frames, rate_hz)
         self._bodies = self._read_bodies()
@@ -502,7 +505,7 @@ def _contiguous_blocks(indices: I64) -> Iterator[I64]:
 
 def _refuse_broken_keys(objects: list[bpy.types.Object]) -> None:
     """Refuse animation with keys that are not numbers: what they would do is anybody's guess."""
-    for obj in objects:
+    for obj in _with_parents(objects):
         for owner in filter(None, (obj, obj.data)):
             data = owner.animation_data
             if data is None:
@@ -520,6 +523,15 @@ def _refuse_broken_keys(objects: list[bpy.types.Object]) -> None:
                         f"'{obj.name}': key {number} of the F-curve '{curve.data_path}' "
                         f"[{curve.array_index}] is not a finite number; correct or delete it."
                     )
+
+
+def _with_parents(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    found: dict[str, bpy.types.Object] = {}
+    for obj in objects:
+        while obj is not None and obj.name_full not in found:
+            found[obj.name_full] = obj
+            obj = obj.parent
+    return list(found.values())
 
 
 def _source(scene: bpy.types.Scene) -> dict[str, str]:

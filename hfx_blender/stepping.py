@@ -20,13 +20,21 @@ _PHYSICS = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "EXPLODE", "OCEAN"}
 class Stepper:
     """One scene that is set to times and read through its dependency graph."""
 
-    def __init__(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
+    def __init__(
+        self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer, *, simulates: bool = False
+    ) -> None:
         self._scene = scene
         self._layer = layer
+        self._simulates = simulates
+        self._simulated = scene.frame_start - 1
 
     def set_frame(self, frame: Fraction) -> None:
         """Evaluate the scene at a frame, which may lie between whole ones."""
         whole = frame.numerator // frame.denominator
+        # Simulations advance on consecutive whole frames only, and interpolate between them.
+        while self._simulates and self._simulated < frame:
+            self._simulated += 1
+            self._scene.frame_set(self._simulated)
         self._scene.frame_set(whole, subframe=float(frame - whole))
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
@@ -37,16 +45,29 @@ class Stepper:
 @contextmanager
 def own_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Iterator[Stepper]:
     """Step the user's scene; its frame is restored."""
+    with _restored(scene):
+        yield Stepper(scene, layer, simulates=_simulated(scene) is not None)
+
+
+@contextmanager
+def _restored(scene: bpy.types.Scene) -> Iterator[None]:
+    """Go back to the present frame of a scene, whose objects Blender has changed meanwhile."""
     before = scene.frame_current, scene.frame_subframe
     try:
-        yield Stepper(scene, layer)
+        yield
     finally:
         scene.frame_set(before[0], subframe=before[1])
 
 
 @contextmanager
 def scratch_scene(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Iterator[Stepper]:
-    """Step a scene of these objects; it is gone afterwards."""
+    """Step a scene of these objects; it is gone afterwards, and the scene's frame is restored."""
+    with _restored(scene), _scratch(scene, objects) as stepper:
+        yield stepper
+
+
+@contextmanager
+def _scratch(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Iterator[Stepper]:
     scratch = bpy.data.scenes.new(".HFX Export")
     try:
         for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
@@ -69,9 +90,9 @@ def why_own_scene(scene: bpy.types.Scene) -> str | None:
         if module != __package__ and not module.startswith(f"{__package__}."):
             name = getattr(handler, "__name__", type(handler).__name__)
             return f"the handler '{name}' runs on frame changes"
-    for obj in scene.objects:
-        if obj.rigid_body is not None or any(m.type in _PHYSICS for m in obj.modifiers):
-            return f"physics moves '{obj.name}'"
+    simulated = _simulated(scene)
+    if simulated is not None:
+        return f"physics moves '{simulated.name}'"
     for owner in _driven():
         for curve in owner.animation_data.drivers:
             for variable in curve.driver.variables:
@@ -79,6 +100,14 @@ def why_own_scene(scene: bpy.types.Scene) -> str | None:
                     target.id_type == "SCENE" for target in variable.targets
                 ):
                     return f"a driver of '{owner.name}' reads the scene"
+    return None
+
+
+def _simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """An object that physics moves or deforms."""
+    for obj in scene.objects:
+        if obj.rigid_body is not None or any(m.type in _PHYSICS for m in obj.modifiers):
+            return obj
     return None
 
 

@@ -95,9 +95,7 @@ def test_progress_tells_the_time_left(clock: Clock) -> None:
     assert "50%" in err.screen(50)[0] and "1 min 00 s" in err.screen(50)[0]
 
 
-def test_a_wide_terminal_shows_it_all(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wide_terminal_shows_it_all(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     size = os.terminal_size((100, 24))
     monkeypatch.setattr(console_module.shutil, "get_terminal_size", lambda *_: size)
     err = Terminal()

@@ -50,9 +50,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror}).") from error
     console.say("Building the garage ...")
-    garage.build()
     scene_file = folder / "garage.blend"
-    _save(bpy, scene_file)
+    with blender_session.interrupts_held():
+        garage.build()
+        _save(bpy, scene_file)
 
     # From here on it is a scene like any other: the saved file is opened and exported.
     blender_session.open_blend(scene_file)
@@ -127,7 +128,10 @@ def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
         return f"it took longer than {_PICTURE_LIMIT_S} s"
     except OSError as error:
         return str(error)
-    return None if done.returncode == 0 else done.stderr.strip().rpartition("\n")[2]
+    if done.returncode == 0:
+        return None
+    last_line = done.stderr.strip().rpartition("\n")[2]
+    return last_line or f"the drawing process ended with code {done.returncode}"
 
 
 def _say_what_there_is(

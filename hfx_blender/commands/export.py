@@ -115,6 +115,8 @@ def _export_one(path: Path | None, options: argparse.Namespace, console: Console
         where = "" if path is not None and str(path) in str(error) else f"{title}: "
         console.warn(f"hfx: {where}{error}")
         return {"input": title, "error": str(error), "exit_code": error.exit_code}
+    except BrokenPipeError:  # nobody reads our output any more; that ends the command
+        raise
     except Exception as error:  # the other scenes are not to suffer for our defects
         console.warn(f"hfx: {title}: a defect of hfx, please report it:\n{traceback.format_exc()}")
         return {"input": title, "error": f"a defect of hfx ({error!r})", "exit_code": 1}

@@ -144,6 +144,8 @@ class Engine:
         if self._record & {"positions", "velocities"}:
             k = self._body_index[area.body_id]
             body, pose = self.scene.bodies[k], block.poses[k]
+            if not pose.valid[rows].all():
+                raise ValueError("positions of painted vertices need a reader with_positions")
             rows = self._with_pose(rows, _posed_rows(pose), body)
             if not len(rows):
                 return None

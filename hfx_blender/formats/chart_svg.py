@@ -37,6 +37,13 @@ class _Row:
     bands: F64  # (lines, _STEPS) 0..1; one line is drawn as an area, more as a heat map
 
 
+@dataclass(frozen=True)
+class _Span:
+    start_s: float
+    length_s: float
+    period_s: float  # of a sample
+
+
 def write(track: TrackReader, rasters: Sequence[Raster], path: Path) -> None:
     """Draw a recorded track and its rasters.
 
@@ -46,14 +53,17 @@ def write(track: TrackReader, rasters: Sequence[Raster], path: Path) -> None:
         The file cannot be written.
     """
     time = track.header.time
-    start_s = float(time.times_s(np.array([0]))[0])
-    length_s = time.sample_count / float(time.rate_hz)
-    rows = [*_felt_rows(track, start_s, length_s), *_device_rows(rasters, start_s, length_s)]
+    span = _Span(
+        float(time.times_s(np.array([0]))[0]),
+        time.sample_count / float(time.rate_hz),
+        1.0 / float(time.rate_hz),
+    )
+    rows = [*_felt_rows(track, span), *_device_rows(rasters, span)]
     with atomic_file(path) as file:
-        file.write(_svg(rows, start_s, length_s).encode())
+        file.write(_svg(rows, span).encode())
 
 
-def _felt_rows(track: TrackReader, start_s: float, length_s: float) -> list[_Row]:
+def _felt_rows(track: TrackReader, span: _Span) -> list[_Row]:
     effects = {effect.id: effect for effect in track.header.effects}
     levels = {stream: np.zeros(_STEPS) for stream in range(len(track.header.streams))}
     counts = dict.fromkeys(levels, 0)
@@ -61,7 +71,8 @@ def _felt_rows(track: TrackReader, start_s: float, length_s: float) -> list[_Row
     for run in track.runs():
         k = places[run.stream.effect_id, run.stream.body_id]
         sizes = run.sizes
-        np.maximum.at(levels[k], _columns(run.times_s, start_s, length_s), run.levels * (sizes > 0))
+        felt = _held(run.times_s, run.levels * (sizes > 0), span)
+        levels[k] = np.maximum(levels[k], felt)
         counts[k] = max(counts[k], int(sizes.max(initial=0)))
     return [
         _Row(
@@ -74,18 +85,16 @@ def _felt_rows(track: TrackReader, start_s: float, length_s: float) -> list[_Row
     ]
 
 
-def _device_rows(rasters: Sequence[Raster], start_s: float, length_s: float) -> list[_Row]:
+def _device_rows(rasters: Sequence[Raster], span: _Span) -> list[_Row]:
     rows = []
     for raster in rasters:
-        columns = _columns(raster.times_s, start_s, length_s)
         lines: list[F64] = []
         parameters: list[str] = []
         for k, column in enumerate(raster.columns):
             if column.unit in ("Hz", "1"):
                 continue  # which, not how much
-            line = np.zeros(_STEPS)
-            np.maximum.at(line, columns, np.abs(raster.values[:, k] - raster.neutral[k]))
-            lines.append(line)
+            strengths = np.abs(raster.values[:, k] - raster.neutral[k])
+            lines.append(_held(raster.times_s, strengths, span))
             parameters.append(column.parameter)
         bands = np.array(lines).reshape(len(lines), _STEPS)
         for parameter in set(parameters):  # kPa and degrees are not to be compared
@@ -96,12 +105,21 @@ def _device_rows(rasters: Sequence[Raster], start_s: float, length_s: float) -> 
     return rows
 
 
-def _columns(times_s: F64, start_s: float, length_s: float) -> npt.NDArray[np.int64]:
-    at = ((times_s - start_s) / length_s * _STEPS).astype(np.int64)
-    return np.clip(at, 0, _STEPS - 1)
+def _held(times_s: F64, values: F64, span: _Span) -> F64:
+    """The strongest value in each column of the chart; a value holds for a period, (_STEPS,)."""
+    scale = _STEPS / span.length_s
+    first = np.floor((times_s - span.start_s) * scale + 1e-6).astype(np.int64)
+    stop = np.ceil((times_s + span.period_s - span.start_s) * scale - 1e-6).astype(np.int64)
+    counts = np.maximum(stop - first, 1)
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    columns = np.clip(np.repeat(first, counts) + within, 0, _STEPS - 1)
+    line = np.zeros(_STEPS)
+    np.maximum.at(line, columns, np.repeat(values, counts))
+    return line
 
 
-def _svg(rows: Sequence[_Row], start_s: float, length_s: float) -> str:
+def _svg(rows: Sequence[_Row], span: _Span) -> str:
+    start_s, length_s = span.start_s, span.length_s
     height = len(rows) * _ROW + 50
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 20}" '
@@ -126,7 +144,7 @@ def _row_parts(row: _Row, top: int) -> list[str]:
     bottom = top + _ROW - 10
     parts = [
         f'<text x="8" y="{top + 14}" fill="#222" font-weight="bold" {_TEXT}>'
-        f"{escape(row.label)}</text>",
+        f"{_shown(row.label)}</text>",
         f'<text x="8" y="{top + 29}" fill="#777" {_TEXT}>{escape(row.note)}</text>',
         f'<line x1="{_LEFT}" y1="{bottom}" x2="{_LEFT + _WIDTH}" y2="{bottom}" stroke="#bbb"/>',
     ]
@@ -136,6 +154,11 @@ def _row_parts(row: _Row, top: int) -> list[str]:
     for k, band in enumerate(row.bands):
         parts += _heat(band, top + k * thickness, thickness, row.colour)
     return parts
+
+
+def _shown(name: str) -> str:
+    """A name as XML may hold it: Blender's may have control characters and broken UTF-8."""
+    return escape("".join(each if each.isprintable() else "?" for each in name))
 
 
 def _area(band: F64, top: float, bottom: float, colour: str) -> str:

@@ -218,9 +218,8 @@ def add_volume(name: str, modality: str, shape: str, location: Any, **settings: 
 def add_mesh_volume(name: str, modality: str, source: Any) -> Any:
     bpy.context.view_layer.objects.active = source
     assert bpy.ops.hfx.volume_from_mesh(modality=modality, name=name) == {"FINISHED"}
-    effect = bpy.context.object
-    effect.data = source.data
-    return effect
+    assert bpy.context.object.data == source.data
+    return bpy.context.object
 
 
 def add_painted(name: str, modality: str, body: Any, part: str = "all") -> Any:

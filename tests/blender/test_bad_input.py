@@ -292,13 +292,23 @@ def test_unknown_and_broken_devices(
         assert "broken.json" in refused(good_blend, "--device", str(broken))
 
 
-def test_a_device_that_the_scene_names_must_be_known(
-    good_blend: Path, tmp_path: Path, refused: Callable[..., str]
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (str(hfx_scenes.ROOT / "device_configs" / "back_pad.json"), "device file"),
+        ("back_pad.json", "device file"),
+        ("../device_configs/back_pad", "device file"),
+        ("..\\back_pad", "device file"),
+        ("glove", "'glove' is unknown"),
+    ],
+)
+def test_a_scene_names_known_devices_and_no_files(
+    good_blend: Path, tmp_path: Path, refused: Callable[..., str], name: str, words: str
 ) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(good_blend))
-    bpy.context.scene.hfx.devices.add().name = "../../etc/passwd"
+    bpy.context.scene.hfx.devices.add().name = name
     path = hfx_scenes.save(tmp_path / "bad.blend")
-    assert "passwd" in refused(path)
+    assert words in refused(path)
     assert export(path, tmp_path / "out", "--device", "none") == 0
 
 
@@ -328,9 +338,7 @@ def test_a_file_in_place_of_the_folder(
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="no /proc here")
-def test_a_folder_that_cannot_be_made(
-    good_blend: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_that_cannot_be_made(good_blend: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert export(good_blend, Path("/proc/hfx")) == 3
     assert len(capsys.readouterr().err.splitlines()) == 1
 

@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -78,15 +79,16 @@ def test_wrong_usage_is_exit_2_and_says_what(
     assert out == "" and word in err.splitlines()[-1] and "Traceback" not in err
 
 
-def test_output_that_nobody_reads_is_no_defect() -> None:
+def test_output_that_nobody_reads_is_no_defect(blend: Path, tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)
     try:
-        for arguments in (["--help"], ["device", "list"]):
+        for arguments in (["--help"], ["device", "list"], ["export", blend, "-o", tmp_path]):
             done = process(*arguments, stdout=write)
             assert (done.returncode, done.stderr) == (0, "")
     finally:
         os.close(write)
+    assert "small.hfxtrack" in names_in(tmp_path)
 
 
 # What it says
@@ -107,7 +109,10 @@ def test_json_is_one_value_and_nothing_else(blend: Path, tmp_path: Path) -> None
     assert done.returncode == 0 and done.stderr == ""
     found = json.loads(done.stdout)
     assert found["input"] == "small.blend" and found["scene"] == "Scene"
-    assert {each["effect"]: each["seconds"] for each in found["felt"]} == {"Ball": 0.4, "Touch": 0.4}
+    assert {each["effect"]: each["seconds"] for each in found["felt"]} == {
+        "Ball": 0.4,
+        "Touch": 0.4,
+    }
     report = json.loads((tmp_path / "small.report.json").read_text())
     assert report["felt"] == found["felt"]
 
@@ -204,9 +209,7 @@ def test_devices_are_rendered_and_what_none_plays_is_told(blend: Path, tmp_path:
     assert "Touch: 0.40 s of it (100%) felt by Avatar but played by no device" in done.stdout
 
 
-def test_a_device_may_be_a_file_or_none_at_all(
-    blend: Path, exported: Path, tmp_path: Path
-) -> None:
+def test_a_device_may_be_a_file_or_none_at_all(blend: Path, exported: Path, tmp_path: Path) -> None:
     source = hfx_scenes.ROOT / "device_configs" / "back_pad.json"
     mine = tmp_path / "mine.json"
     mine.write_text(source.read_text().replace('"back_pad"', '"my_pad"'))
@@ -297,6 +300,43 @@ def test_ctrl_c_leaves_nothing_and_says_so(long_export: Any, tmp_path: Path, job
         "hfx: interrupted; nothing half written was left behind"
     ]
     assert not (tmp_path / "out").exists()
+
+
+INTERRUPTED_START = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "addon_utils":  # imported by Blender while it starts
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from hfx_blender.cli import main
+main()
+"""
+
+
+def test_ctrl_c_while_blender_starts_is_not_lost(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_START, "demo", "--no-pictures", "-o", tmp_path / "out"],
+        env=environment(),
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 130 and done.stdout == ""
+    assert done.stderr.splitlines() == ["hfx: interrupted; nothing half written was left behind"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_waits_for_the_end_of_what_must_not_be_broken_off() -> None:
+    from hfx_blender import blender_session
+
+    finished = False
+    with pytest.raises(KeyboardInterrupt), blender_session.interrupts_held():
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)
+        finished = True
+    assert finished and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    with blender_session.interrupts_held():
+        pass
 
 
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])

@@ -41,8 +41,8 @@ def _mirrored(scene: Any, effect: Any, _body: Any) -> None:
 
 
 def _keyed(scene: Any, effect: Any, _body: Any) -> None:
-    start = np.array(effect.location)
-    oracle.key(effect, "location", [(1, start - (0.15, 0, 0.2)), (30, start + (0.2, 0.1, 0.15))])
+    start, shift = np.array(effect.location), np.array([0.2, 0.1, 0.15])
+    oracle.key(effect, "location", [(1, start - [0.15, 0, 0.2]), (30, start + shift)])
     oracle.key(effect, "rotation_euler", [(1, (0, 0, 0)), (30, (2.0, 1.0, -1.5))])
     oracle.key(effect, "scale", [(1, (0.6, 1.0, 1.2)), (30, (1.3, 0.7, -0.9))])
 

@@ -106,7 +106,7 @@ def test_far_from_the_origin(scene: Any, body: Any) -> None:
     body.location = (2000.0, 0.0, 0.0)
     bpy.context.view_layer.update()
     far = oracle.evaluate(scene, record=("positions",)).of("Felt", 4).positions
-    moved = near.astype(np.float64) + (2000.0, 0.0, 0.0)
+    moved = near + np.array([2000.0, 0.0, 0.0])
     assert np.abs(far - moved).max() <= 0.5 * np.spacing(np.float32(2000.0)) + 1e-6
 
 

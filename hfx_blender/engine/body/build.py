@@ -16,6 +16,7 @@ from ...errors import OutputError, UsageError
 from . import (
     assemble,
     correspondence,
+    left_skin,
     quadric,
     remesh,
     segmentation,
@@ -100,7 +101,7 @@ def build(
     avatar = _avatar(skins, bones, part, side)
     cycle = walk.make(avatar)
 
-    left = remesh.left_of(skins, part, side)
+    left = left_skin.left_of(skins, part, side)
     dense = (left.points, left.triangles, skins.dense.weights[left.kept])
     models: list[PerceptualModel] = []
     decimated: list[dict[str, Any]] = []

@@ -141,7 +141,9 @@ def raised(mesh: Remesher) -> F64:
     if not len(chosen):
         return mesh.points
     chosen = chosen[:: max(1, len(chosen) // _RAISE_SAMPLES)]
-    triangle, shares, height = locate(mesh.samples.points[chosen], mesh.points, mesh.triangles)
+    triangle, shares, height = locate(
+        mesh.samples.points[chosen], mesh.points, mesh.triangles, candidates=3
+    )
     rows = np.repeat(np.arange(len(chosen)), 3)
     size = (len(chosen), len(mesh.points))
     columns = mesh.triangles[triangle].ravel()
@@ -201,7 +203,7 @@ def _untangle(mesh: Remesher) -> None:
     graph = graph + graph.T
     mean = csr_array(graph / np.asarray(graph.sum(axis=1))[:, None])
     start = mesh.points.copy()
-    movable: Bool = ~mesh.is_midline & (mesh.spacing_m[mesh.part] < _COARSE_M)
+    movable: Bool = mesh.spacing_m[mesh.part] < _COARSE_M
     for _ in range(_UNTANGLE_ROUNDS):
         crossing = np.unique(crossings(mesh.points, mesh.triangles))
         crossing = crossing[movable[crossing]]
@@ -213,3 +215,4 @@ def _untangle(mesh: Remesher) -> None:
         length = np.maximum(np.linalg.norm(moved, axis=1), 1e-30)
         moved *= np.minimum(1.0, limit / length)[:, None]
         mesh.points[crossing] = start[crossing] + moved
+        mesh.points[mesh.is_midline, 0] = 0.0

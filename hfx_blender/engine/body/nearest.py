@@ -10,10 +10,12 @@ import numpy as np
 from .mesh_edit import F64, I64, expand, triangle_normals
 
 _CANDIDATES: Final = 8
-"""Nearest vertices whose triangles are tried: enough for meshes without slivers."""
+"""Enough for any mesh without slivers."""
 
 
-def locate(points: F64, surface: F64, triangles: I64) -> tuple[I64, F64, F64]:
+def locate(
+    points: F64, surface: F64, triangles: I64, candidates: int = _CANDIDATES
+) -> tuple[I64, F64, F64]:
     """Nearest place on a surface, for points that are close to it.
 
     Parameters
@@ -21,6 +23,8 @@ def locate(points: F64, surface: F64, triangles: I64) -> tuple[I64, F64, F64]:
     points : (P, 3) float64
     surface : (V, 3) float64
     triangles : (F, 3) int64
+    candidates : int
+        Nearest vertices whose triangles are tried; three do on an even mesh.
 
     Returns
     -------
@@ -33,7 +37,7 @@ def locate(points: F64, surface: F64, triangles: I64) -> tuple[I64, F64, F64]:
     from scipy.spatial import cKDTree
 
     used = np.unique(triangles)
-    tries = min(_CANDIDATES, len(used))
+    tries = min(candidates, len(used))
     _, near = cKDTree(surface[used]).query(points, k=tries)
     corners = triangles.ravel()
     order = np.argsort(corners, kind="stable")

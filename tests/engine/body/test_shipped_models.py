@@ -217,5 +217,7 @@ def test_avatar_places_lead_back_to_the_vertices(shipped: model.PerceptualModel)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     place = np.einsum("ij,ijk->ik", shipped.avatar_weights, corners)
     place += shipped.avatar_offset_m[:, None] * normal
-    assert np.linalg.norm(place - shipped.vertices, axis=1).max() < 1e-3
+    missed = np.linalg.norm(place - shipped.vertices, axis=1)
+    # Beside a ridge the nearest place is on an edge, and the way there not along a normal.
+    assert np.percentile(missed, 99) < 3e-4 and missed.max() < 2e-3
     assert np.abs(shipped.avatar_offset_m).max() < 6e-3

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Regions and segments of the canonical skeleton: which bones move as one, and which skin.
+
+A *segment* is moved by one affine transform when the canonical body is posed onto a target. A
+*region* is a stretch of skin within which a place of the target may be looked for: a finger
+never takes its neighbour's skin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+_LIMB: Final = {
+    "upperarm01": "upperarm",
+    "upperarm02": "upperarm",
+    "lowerarm01": "forearm",
+    "lowerarm02": "forearm",
+    "wrist": "hand",
+    **{f"metacarpal{number}": "hand" for number in range(1, 5)},
+    "upperleg01": "upperleg",
+    "upperleg02": "upperleg",
+    "lowerleg01": "lowerleg",
+    "lowerleg02": "lowerleg",
+    "foot": "foot",
+}
+
+JOINT_OF: Final = {
+    "neck01": "neck",
+    "head": "head",
+    **{
+        f"{bone}.{side}": f"{joint}.{side}"
+        for side in "LR"
+        for bone, joint in (
+            ("clavicle", "clavicle"),
+            ("upperarm01", "shoulder"),
+            ("lowerarm01", "elbow"),
+            ("wrist", "wrist"),
+            ("upperleg01", "hip"),
+            ("lowerleg01", "knee"),
+            ("foot", "ankle"),
+        )
+    },
+}
+"""Joint at the head of a canonical bone; only joints that mean the same place on any rig."""
+
+
+def region_of(bone: str) -> str:
+    """Region of the skin that a canonical bone moves."""
+    stem, _, side = bone.rpartition(".") if bone[-2:] in (".L", ".R") else (bone, "", "")
+    if stem in _LIMB:
+        return f"{_LIMB[stem]}.{side}"
+    if stem.startswith("finger"):
+        return f"finger{stem[6]}.{side}"
+    if stem.startswith("toe"):
+        return f"foot.{side}"
+    if stem.startswith(("root", "pelvis", "spine", "breast", "clavicle", "shoulder")):
+        return "torso"
+    return "head"
+
+
+REGIONS: Final = (
+    "torso",
+    "head",
+    *(
+        f"{name}.{side}"
+        for side in "LR"
+        for name in (
+            *("upperarm", "forearm", "hand", "upperleg", "lowerleg", "foot"),
+            *(f"finger{number}" for number in range(1, 6)),
+        )
+    ),
+)
+
+_ABOVE: Final = {
+    "finger": "hand",
+    "hand": "forearm",
+    "forearm": "upperarm",
+    "upperarm": "torso",
+    "foot": "lowerleg",
+    "lowerleg": "upperleg",
+    "upperleg": "torso",
+    "head": "torso",
+}
+
+
+def above(region: str) -> str:
+    """The region that a limb's region hangs on; the torso hangs on itself."""
+    stem, _, side = region.partition(".")
+    upper = _ABOVE.get(stem.rstrip("12345"), "torso")
+    return upper if upper == "torso" else f"{upper}.{side}"
+
+
+def known_regions(mapped: Mapping[str, str]) -> dict[str, str]:
+    """For each region the one that stands for it on a rig: itself, or what it hangs on.
+
+    A rig without finger bones has hands that hold their fingers.
+    """
+    have = {region_of(bone) for bone in mapped}
+    found: dict[str, str] = {}
+    for region in REGIONS:
+        at = region
+        while at not in have and at != "torso":
+            at = above(at)
+        found[region] = at
+    return found

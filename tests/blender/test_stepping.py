@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stepping a scratch scene gives what the own scene gives, or is not done; nothing stays behind."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender import scene_reader, stepping
+from hfx_blender.scene_reader import SceneReader
+
+bpy = pytest.importorskip("bpy")
+oracle = pytest.importorskip("oracle")
+
+OWN = "stepped the whole scene, because "
+SCRATCH = "stepped a scratch scene of bodies and effects"
+
+
+@pytest.fixture
+def ball(scene: Any) -> Any:
+    """A body and a ball that touches it, in a scene of 24 frames."""
+    scene.frame_start, scene.frame_end = 1, 24
+    scene.frame_set(5)
+    oracle.add_avatar()
+    return oracle.add_volume("Ball", "temperature", "SPHERE", (0.0, 0.0, 1.2), radius=0.3)
+
+
+def _assert_same(one: Any, two: Any) -> None:
+    assert one.samples.keys() == two.samples.keys()
+    for name, samples in one.samples.items():
+        assert samples.keys() == two.samples[name].keys()
+        for index, sample in samples.items():
+            other = two.of(name, index)
+            assert sample.level == other.level
+            assert sample.parameters.tolist() == other.parameters.tolist()
+            assert sample.vertices.tolist() == other.vertices.tolist()
+            assert sample.weights.tolist() == other.weights.tolist()
+
+
+def test_scratch_scene_gives_the_same_as_the_own_scene(
+    registered: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On the demo: walk, clips, fades, volumes and painted effects."""
+    from hfx_blender.demo import garage
+
+    scene = garage.build()
+    scratch = oracle.evaluate(scene, rate_hz=21)
+    assert scratch.reader.stepping_note == SCRATCH
+    assert len(scratch.samples) == 6
+    monkeypatch.setattr(stepping, "why_own_scene", lambda scene: "a test wants it")
+    own = oracle.evaluate(scene, rate_hz=21)
+    assert own.reader.stepping_note == OWN + "a test wants it"
+    _assert_same(scratch, own)
+
+
+# What a scratch scene cannot reproduce
+
+
+def _driver(effect: Any, path: str, index: int = -1) -> tuple[Any, Any]:
+    driver = effect.driver_add(path, index).driver
+    driver.type = "SUM"
+    return driver, driver.variables.new()
+
+
+def test_a_driver_that_reads_the_scene(scene: Any, ball: Any) -> None:
+    _, variable = _driver(ball, "hfx.temperature")
+    variable.targets[0].id_type = "SCENE"
+    variable.targets[0].id = scene
+    variable.targets[0].data_path = "frame_current"
+    evaluation = oracle.evaluate(scene, rate_hz=24)
+    assert evaluation.reader.stepping_note == OWN + "a driver of 'Ball' reads the scene"
+    for index, sample in evaluation.samples["Ball"].items():
+        assert sample.parameters.tolist() == [index + 1]
+
+
+def test_a_driver_that_reads_its_context(scene: Any, ball: Any) -> None:
+    _, variable = _driver(ball, "hfx.temperature")
+    variable.type = "CONTEXT_PROP"
+    variable.targets[0].context_property = "ACTIVE_SCENE"
+    variable.targets[0].data_path = "frame_current"
+    evaluation = oracle.evaluate(scene, rate_hz=24)
+    assert evaluation.reader.stepping_note == OWN + "a driver of 'Ball' reads the scene"
+    assert evaluation.of("Ball", 11).parameters.tolist() == [12]
+
+
+def test_a_driver_of_other_objects_is_no_reason(scene: Any, ball: Any) -> None:
+    lever = oracle.empty(scene)
+    oracle.key(lever, "location", [(1, (0, 0, 0)), (24, (0, 0, 23))])
+    _, variable = _driver(ball, "hfx.temperature")
+    variable.type = "TRANSFORMS"
+    variable.targets[0].id, variable.targets[0].transform_type = lever, "LOC_Z"
+    evaluation = oracle.evaluate(scene, rate_hz=24)
+    assert evaluation.reader.stepping_note == SCRATCH
+    assert evaluation.of("Ball", 0).parameters[0] == pytest.approx(0.0, abs=1e-5)
+    assert evaluation.of("Ball", 23).parameters[0] == pytest.approx(23.0, abs=1e-5)
+
+
+@pytest.fixture
+def lifting(ball: Any) -> Iterator[Any]:
+    """A frame-change handler that lifts the ball by hand."""
+
+    def lift(scene: Any, _graph: Any) -> None:
+        bpy.data.objects["Ball"].location.z = 0.5 + 0.05 * scene.frame_current
+
+    yield lift
+    bpy.app.handlers.frame_change_pre.clear()
+
+
+@pytest.mark.parametrize("is_partial", [False, True])
+def test_a_handler_on_frame_changes(scene: Any, lifting: Any, is_partial: bool) -> None:
+    handler = functools.partial(lifting) if is_partial else lifting
+    bpy.app.handlers.frame_change_pre.append(handler)
+    evaluation = oracle.evaluate(scene, record=("positions",), rate_hz=24)
+    name = "partial" if is_partial else "lift"
+    assert evaluation.reader.stepping_note == OWN + f"the handler '{name}' runs on frame changes"
+    heights = [sample.positions[:, 2].mean() for sample in evaluation.samples["Ball"].values()]
+    assert heights[-1] - heights[0] > 0.5
+
+
+def test_a_handler_that_nobody_announces(
+    scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever makes the two scenes differ: a few frames are compared, and the own one wins."""
+    real = stepping.Stepper.set_frame
+
+    def other_in_a_scratch_scene(self: stepping.Stepper, frame: Any) -> None:
+        real(self, frame)
+        if self._scene != scene:
+            bpy.data.objects["Ball"].location.z = 0.3
+            self._layer.update()
+
+    monkeypatch.setattr(stepping.Stepper, "set_frame", other_in_a_scratch_scene)
+    evaluation = oracle.evaluate(scene)
+    assert evaluation.reader.stepping_note == (
+        OWN + "a few frames came out differently in a scratch scene"
+    )
+
+
+def test_physics(scene: Any, ball: Any) -> None:
+    """A ball that hangs on a falling body falls as gravity says, also between frames."""
+    scene.frame_end = 12
+    bpy.ops.rigidbody.world_add()
+    bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0.0, 0.0, 1.5))
+    cube = bpy.context.object
+    bpy.ops.rigidbody.object_add()
+    cube.rigid_body.linear_damping = 0.0
+    ball.parent, ball.location = cube, (0.0, 0.0, 0.0)
+    oracle.add_clip(ball, 6, 12)
+    reader = SceneReader(scene, rate_hz=oracle.Fraction(50))
+    heights = {}
+    for block in reader.blocks():
+        for index, matrix in zip(block.indices.tolist(), block.effects[0].matrices, strict=True):
+            heights[index] = matrix[2, 3]
+    assert reader.stepping_note == OWN + f"physics moves '{cube.name}'"
+    assert sorted(heights) == reader.sample_indices.tolist()
+    for index, height in heights.items():
+        seconds = (float(reader.time.frame(index)) - 1) / 24
+        # The solver's steps of 1/240 s, and straight lines between frames.
+        assert height == pytest.approx(1.5 - 0.5 * 9.81 * seconds**2, abs=0.02)
+
+
+# Nothing is left behind
+
+
+def _everything(scene: Any) -> dict[str, Any]:
+    lists = {
+        prop.identifier: sorted(item.name for item in getattr(bpy.data, prop.identifier))
+        for prop in bpy.data.bl_rna.properties
+        if prop.type == "COLLECTION"
+    }
+    objects = {
+        obj.name: (
+            np.array(obj.matrix_world).round(9).tolist(),
+            tuple(obj.location),
+            obj.hfx.activation,
+            obj.users,
+            [collection.name for collection in obj.users_collection],
+        )
+        for obj in bpy.data.objects
+    }
+    bones = {
+        bone.name: np.array(bone.matrix).round(6).tolist()
+        for bone in bpy.data.objects["Avatar"].pose.bones
+    }
+    frame = scene.frame_current, scene.frame_subframe
+    return {**lists, "_objects": objects, "_bones": bones, "_frame": frame}
+
+
+@pytest.fixture(params=["scratch", "own"])
+def busy(request: Any, scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """An animated scene, standing at a sub-frame."""
+    body = bpy.data.objects["Avatar"]
+    oracle.add_walk(body, [(0, 0, 0), (0, -1, 0)], 1, 24)
+    oracle.add_clip(ball, 4, 20, fade_in=3)
+    oracle.key(ball, "location", [(1, (0, 0, 1.2)), (24, (0, -1, 1.2))])
+    if request.param == "own":
+        monkeypatch.setattr(stepping, "why_own_scene", lambda scene: "a test wants it")
+    scene.frame_set(7, subframe=0.25)
+    return scene
+
+
+def _read_all(scene: Any) -> None:
+    assert sum(len(block.indices) for block in SceneReader(scene).blocks()) > 50
+
+
+def _stop_half_way(scene: Any) -> None:
+    blocks = SceneReader(scene).blocks()
+    next(blocks)
+    blocks.close()
+
+
+def _drop_it(scene: Any) -> None:
+    next(SceneReader(scene).blocks())
+
+
+def _fail_in_the_consumer(scene: Any) -> None:
+    with pytest.raises(ZeroDivisionError):
+        for _ in SceneReader(scene).blocks():
+            raise ZeroDivisionError
+
+
+def _fail_in_the_reader(scene: Any) -> None:
+    reader = SceneReader(scene)
+    real, calls = reader._read, []
+
+    def failing(index: int, stepper: Any) -> Any:
+        calls.append(index)
+        if len(calls) > 20:
+            raise KeyboardInterrupt
+        return real(index, stepper)
+
+    reader._read = failing
+    with pytest.raises(KeyboardInterrupt):
+        list(reader.blocks())
+
+
+@pytest.mark.parametrize(
+    "way", [_read_all, _stop_half_way, _drop_it, _fail_in_the_consumer, _fail_in_the_reader]
+)
+def test_nothing_is_left_behind(busy: Any, way: Any) -> None:
+    before = _everything(busy)
+    assert before["_frame"] == (7, 0.25)
+    way(busy)
+    after = _everything(busy)
+    for key, value in before.items():
+        assert after[key] == value, key
+
+
+def test_a_scene_that_is_not_the_active_one(scene: Any, ball: Any) -> None:
+    other = bpy.data.scenes.new("Other")
+    for obj in scene.objects:
+        other.collection.objects.link(obj)
+    other.frame_start, other.frame_end = 1, 10
+    here, there = oracle.evaluate(scene, frames=(1, 10)), oracle.evaluate(other)
+    assert bpy.context.scene == scene
+    _assert_same(here, there)
+    assert sorted(each.name for each in bpy.data.scenes) == ["Other", scene.name]
+
+
+def test_blocks_are_cut_at_multiples() -> None:
+    cut = [
+        block.tolist()
+        for block in scene_reader._contiguous_blocks(np.array([0, 1, 30, 31, 32, 33, 70]))
+    ]
+    assert cut == [[0, 1], [30, 31], [32, 33], [70]]
+    assert list(scene_reader._contiguous_blocks(np.zeros(0, np.int64))) == []

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The remesher on a ball of two parts, where everything about it is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from hfx_blender.engine.body import assemble, left_skin, remesh, skin
+from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
+
+SPACING_M = (0.016, 0.025)  # upper half, lower half
+
+
+@pytest.fixture(scope="module")
+def ball() -> left_skin.LeftSkin:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    faces = np.array(
+        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]],
+        np.int32,
+    )
+    mirror = np.array([4, 5, 6, 7, 0, 1, 2, 3], np.int32)
+    medium = faces
+    for _ in range(5):
+        medium = faces
+        operator, faces, mirror = skin.subdivide(faces, mirror)
+        corners = operator @ corners
+    corners *= 0.15 / np.linalg.norm(corners, axis=1, keepdims=True)
+    corners[mirror == np.arange(len(mirror)), 0] = 0.0
+    dense = skin.Skin(corners, faces, csr_array((len(corners), 1)), mirror)
+    side = np.where(corners[:, 0] > 0.0, LEFT, RIGHT).astype(np.uint8)
+    side[corners[:, 0] == 0.0] = CENTRE
+    part = (corners[:, 2] < 0.0).astype(np.uint8)
+    no_uv = np.zeros((0, 4, 2))
+    skins = skin.Skins(dense, dense, medium, no_uv, np.zeros(0, np.int32), 1.0, 0.0)
+    return left_skin.left_of(skins, part, side)
+
+
+@pytest.fixture(scope="module")
+def meshed(ball: left_skin.LeftSkin) -> remesh.Remesher:
+    return remesh.remesh(ball, spacings(), lambda _share, _text: None)
+
+
+def spacings() -> np.ndarray:
+    table = np.full(len(PARTS), 0.02)
+    table[:2] = SPACING_M
+    return table
+
+
+def test_samples_cover_the_half_ball(ball: left_skin.LeftSkin) -> None:
+    samples = left_skin.sample(ball, spacings())
+    assert samples.areas_m2.sum() == pytest.approx(2.0 * np.pi * 0.15**2, rel=2e-3)
+    assert np.linalg.norm(samples.points, axis=1) == pytest.approx(0.15, rel=1e-3)
+    out = np.einsum("ij,ij->i", samples.normals, samples.points) / 0.15
+    assert out.min() > 0.99
+
+
+def test_it_reaches_the_spacings_evenly_inside_the_parts(meshed: remesh.Remesher) -> None:
+    mean = meshed.mean_spacing(meshed.points)[:2]
+    assert mean == pytest.approx(SPACING_M, rel=0.015)
+    upper = meshed.points[:, 2] > 1e-3
+    assert (meshed.part[upper] == 0).all()
+    assert (meshed.part[meshed.points[:, 2] < -3e-3] == 1).all()
+    assert (meshed.largest_gaps_m()[:2] < 0.8 * np.array(SPACING_M)).all()
+
+
+def test_the_cells_share_out_all_of_the_skin(meshed: remesh.Remesher) -> None:
+    assert meshed.areas_m2().sum() == pytest.approx(2.0 * np.pi * 0.15**2, rel=2e-3)
+    whole_cells = meshed.areas_m2() * np.where(meshed.is_midline, 2.0, 1.0)
+    for number, spacing in enumerate(SPACING_M):
+        cells = whole_cells[meshed.part == number]
+        assert cells.std() / cells.mean() < 0.2
+        assert cells.mean() == pytest.approx(np.sqrt(0.75) * spacing**2, rel=0.1)
+
+
+def test_the_whole_is_a_closed_ball(meshed: remesh.Remesher) -> None:
+    body = assemble.whole(meshed.result())
+    directed = body.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    forward = {tuple(edge) for edge in directed.tolist()}
+    assert len(forward) == len(directed)
+    assert forward == {(end, start) for start, end in forward}
+    assert len(body.points) - len(forward) // 2 + len(body.triangles) == 2
+    a, b, c = (body.points[body.triangles[:, k]] for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
+    assert volume == pytest.approx(4.0 / 3.0 * np.pi * 0.15**3, rel=0.02)
+    assert np.array_equal(body.points[body.mirror] * (-1.0, 1.0, 1.0), body.points)
+
+
+def test_the_same_input_gives_the_same_mesh(
+    ball: left_skin.LeftSkin, meshed: remesh.Remesher
+) -> None:
+    again = remesh.remesh(ball, spacings(), lambda _share, _text: None)
+    assert np.array_equal(again.points, meshed.points)
+    assert np.array_equal(again.triangles, meshed.triangles)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Colours of what is felt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hfx_blender.engine import colouring
+from hfx_blender.engine.colouring import COLOURS, FULL_COLOUR, SKIN, Spread
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.engine.samples import Sample, Stream
+
+# Two avatar vertices, each on one of the two vertices of every model.
+SPREADS = {f"hfx-{m}-1": Spread(np.array([[0], [1]]), np.ones((2, 1))) for m in MODALITIES}
+COUNTS = dict.fromkeys(SPREADS, 2)
+
+
+def _sample(
+    modality: str, value: float, vertices: tuple[int, ...] = (0,), level: float = 1.0
+) -> Sample:
+    names = MODALITIES[modality].parameter_names
+    parameters = np.zeros(len(names))
+    parameters[names.index(MODALITIES[modality].strength)] = value
+    return Sample(
+        0.0,
+        Stream("effect", "body", modality, f"hfx-{modality}-1"),
+        np.array(vertices, np.int32),
+        np.ones(len(vertices), np.float32),
+        level,
+        parameters,
+    )
+
+
+def _colours(*samples: Sample, contact: frozenset[str] = frozenset()) -> np.ndarray:
+    return colouring.avatar_colours(samples, SPREADS, COUNTS, contact)
+
+
+def test_nothing_felt_is_skin() -> None:
+    assert _colours().tolist() == [list(SKIN)] * 2
+
+
+@pytest.mark.parametrize(("modality", "channel"), [("vibration", 0), ("pressure", 1)])
+def test_full_strength_is_the_papers_colour(modality: str, channel: int) -> None:
+    felt, bare = _colours(_sample(modality, FULL_COLOUR[modality]))
+    assert felt.tolist() == pytest.approx(COLOURS[modality])
+    assert felt.argmax() == channel
+    assert bare.tolist() == list(SKIN)
+
+
+@pytest.mark.parametrize("deviation", [-6.0, 6.0])
+def test_temperature_counts_from_its_neutral(deviation: float) -> None:
+    ambient = _colours(_sample("temperature", 24.0 + deviation))
+    touched = _colours(_sample("temperature", 33.0 + deviation), contact=frozenset({"effect"}))
+    for felt in (ambient[0], touched[0]):
+        assert felt.tolist() == pytest.approx(COLOURS["temperature"])
+        assert felt.argmax() == 2
+    assert _colours(_sample("temperature", 24.0)).tolist() == [list(SKIN)] * 2
+    neutral = _colours(_sample("temperature", 33.0), contact=frozenset({"effect"}))
+    assert neutral.tolist() == [list(SKIN)] * 2
+
+
+def test_stronger_effects_have_stronger_colours() -> None:
+    values = np.linspace(0.0, FULL_COLOUR["pressure"], 9)
+    excess = [
+        float(np.abs(_colours(_sample("pressure", value))[0] - SKIN).sum()) for value in values
+    ]
+    assert excess[0] == 0.0 and (np.diff(excess) > 0).all()
+    half = _colours(_sample("pressure", FULL_COLOUR["pressure"], level=0.5))
+    assert half.tolist() == _colours(_sample("pressure", FULL_COLOUR["pressure"] / 2)).tolist()
+
+
+def test_colours_combine_where_effects_overlap() -> None:
+    both = _colours(
+        _sample("vibration", FULL_COLOUR["vibration"], (0, 1)),
+        _sample("temperature", 24.0 + FULL_COLOUR["temperature"], (1,)),
+    )
+    assert both[0].tolist() == pytest.approx(COLOURS["vibration"])
+    mixed = np.add(COLOURS["vibration"], COLOURS["temperature"])
+    assert both[1].tolist() == pytest.approx(np.clip(mixed, 0.0, 1.0))
+
+
+def test_colours_stay_in_range() -> None:
+    samples = [_sample(modality, 1e6, (0, 1)) for modality in MODALITIES]
+    colours = _colours(*samples, *samples)
+    assert (colours >= 0).all() and (colours <= 1).all()
+
+
+def test_strengths_are_weight_times_level_times_value() -> None:
+    sample = _sample("pressure", FULL_COLOUR["pressure"], (1, 3), level=0.5)
+    sample.weights[:] = (0.5, 1.0)
+    assert colouring.strengths(sample, 5).tolist() == [0.0, 0.25, 0.0, 0.5, 0.0]
+
+
+def test_spread_weighs_the_nearest_by_inverse_distance() -> None:
+    nearest = np.array([[0, 1], [3, 2]])
+    spread = Spread.of_neighbours(nearest, np.array([[1.0, 2.0], [0.0, 3.0]]))
+    assert spread.nearest.tolist() == nearest.tolist()
+    assert spread.shares[0].tolist() == pytest.approx([2 / 3, 1 / 3])
+    assert spread.shares[1].tolist() == pytest.approx([1.0, 0.0], abs=1e-5)
+    assert spread.shares.sum(axis=1).tolist() == pytest.approx([1.0, 1.0])

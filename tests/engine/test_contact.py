@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Vertices inside volumes, against testing every vertex of every time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from engine_synthetic import BONES, affine, model, pose, skinned
+
+from hfx_blender.engine import contact
+from hfx_blender.engine.body.posing import SkinnedModel
+from hfx_blender.engine.counters import Counters
+from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding
+from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
+
+TIMES = 6
+BODY, POSE = model(), pose(TIMES)
+BOUND = SkinnedModel(BODY, SkinBinding(BONES))
+WORLD = np.stack([skinned(BODY, POSE, row) for row in range(TIMES)])
+
+
+def _octahedron() -> MeshVolume:
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    x, y, z, a, b, c = range(6)
+    triangles = np.array(
+        [[x, y, z], [y, a, z], [a, b, z], [b, x, z], [y, x, c], [a, y, c], [b, a, c], [x, b, c]]
+    )
+    return MeshVolume(vertices, triangles.astype(np.int32), "octahedron")
+
+
+SHAPES: dict[str, Shape] = {
+    "cuboid": Cuboid(),
+    "sphere": Sphere(),
+    "cylinder": Cylinder(),
+    "capsule": Capsule(0.7),
+    "mesh": _octahedron(),
+}
+FALLOFFS = [
+    Falloff(),
+    Falloff(FalloffKind.LINEAR),
+    Falloff(FalloffKind.SMOOTH, 0.4),
+    Falloff(FalloffKind.SMOOTH, 0.0),
+]
+
+
+def _placed(seed: int) -> np.ndarray:
+    """A volume that moves among the vertices, stretched, sheared and sometimes mirrored."""
+    rng = np.random.default_rng(seed)
+    matrices = np.stack([affine(rng) for _ in range(TIMES)])
+    matrices[:, :3, :3] *= rng.uniform(0.3, 0.9) * (-1) ** seed
+    matrices[:, :3, 3] += (0.0, 0.0, 0.9)
+    return matrices
+
+
+def _find(
+    matrices: np.ndarray,
+    shapes: tuple[Shape, ...],
+    falloff: Falloff,
+    *,
+    rows: Any = None,
+    which: Any = None,
+    posed: PoseBlock = POSE,
+    counters: Counters | None = None,
+    **options: Any,
+) -> contact.Contacts:
+    levels, parameters = np.ones(len(matrices)), np.zeros((len(matrices), 2))
+    effect = EffectBlock(levels, parameters, matrices, shapes, which)
+    rows = np.arange(len(matrices)) if rows is None else np.asarray(rows)
+    bounds = contact.bounds_of(BOUND, posed, np.arange(len(posed.valid)))
+    return contact.find(
+        effect, falloff, rows, BOUND, posed, bounds, counters or Counters(), **options
+    )
+
+
+def _dense(found: contact.Contacts) -> np.ndarray:
+    """Weights by time and vertex, (T, V), after checking the sets' form."""
+    weights = np.zeros((TIMES, len(BODY)))
+    assert (np.diff(found.rows) > 0).all()
+    assert set(np.diff(found.sets, prepend=-1 if len(found.sets) else 0).tolist()) <= {0, 1}
+    assert found.offsets[0] == 0 and found.offsets[-1] == len(found.vertices)
+    assert len(found.offsets) == (found.sets[-1] + 2 if len(found.sets) else 1)
+    for row, j in zip(found.rows, found.sets, strict=True):
+        part = slice(found.offsets[j], found.offsets[j + 1])
+        assert part.stop > part.start
+        assert (np.diff(found.vertices[part]) > 0).all()
+        weights[row, found.vertices[part]] = found.weights[part]
+    assert (found.weights > 0).all()
+    return weights
+
+
+def _brute(matrices: np.ndarray, shapes: list[Shape], falloff: Falloff) -> np.ndarray:
+    weights = np.zeros((TIMES, len(BODY)))
+    for row, shape in enumerate(shapes):
+        inverse = np.linalg.inv(matrices[row])
+        local = inverse[:3, :3] @ WORLD[row].T + inverse[:3, 3:]
+        inside = shape.contains(local)
+        weights[row, inside] = falloff.weight(shape.rise(local[:, inside]))
+    return weights
+
+
+@pytest.mark.parametrize("falloff", FALLOFFS, ids=str)
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_contacts_are_those_of_every_vertex(name: str, falloff: Falloff, seed: int) -> None:
+    matrices, shape = _placed(seed), SHAPES[name]
+    expected = _brute(matrices, [shape] * TIMES, falloff)
+    assert 20 < np.count_nonzero(expected) < expected.size / 2
+    found = _dense(_find(matrices, (shape,), falloff))
+    assert ((found > 0) == (expected > 0)).all()
+    assert np.abs(found - expected).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["cuboid", "sphere", "capsule"])
+def test_large_volumes_enclose_whole_clusters(name: str) -> None:
+    """The short cut for clusters that are wholly inside gives what looking at each would."""
+    matrices, shape = _placed(3), SHAPES[name]
+    matrices[:, :3, :3] *= 12.0
+    counters, looked = Counters(), Counters()
+    short = _dense(_find(matrices, (shape,), Falloff(), counters=counters))
+    full = _dense(_find(matrices, (shape,), Falloff(), counters=looked, with_points=True))
+    assert (short == full).all() and short.any()
+    assert counters.vertices_posed < 0.8 * looked.vertices_posed
+
+
+def test_points_are_in_shape_space() -> None:
+    matrices = _placed(2)
+    found = _find(matrices, (Sphere(),), Falloff(), with_points=True)
+    assert found.sets.tolist() == list(range(len(found.rows)))
+    assert found.points.shape == (3, len(found.vertices))
+    for row, j in zip(found.rows, found.sets, strict=True):
+        part = slice(found.offsets[j], found.offsets[j + 1])
+        world = matrices[row, :3, :3] @ found.points[:, part] + matrices[row, :3, 3:]
+        assert np.abs(world.T - WORLD[row, found.vertices[part]]).max() < 1e-12
+
+
+def test_shapes_may_change_over_time() -> None:
+    matrices = _placed(1)
+    which = np.array([0, 1, 2, 1, 0, 2], np.int32)
+    shapes = (Sphere(), Cuboid(), _octahedron())
+    expected = _brute(matrices, [shapes[k] for k in which], Falloff(FalloffKind.LINEAR))
+    found = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which))
+    assert np.abs(found - expected).max() < 1e-9
+    rows = [1, 2, 5]
+    some = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which, rows=rows))
+    assert np.abs(some[rows] - expected[rows]).max() < 1e-9
+    assert not np.delete(some, rows, axis=0).any()
+
+
+def test_a_set_that_stays_is_held_once() -> None:
+    still = PoseBlock(POSE.valid, np.repeat(POSE.to_world[:1], TIMES, 0), POSE.bones[[0] * TIMES])
+    matrices = np.repeat(_placed(0)[:1], TIMES, axis=0)
+    matrices[4:, 0, 3] += 0.1
+    found = _find(matrices, (Sphere(),), Falloff(), posed=still)
+    assert found.rows.tolist() == list(range(TIMES))
+    assert found.sets.tolist() == [0, 0, 0, 0, 1, 1]
+
+
+def test_times_without_contact_are_left_out() -> None:
+    matrices = _placed(6)
+    matrices[[0, 3], 2, 3] += 100.0
+    counters = Counters()
+    found = _find(matrices, (Sphere(),), Falloff(), counters=counters)
+    assert found.rows.tolist() == [1, 2, 4, 5]
+    assert counters.volume_tests == TIMES
+    assert counters.clusters_tested == TIMES * len(BOUND.clusters)
+    matrices[:, 2, 3] += 100.0
+    away = Counters()
+    nothing = _find(matrices, (Sphere(),), Falloff(), counters=away)
+    assert len(nothing.rows) == len(nothing.vertices) == 0 and away.vertices_posed == 0
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, 0.0])
+def test_volumes_that_cannot_be_are_not_felt(broken: float) -> None:
+    matrices = _placed(6)
+    matrices[2, :3, 1] = broken
+    counters = Counters()
+    found = _find(matrices, (Sphere(),), Falloff(), counters=counters)
+    assert found.rows.tolist() == [0, 1, 3, 4, 5]
+    assert list(counters.warnings.values()) == [1]
+    matrices[:, :3, 1] = broken
+    assert len(_find(matrices, (Sphere(),), Falloff()).rows) == 0
+
+
+def test_a_vertex_on_the_boundary_is_inside() -> None:
+    vertex = BODY.vertices[5].astype(np.float64)
+    still = PoseBlock(np.ones(1, bool), np.eye(4)[None], np.tile(np.eye(4)[:3], (1, 4, 1, 1)))
+    matrix = np.eye(4)[None].copy()
+    matrix[0, :3, 3] = vertex - (1.0, 0.0, 0.0)
+    rounding = 4 * np.finfo(np.float64).eps  # of the way to the vertex and back
+    matrix[0, :3, :3] *= 1.0 + rounding
+    found = _find(matrix, (Cuboid(),), Falloff(), posed=still)
+    assert 5 in found.vertices
+    matrix[0, :3, :3] *= 1.0 - 1e-9
+    assert 5 not in _find(matrix, (Cuboid(),), Falloff(), posed=still).vertices

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the README promises, tried: its Python example, its command lines, its links."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def code(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which ``hfx demo`` was run."""
+    where = tmp_path_factory.mktemp("readme")
+    command = [sys.executable, "-m", "hfx_blender.cli", "demo", "--no-pictures"]
+    subprocess.run(command, cwd=where, check=True, capture_output=True)
+    return where
+
+
+def test_the_python_example_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    (example,) = code("python")
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(example, "README.md", "exec"), {})
+    lines = printed.getvalue().splitlines()
+    assert lines[0].startswith("pressure "), "the arrow is what is felt at 2.75 s"
+    assert lines[-1].startswith("(1550, "), "15.5 s at 100 Hz"
+
+
+def test_the_command_lines_are_understood() -> None:
+    from hfx_blender.cli import build_parser
+
+    lines = [line.partition("#")[0] for block in code("sh") for line in block.splitlines()]
+    calls = [line.split("hfx ", 1)[1].split() for line in lines if re.search(r"\bhfx \w", line)]
+    assert len(calls) >= 5
+    for arguments in calls:
+        if arguments != ["export", "-o", "out/"]:  # inside Blender, of the open file
+            build_parser().parse_args(arguments)
+
+
+def test_links_lead_somewhere() -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
