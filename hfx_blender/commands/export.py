@@ -62,6 +62,9 @@ def add_parser(commands: Any) -> None:
         metavar="WHAT,...",
         help="also record positions, velocities, depth of each vertex",
     )
+    parser.add_argument(
+        "--strict", action="store_true", help="a warning about a scene is an error: exit code 3"
+    )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="worker processes")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
@@ -142,6 +145,7 @@ def _export_open_file(title: str, options: argparse.Namespace, console: Console)
         rate_hz=options.rate,
         full_precision=options.full_precision,
         record=options.record,
+        strict=options.strict,
     )
     stem = Path(bpy.data.filepath).stem or "untitled"
     report = export_scene(scene, options.output, stem, settings, console.progress(title))
@@ -225,6 +229,8 @@ def _worker_command(path: Path, options: argparse.Namespace) -> list[str]:
         command.append(f"--scene={options.scene}")
     if options.full_precision:
         command.append("--full-precision")
+    if options.strict:
+        command.append("--strict")
     if options.record:
         command.append(f"--record={','.join(options.record)}")
     return [*command, "--", str(path)]

@@ -120,7 +120,9 @@ class Engine:
         if key not in self._bound:
             model = self._model(model_id)
             if isinstance(body.binding, SkinBinding):
-                self._bound[key] = SkinnedModel(model, body.binding)
+                fitted = body.binding.fitted.get(model_id)
+                placed = model if fitted is None else fitted.of(model)
+                self._bound[key] = SkinnedModel(placed, body.binding)
             else:
                 self._bound[key] = SurfaceModel(model, body.binding.anchors[model_id])
         return self._bound[key]

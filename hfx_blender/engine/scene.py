@@ -9,13 +9,14 @@ A :class:`SceneDescription` says what there is and does not change over time; bl
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from .body.model import PerceptualModel, SkinWeights
 from .volume.shape import Falloff, Shape
 
 F64 = npt.NDArray[np.float64]
@@ -62,19 +63,38 @@ class TimeBase:
 
 
 @dataclass(frozen=True, eq=False)
-class SkinBinding:
-    """The body follows bones: linear blend skinning with each model's own weights."""
-
-    bone_names: tuple[str, ...]  # order of the pose matrices; a superset of the models' bones
-
-
-@dataclass(frozen=True, eq=False)
 class SurfaceAnchors:
     """Where one model's vertices lie on an avatar's surface."""
 
     corners: I32  # (V, 3) vertices of the avatar's mesh
     weights: F64  # (V, 3) barycentric, sum 1
     offset_m: F64  # (V,) along the unit normal of the triangle, avatar's local space
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A perceptual model on one body's own avatar: the same vertices, other places and bones."""
+
+    model_id: str
+    model_hash: str
+    vertices: F32  # (V, 3) rest space of the body's own armature, in its unit
+    bone_names: tuple[str, ...]  # of that armature
+    weights: SkinWeights
+    anchors: SurfaceAnchors  # offsets in the unit of the vertices
+
+    def of(self, model: PerceptualModel) -> PerceptualModel:
+        """The model as it stands on this body."""
+        return replace(
+            model, vertices=self.vertices, bone_names=self.bone_names, weights=self.weights
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SkinBinding:
+    """The body follows bones: linear blend skinning with each model's own weights."""
+
+    bone_names: tuple[str, ...]  # order of the pose matrices; a superset of the models' bones
+    fitted: Mapping[str, FittedModel] = field(default_factory=dict)  # by model id; else canonical
 
 
 @dataclass(frozen=True, eq=False)

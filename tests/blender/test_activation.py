@@ -121,6 +121,31 @@ def test_silenced_while_on_it_is_off(effect: Any, silence: Any) -> None:
     assert not levels(effect).any()
 
 
+def test_clips_grouped_in_a_meta_strip(effect: Any) -> None:
+    oracle.add_clip(effect, 3, 8)
+    oracle.add_clip(effect, 15, 20)
+    bpy.context.view_layer.objects.active = effect
+    effect.select_set(True)
+    area = bpy.context.window_manager.windows[0].screen.areas[0]
+    was, area.type = area.type, "NLA_EDITOR"
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    try:
+        window = bpy.context.window_manager.windows[0]
+        with bpy.context.temp_override(window=window, area=area, region=region):
+            bpy.ops.nla.select_all(action="SELECT")
+            bpy.ops.nla.meta_add()
+    finally:
+        area.type = was
+    [strip] = effect.animation_data.nla_tracks[0].strips
+    assert strip.type == "META"
+    assert levels(effect)[0] == levels(effect)[-1] == 1.0  # Blender's own choice: HOLD
+    strip.extrapolation = "NOTHING"
+    expected = trapezoid(3, 8) + trapezoid(15, 20)
+    assert np.allclose(levels(effect), expected, atol=1e-6)
+    strip.mute = True
+    assert not levels(effect).any()
+
+
 def test_solo(effect: Any) -> None:
     oracle.add_clip(effect, 3, 12)
     oracle.add_clip(effect, 8, 20)

@@ -210,14 +210,7 @@ def _disabled_and_unpainted() -> None:
         (_edited_rest_pose, ("'Avatar'", "mm", "rest pose")),
         (_other_rig, ("'Rig'", "skeleton")),
         (_disabled_and_unpainted, ("'Avatar'", "disabled in viewports")),
-        pytest.param(
-            _disabled("Avatar", "Avatar Skin"),
-            ("'Avatar'", "disabled in viewports"),
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="the painted effect's pointer pulls the body in, unposed (scene_reader)",
-            ),
-        ),
+        (_disabled("Avatar", "Avatar Skin"), ("'Avatar'", "disabled in viewports")),
         (_disabled("Ball", "Touch"), ("'Scene'", "disabled in viewports")),
     ],
 )
@@ -259,6 +252,18 @@ def test_a_disabled_effect_is_left_out_and_told(
     out, _ = capsys.readouterr()
     assert "warning: effect 'Ball'" in out and "Touch (pressure) felt" in out
     assert "Ball (vibration)" not in out
+
+
+def test_strict_makes_a_warning_an_error(
+    good_blend: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(good_blend))
+    bpy.data.objects["Ball"].hide_viewport = True
+    path = hfx_scenes.save(tmp_path / "hidden.blend")
+    assert export(path, tmp_path / "strict", "--strict") == 3
+    assert "'Ball' is disabled" in capsys.readouterr().err
+    assert hfx_scenes.names_in(tmp_path / "strict") == []
+    assert export(path, tmp_path / "lenient") == 0
 
 
 # A volume without extent is a thin thing, not a fault: nothing is inside it.

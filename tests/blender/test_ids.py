@@ -82,3 +82,13 @@ def test_a_failed_change_of_an_area_keeps_the_old_one(small: Any) -> None:
         with pytest.raises(effects.InputError, match="'Touch'"):
             effects.set_area(touch, vertices, weights)
         assert effects.area(touch) == before
+
+
+def test_saving_settles_the_ids_of_copies(small: Any, tmp_path: Path) -> None:
+    touch = bpy.data.objects["Touch"]
+    copy = touch.copy()
+    bpy.context.scene.collection.objects.link(copy)
+    original, other = ids()["Touch"], ids()[copy.name]
+    hfx_scenes.save(tmp_path / "x.blend")
+    touch.name = "Zebra"  # now behind its copy
+    assert (ids()["Zebra"], ids()[copy.name]) == (original, other)

@@ -158,6 +158,24 @@ def test_a_volume_from_a_mesh_has_its_shape_and_moves_along(empty: Any) -> None:
     assert not rock.hide_render and rock.hfx.role == "NONE"
 
 
+def test_a_volume_from_a_mesh_keeps_the_modifiers_of_its_shape(empty: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(location=(1, 2, 3))
+    rock = bpy.context.object
+    rock.modifiers.new("Round", "CAST").factor = 0.8
+    rock.animation_data_create()
+    rock.constraints.new("LIMIT_LOCATION")
+    bpy.ops.hfx.volume_from_mesh(modality="pressure")
+    effect = bpy.context.object
+    rock.modifiers["Round"].factor = 0.8
+    graph = bpy.context.evaluated_depsgraph_get()
+    shapes = [
+        [tuple(vertex.co) for vertex in obj.evaluated_get(graph).data.vertices]
+        for obj in (rock, effect)
+    ]
+    assert shapes[0] == shapes[1] != [tuple(vertex.co) for vertex in rock.data.vertices]
+    assert not effect.constraints and effect.matrix_world == rock.matrix_world
+
+
 # Clips
 
 

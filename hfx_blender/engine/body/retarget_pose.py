@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,16 +18,13 @@ import numpy.typing as npt
 from ...errors import InputError
 from .model import Avatar
 from .retarget_regions import JOINT_OF, REGIONS, known_regions, region_of
-from .retarget_target import TargetAvatar, group_shares, owners_of
-
-if TYPE_CHECKING:
-    from .bone_mapping import BoneMapping
+from .retarget_target import RigMapping, TargetAvatar, group_shares, owners_of
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
-_NEEDED: Final = ("neck", "hip.L", "hip.R", "shoulder.L", "shoulder.R")
+_NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")
 _LARGEST_MISFIT: Final = 0.12
 """RMS distance of the joints of torso, legs and head from a person's, as a share of the height."""
 
@@ -50,16 +47,10 @@ class Skeletons:
     joints: dict[str, F64]  # joint -> place, normalised space
     avatar_shares: F64  # (V, R) regions of the canonical avatar's vertices
     target_shares: F64  # (A, R) regions of the target's vertices
+    feet_forward: float  # share of the target's feet that point where its body faces
 
 
-def really_mapped(mapping: BoneMapping) -> dict[str, str]:
-    """Canonical bone -> rig bone, without those that only fall back to another's bone."""
-    return {
-        bone: rig_bone for bone, rig_bone in mapping.bones.items() if bone not in mapping.fallbacks
-    }
-
-
-def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping) -> Skeletons:
+def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Skeletons:
     """Find the joints of both, and the turn, scale and shift between them.
 
     Raises
@@ -67,13 +58,13 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping) -> 
     InputError
         Needed joints are missing, or stand to each other as no person's do.
     """
-    mapped = really_mapped(mapping)
+    mapped = mapping.bones
     canonical, joints = _joints(avatar, target, mapped)
     missing = [joint for joint in _NEEDED if joint not in joints]
     if missing:
         raise InputError(
-            f"The armature's bones give no place for: {', '.join(missing)}; "
-            "a body needs at least hips, shoulders and a neck."
+            f"The armature has no bone that begins at: {', '.join(missing)}; "
+            "a body needs at least two hips and two shoulders."
         )
     used = [joint for joint in joints if joint.partition(".")[0] in _FRAME_JOINTS]
     to_target = _similarity(
@@ -96,14 +87,28 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping) -> 
     )
     owners = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
     of_target = np.array([number["torso" if o is None else region_of(o)] for o in owners], np.int64)
+    points = _apply(from_target, target.vertices)
+    target_shares = group_shares(target.weights, of_target, len(REGIONS))
     return Skeletons(
         to_target,
-        _apply(from_target, target.vertices),
+        points,
         canonical,
         joints,
         group_shares(avatar.weights, of_canonical, len(REGIONS)),
-        group_shares(target.weights, of_target, len(REGIONS)),
+        target_shares,
+        _feet_forward(points, _dominant(target_shares), joints),
     )
+
+
+def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
+    """Share of the feet that reach farther forward than back from the ankle; 1 without feet."""
+    forward = []
+    for side in "LR":
+        foot = points[region == REGIONS.index(f"foot.{side}")]
+        if len(foot) > 10 and f"ankle.{side}" in joints:
+            reach = foot[:, 1] - joints[f"ankle.{side}"][1]
+            forward.append(-reach.min() > reach.max())
+    return float(np.mean(forward)) if forward else 1.0
 
 
 def _joints(
@@ -248,7 +253,7 @@ class _Segments:
         """Heads are upright; the skull above the ears tells size and place, whatever the rig."""
         mine, theirs = self._skins("head")
         if len(theirs) <= 10:
-            return self._rigid("torso", "head" if "head" in self._t else "neck")
+            return self._turn("torso"), self._matrix("torso")
         top, new_top = mine[:, 2].max(), theirs[:, 2].max()
         skull = mine[mine[:, 2] > top - _SKULL_M]
         scale = np.ones(2)
@@ -301,16 +306,16 @@ class _Segments:
             self._c[known[0]] - self._c[known[-1]]
         )
         scale = np.clip([length, across, np.sqrt(length * across)], *_GIRTHS)
-        return _affine(
-            new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist]
-        )
+        return _affine(new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist])
 
     def _finger(self, bone: str) -> F64:
         """A phalanx; one that the rig does not have moves with the one before it."""
         if bone not in self._made:
             stem, _, side = bone.partition(".")
             finger, phalanx = stem[:-2], int(stem[-1])
-            chain = [f"{finger}-{k}.{side}" for k in range(1, 4) if f"{finger}-{k}.{side}" in self._t]
+            chain = [
+                f"{finger}-{k}.{side}" for k in range(1, 4) if f"{finger}-{k}.{side}" in self._t
+            ]
             before = [joint for joint in chain if int(joint[-3]) < phalanx]
             parent = before[-1] if before else f"hand.{side}"
             if before:
@@ -339,7 +344,10 @@ class _Segments:
         if ball in self._t:
             old_way, new_way = self._c[ball] - self._c[ankle], self._t[ball] - self._t[ankle]
         else:
-            old_way, new_way = mine.mean(axis=0) - self._c[ankle], theirs.mean(axis=0) - self._t[ankle]
+            old_way, new_way = (
+                mine.mean(axis=0) - self._c[ankle],
+                theirs.mean(axis=0) - self._t[ankle],
+            )
         old, new = _frame(_UP, old_way), _frame(_UP, new_way)  # up, forward, sideways
         low, high = _extent((mine - self._c[ankle]) @ old)
         low_t, high_t = _extent((theirs - self._t[ankle]) @ new)
@@ -374,9 +382,7 @@ class _Segments:
         turn = self._turn(parent) if turn is None else turn
         return _affine(turn, turn, self._c[joint], self._t[joint])
 
-    def _between(
-        self, parent: str, start: str, end: str, girth: float
-    ) -> tuple[F64, F64]:
+    def _between(self, parent: str, start: str, end: str, girth: float) -> tuple[F64, F64]:
         turn = self._turns[parent] if parent in self._turns else self._turn(parent)
         return self._stretched(
             turn, self._c[start], self._c[end], self._t[start], self._t[end], girth
@@ -414,7 +420,11 @@ class _Segments:
             return 1.0
         if not start:
             spread, new_spread = (
-                np.sqrt(np.prod(np.linalg.svd(p - p.mean(axis=0), compute_uv=False)[1:] / np.sqrt(len(p))))
+                np.sqrt(
+                    np.prod(
+                        np.linalg.svd(p - p.mean(axis=0), compute_uv=False)[1:] / np.sqrt(len(p))
+                    )
+                )
                 for p in (mine, theirs)
             )
             return float(np.clip(new_spread / spread, *_GIRTHS))
@@ -486,7 +496,9 @@ def _twist_about(turn: F64, axis: F64) -> float:
     """Angle of the part of a turn that goes about an axis, after its swing is taken off."""
     swing = _least_turn(axis, turn @ axis)
     rest = swing.T @ turn
-    sine = axis @ np.array([rest[2, 1] - rest[1, 2], rest[0, 2] - rest[2, 0], rest[1, 0] - rest[0, 1]])
+    sine = axis @ np.array(
+        [rest[2, 1] - rest[1, 2], rest[0, 2] - rest[2, 0], rest[1, 0] - rest[0, 1]]
+    )
     return float(np.arctan2(sine / 2, (np.trace(rest) - 1.0) / 2))
 
 

@@ -53,7 +53,14 @@ class TargetSurface:
         self._members = [np.flatnonzero(whole[parent, r] >= _SHARE) for r in range(shares.shape[1])]
         self._trees = [cKDTree(centres[m]) if len(m) else None for m in self._members]
 
-    def nearest(self, points: F64, normals: F64, shares: F64, reach_m: float | F64) -> Places:
+    def nearest(
+        self,
+        points: F64,
+        normals: F64,
+        shares: F64,
+        reach_m: float,
+        facing: float = _FACING,
+    ) -> Places:
         """The nearest place for each point, in a region that it takes part in, facing alike.
 
         Parameters
@@ -61,14 +68,15 @@ class TargetSurface:
         points, normals : (P, 3) float64
         shares : (P, R) float64
             Skin weights of the regions.
-        reach_m : float or (P,) float64
+        reach_m : float
             Farthest that a place may be.
+        facing : float
+            Least cosine between the normals of a point and of its place.
         """
         count = len(points)
-        reach = np.broadcast_to(np.asarray(reach_m, np.float64), (count,))
         best = np.full(count, np.inf)
         triangle, weights = np.zeros(count, np.int64), np.zeros((count, 3))
-        place, facing = np.zeros((count, 3)), np.zeros((count, 3))
+        place, out = np.zeros((count, 3)), np.zeros((count, 3))
         for region, (members, tree) in enumerate(zip(self._members, self._trees, strict=True)):
             asked = np.flatnonzero(shares[:, region] >= _SHARE)
             if tree is None or not len(asked):
@@ -84,7 +92,7 @@ class TargetSurface:
             normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
             distance = np.linalg.norm(at - points[point], axis=1)
             alike = np.einsum("ni,ni->n", normal, normals[point])
-            distance[(alike < _FACING) | (distance > reach[point])] = np.inf
+            distance[(alike < facing) | (distance > reach_m)] = np.inf
             table = distance.reshape(len(asked), tries)
             choice = table.argmin(axis=1)
             row = np.arange(len(asked)) * tries + choice
@@ -92,9 +100,9 @@ class TargetSurface:
             won, row = asked[better], row[better]
             best[won] = distance[row]
             triangle[won], weights[won] = self._parent[piece[row]], inside[row]
-            place[won], facing[won] = at[row], normal[row]
-        facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-12)
-        return Places(np.isfinite(best), triangle, weights, place, facing)
+            place[won], out[won] = at[row], normal[row]
+        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+        return Places(np.isfinite(best), triangle, weights, place, out)
 
 
 def _cut(corners: F64) -> tuple[F64, I64, F64]:
@@ -140,7 +148,7 @@ def vertex_normals(points: F64, triangles: I64) -> F64:
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
-STIFFNESS: Final = (300.0, 100.0, 30.0, 10.0, 5.0, 3.0, 2.0, 1.0)
+STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
 """How much a vertex follows its neighbours rather than the surface, round by round."""
 
 _REACH_M: Final = 0.12

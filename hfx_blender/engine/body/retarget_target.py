@@ -5,16 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
 from .model import SkinWeights
-
-if TYPE_CHECKING:
-    from .bone_mapping import RigBone
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -29,6 +26,31 @@ _UNSKINNED: Final = 0.2
 """Share of vertices that may have no weight of any bone."""
 
 
+class Bone(Protocol):
+    """A bone of somebody's rig, at rest."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def parent(self) -> str | None: ...
+    @property
+    def head(self) -> npt.ArrayLike: ...
+    @property
+    def tail(self) -> npt.ArrayLike: ...
+
+
+class RigMapping(Protocol):
+    """Which bones of a rig stand for the canonical ones."""
+
+    @property
+    def bones(self) -> Mapping[str, str]:
+        """Canonical bone -> its counterpart."""
+
+    @property
+    def fallbacks(self) -> Mapping[str, str]:
+        """Canonical bone without counterpart -> the rig's bone that it follows."""
+
+
 @dataclass(frozen=True, eq=False)
 class TargetAvatar:
     """An avatar in the rest space of its own armature, in that armature's own unit."""
@@ -37,7 +59,7 @@ class TargetAvatar:
     triangles: I64  # (F, 3) counter-clockwise seen from outside
     weights: SkinWeights  # rows may be empty where no bone moves a vertex
     bone_names: tuple[str, ...]  # that the weights name
-    bones: tuple[RigBone, ...]  # all of the armature's, same space as the vertices
+    bones: tuple[Bone, ...]  # all of the armature's, same space as the vertices
     metres: float = 1.0  # length of one unit
 
 

@@ -16,11 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from hfx_blender.engine.body.bone_mapping import RigBone
-from hfx_blender.engine.body.retarget_target import TargetAvatar
 
 from hfx_blender.engine.body import skeleton, source
 from hfx_blender.engine.body.model import Avatar, PerceptualModel, SkinWeights, load_avatar
+from hfx_blender.engine.body.retarget_target import TargetAvatar
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -54,7 +53,7 @@ SHAPES: Mapping[str, Mapping[str, float]] = {
     },
     "tall": {
         **source.AVERAGE_ADULT,
-        f"{_MACRO}height/male-young-averagemuscle-averageweight-maxheight.target.gz": 1.0,
+        f"{_MACRO}height/male-young-averagemuscle-averageweight-maxheight.target.gz": 0.5,
     },
     "old": {
         f"{_MACRO}caucasian-female-old.target.gz": 1.0,
@@ -91,6 +90,16 @@ def shaped(shape: str) -> source.Source:
         moved, offsets = source._read_target(folder() / name)
         vertices[moved] += share * offsets
     return replace(_average(), vertices=0.1 * vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class RigBone:
+    """A bone at rest."""
+
+    name: str
+    parent: str | None
+    head: F64
+    tail: F64
 
 
 @dataclass(frozen=True, eq=False)

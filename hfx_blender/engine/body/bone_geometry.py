@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the joints of a rest pose tell: its left, back and up; a human by hierarchy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from ...errors import InputError
+from .bone_assignment import spine_counterparts
+from .bone_rig import F64, Rig
+
+_PAIRED: Final = ("upperleg01", "upperarm01", "lowerleg01", "lowerarm01", "foot", "clavicle")
+_ARM: Final = ("clavicle", "upperarm01", "lowerarm01", "wrist")
+_LEG: Final = ("pelvis", "upperleg01", "lowerleg01", "foot", "toe2-1")
+_LIKE_LENGTH: Final = 0.1  # relative difference at which two chains still count as a pair
+_FOOT_MIN: Final = 0.02  # of the body's height: shorter steps do not tell where a foot points
+
+
+def frame_from_heads(heads: Mapping[str, F64]) -> F64:
+    """Columns left, back, up (3, 3) from the heads of canonical bones, in the heads' space.
+
+    Raises
+    ------
+    InputError
+        The joints lie at one point or on one line.
+    """
+    up, left = _up(heads), named_left(heads)
+    if up is not None and left is not None:
+        left = left - (left @ up) * up
+        length = float(np.linalg.norm(left))
+        if length > 1e-6:
+            left = left / length
+            return np.column_stack([left, np.cross(up, left), up])
+    raise InputError(
+        "The mapped bones of this armature do not span a body: left and right thighs or arms, "
+        "and hips and neck or head, must be mapped and lie apart."
+    )
+
+
+def named_left(heads: Mapping[str, F64]) -> F64 | None:
+    """Unit vector from the bones called right to those called left; None if none are apart."""
+    total = np.zeros(3)
+    for bone in _PAIRED:
+        if f"{bone}.L" in heads and f"{bone}.R" in heads:
+            across = heads[f"{bone}.L"] - heads[f"{bone}.R"]
+            total += across / max(float(np.linalg.norm(across)), 1e-12)
+    return _unit(total)
+
+
+def geometric_left(heads: Mapping[str, F64]) -> F64 | None:
+    """The body's left as its feet point; None without toes or if the feet disagree."""
+    up = _up(heads)
+    if up is None:
+        return None
+    height = float(np.linalg.norm(_high(heads) - _low(heads)))
+    steps = []
+    for side in "LR":
+        foot = heads.get(f"foot.{side}")
+        toes = [p for n, p in heads.items() if n.startswith("toe") and n.endswith(f"-1.{side}")]
+        if foot is None or not toes:
+            return None
+        step = np.mean(toes, axis=0) - foot
+        steps.append(step - (step @ up) * up)
+    if min(np.linalg.norm(step) for step in steps) < _FOOT_MIN * height:
+        return None
+    forward = _unit(sum((step / np.linalg.norm(step) for step in steps), np.zeros(3)))
+    if forward is None or float(steps[0] @ steps[1]) <= 0:
+        return None
+    return np.cross(up, forward)
+
+
+def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:
+    """Counterparts of canonical bones by the shape of the hierarchy.
+
+    Looks for a pelvis that holds two like chains (the legs) and a trunk, and for a chest on
+    the trunk that holds two like chains (the arms) and a neck. The body's left follows from
+    where the feet point, so legs need a toe joint. Anything less clear is no human.
+
+    Returns
+    -------
+    dict or None
+        Canonical bone to avatar bone.
+    """
+    reach = _reaches(rig)
+    found_bodies = []
+    for pelvis in rig.bones:
+        for legs in _pairs(rig, reach, pelvis):
+            for first in rig.children[pelvis]:
+                trunk = [] if first in legs else _trunk(rig, reach, first)
+                if trunk:
+                    body = _body(rig, reach, pelvis, legs, trunk)
+                    found_bodies += [] if body is None else [body]
+    return found_bodies[0] if len(found_bodies) == 1 else None
+
+
+def _body(
+    rig: Rig,
+    reach: Mapping[str, float],
+    pelvis: str,
+    legs: tuple[str, str],
+    trunk: Sequence[str],
+) -> dict[str, str] | None:
+    chest = trunk[-1]
+    arm_pairs = _pairs(rig, reach, chest)
+    if len(arm_pairs) != 1:
+        return None
+    arms = arm_pairs[0]
+    necks = [child for child in rig.children[chest] if child not in arms]
+    if len(necks) != 1:
+        return None
+    neck = [necks[0]]
+    while len(rig.children[neck[-1]]) == 1:
+        neck.append(rig.children[neck[-1]][0])
+    found = {"root": pelvis, "head": neck[min(1, len(neck) - 1)]}
+    if len(neck) > 1:
+        found["neck01"] = neck[0]
+    for side, leg, arm in zip("LR", legs, arms, strict=True):
+        joints = _straight(rig, leg)
+        if len(joints) not in (4, 5):  # the fifth only marks the end of the toes
+            return None
+        for bone, name in zip(_LEG[1:], joints, strict=False):
+            found[f"{bone}.{side}"] = name
+        joints = _straight(rig, arm)
+        if len(joints) not in (3, 4):
+            return None
+        for bone, name in zip(_ARM[4 - len(joints) :], joints, strict=True):
+            found[f"{bone}.{side}"] = name
+    heads = {canonical: rig.head(name) for canonical, name in found.items()}
+    left = geometric_left(heads)
+    if left is None or not _apart(heads, left):
+        return None
+    for limb in (_ARM, _LEG):
+        across = heads[f"{limb[1]}.L"] - heads[f"{limb[1]}.R"]
+        if float(across @ left) < 0:
+            _swap(found, limb)
+    return found | spine_counterparts(rig, trunk, _low(heads), rig.head(neck[0]))
+
+
+def _swap(found: dict[str, str], limb: Sequence[str]) -> None:
+    for bone in limb:
+        if f"{bone}.L" in found:
+            left, right = f"{bone}.L", f"{bone}.R"
+            found[left], found[right] = found[right], found[left]
+
+
+def _apart(heads: Mapping[str, F64], left: F64) -> bool:
+    """Whether both pairs lie mainly across the body: not, say, a table or a centipede."""
+    up = _up(heads)
+    assert up is not None
+    for bone in ("upperleg01", "upperarm01"):
+        across = heads[f"{bone}.L"] - heads[f"{bone}.R"]
+        if abs(float(across @ left)) < 0.8 * float(np.linalg.norm(across)):
+            return False
+    down = (heads["foot.L"] + heads["foot.R"] - heads["upperleg01.L"] - heads["upperleg01.R"]) / 2
+    return float(down @ up) < -0.5 * float(np.linalg.norm(_high(heads) - _low(heads)))
+
+
+def _trunk(rig: Rig, reach: Mapping[str, float], first: str) -> list[str]:
+    """Bones from above the pelvis to the one that holds the arms; empty if none does."""
+    chain = [first]
+    while not _pairs(rig, reach, chain[-1]):
+        if len(rig.children[chain[-1]]) != 1:
+            return []
+        chain += rig.children[chain[-1]]
+    return chain
+
+
+def _straight(rig: Rig, first: str) -> list[str]:
+    """A chain of only children; the last may hold several (fingers)."""
+    chain = [first]
+    while len(rig.children[chain[-1]]) == 1:
+        chain += rig.children[chain[-1]]
+    return chain
+
+
+def _pairs(rig: Rig, reach: Mapping[str, float], name: str) -> list[tuple[str, str]]:
+    """Children of a bone that are as long as each other, two by two, and long beside the body."""
+    longest = max(reach.values(), default=0.0)
+    return [
+        (a, b)
+        for a, b in combinations(rig.children[name], 2)
+        if min(reach[a], reach[b]) > 0.2 * longest
+        and abs(reach[a] - reach[b]) < _LIKE_LENGTH * max(reach[a], reach[b])
+        and len(_straight(rig, a)) == len(_straight(rig, b))
+    ]
+
+
+def _reaches(rig: Rig) -> dict[str, float]:
+    """Longest way down the hierarchy from each bone's head, metres."""
+    reach: dict[str, float] = {}
+    for name in sorted(rig.bones, key=rig.depth, reverse=True):
+        below = [
+            float(np.linalg.norm(rig.head(child) - rig.head(name))) + reach.get(child, 0.0)
+            for child in rig.children[name]
+        ]
+        reach[name] = max(below, default=0.0)
+    return reach
+
+
+def _low(heads: Mapping[str, F64]) -> F64:
+    thighs = [heads[n] for n in ("upperleg01.L", "upperleg01.R") if n in heads]
+    if len(thighs) == 2:
+        return np.asarray(np.mean(thighs, axis=0))
+    return next(heads[n] for n in ("root", "spine05", "spine04", "spine03", *heads) if n in heads)
+
+
+def _high(heads: Mapping[str, F64]) -> F64:
+    return next(
+        heads[n] for n in ("neck01", "head", "spine01", "spine02", *reversed(heads)) if n in heads
+    )
+
+
+def _up(heads: Mapping[str, F64]) -> F64 | None:
+    return _unit(_high(heads) - _low(heads)) if heads else None
+
+
+def _unit(vector: F64) -> F64 | None:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 1e-9 else None

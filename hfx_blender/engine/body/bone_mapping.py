@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mapping the bones of a user's armature to the canonical skeleton.
+
+Joints are found by name first (:mod:`.bone_names`); where names say nothing, by the shape of
+the hierarchy (:mod:`.bone_geometry`). Canonical names are those of ``load_avatar().skeleton``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ...errors import InputError
+from .bone_assignment import assigned_by_name
+from .bone_conventions import convention_of
+from .bone_geometry import (
+    assigned_by_geometry,
+    frame_from_heads,
+    geometric_left,
+    named_left,
+)
+from .bone_names import FINGERS
+from .bone_rig import F64, Rig, RigBone, canonical_parents
+
+__all__ = [
+    "BoneMapping",
+    "RigBone",
+    "frame_of",
+    "from_json",
+    "map_bones",
+    "to_json",
+    "with_corrections",
+]
+
+FORMAT_VERSION: Final = 1
+_ARM: Final = ("upperarm01", "lowerarm01")
+_LEG: Final = ("upperleg01", "lowerleg01")
+_SIDE_NAMES: Final = {"L": "left", "R": "right"}
+
+
+@dataclass(frozen=True)
+class BoneMapping:
+    """Which bone of an avatar moves each bone of the canonical skeleton.
+
+    Every canonical bone is in exactly one of ``bones`` and ``fallbacks``.
+    """
+
+    convention: str  # "mixamo", "vrm", "rigify", ..., "plain", "geometry"
+    bones: dict[str, str]  # canonical bone -> its counterpart
+    fallbacks: dict[str, str]  # canonical bone without counterpart -> the bone it follows
+    report: tuple[str, ...]  # sentences about what is missing or doubtful
+
+
+def map_bones(bones: Sequence[RigBone]) -> BoneMapping:
+    """Map the bones of an avatar's armature to the canonical skeleton.
+
+    Parameters
+    ----------
+    bones : sequence of RigBone
+        All bones of the armature in rest pose, control bones included.
+
+    Raises
+    ------
+    InputError
+        No human joints are recognisable, neither by name nor by the shape of the hierarchy.
+    """
+    rig = Rig(bones)
+    notes: list[str] = []
+    found = assigned_by_name(rig)
+    convention = convention_of(rig.bones)
+    if not _is_human(found):
+        by_geometry = assigned_by_geometry(rig)
+        if by_geometry is None:
+            raise InputError(
+                f"None of the naming conventions fits the {len(bones)} bones of this armature, "
+                "nor does their hierarchy look human: looked for hips or a spine with both "
+                "thighs and shins or both upper arms and forearms (Mixamo, Unity or VRM, Rigify, "
+                "Unreal, MakeHuman, CMU, Daz, Biped and plain left/right names)."
+            )
+        found, convention = by_geometry, "geometry"
+        notes.append(
+            "The bone names say nothing; the joints were found by the shape of the hierarchy, "
+            "so check them."
+        )
+    elif _is_mirrored(rig, found):
+        found = {_mirrored(canonical): name for canonical, name in found.items()}
+        notes.append(
+            "The bone names are mirrored: bones named left lie on the body's right, as its feet "
+            "point; they were mapped by where they lie."
+        )
+    return _mapping(convention, found, notes)
+
+
+def with_corrections(mapping: BoneMapping, corrections: Mapping[str, str | None]) -> BoneMapping:
+    """A mapping with some canonical bones given another avatar bone, or none.
+
+    Raises
+    ------
+    InputError
+        A corrected bone is not of the canonical skeleton, or nothing is left.
+    """
+    _check_canonical(corrections)
+    bones = mapping.bones | {name: bone for name, bone in corrections.items() if bone}
+    for canonical, bone in corrections.items():
+        if not bone:
+            bones.pop(canonical, None)
+    if not bones:
+        raise InputError("The bone mapping has no bone left; at least one must be mapped.")
+    old = _missing(mapping.bones, mapping.fallbacks)
+    return _mapping(mapping.convention, bones, [s for s in mapping.report if s not in old])
+
+
+def to_json(mapping: BoneMapping) -> str:
+    """A mapping as JSON, for saving; :func:`from_json` reads it."""
+    return json.dumps(
+        {
+            "format": "hfx bone mapping",
+            "version": FORMAT_VERSION,
+            "convention": mapping.convention,
+            "bones": mapping.bones,
+            "fallbacks": mapping.fallbacks,
+            "report": list(mapping.report),
+        },
+        indent=1,
+        ensure_ascii=False,
+    )
+
+
+def from_json(text: str) -> BoneMapping:
+    """Read what :func:`to_json` wrote.
+
+    Raises
+    ------
+    InputError
+        The text is not a bone mapping, is of a newer version or names unknown canonical bones.
+    """
+    try:
+        stored = json.loads(text)
+        if stored["format"] != "hfx bone mapping":
+            raise ValueError(f"its format is {stored['format']!r}")
+        if stored["version"] > FORMAT_VERSION:
+            raise ValueError(f"its version is {stored['version']}, newer than {FORMAT_VERSION}")
+        tables = stored["bones"], stored["fallbacks"]
+        strings = [stored["convention"], *stored["report"]]
+        for table in tables:
+            strings += [part for item in table.items() for part in item]
+        if not all(isinstance(string, str) for string in strings):
+            raise ValueError("a bone name is not a text")
+        mapping = BoneMapping(stored["convention"], *tables, tuple(stored["report"]))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"The text is not a bone mapping ({error}).") from error
+    _check_canonical(mapping.bones | mapping.fallbacks)
+    return mapping
+
+
+def frame_of(bones: Sequence[RigBone], mapping: BoneMapping) -> F64:
+    """The avatar's own frame in its armature's space.
+
+    Returns
+    -------
+    (3, 3) float64
+        Orthonormal and right-handed; columns are the avatar's left, back and up, which are
+        +X, +Y and +Z of the canonical rest space. ``frame.T @ point`` turns armature space
+        into the canonical axes.
+
+    Raises
+    ------
+    InputError
+        The mapped joints lie at one point or on one line, or a mapped bone is missing.
+    """
+    return frame_from_heads(_heads(Rig(bones), mapping.bones))
+
+
+def _heads(rig: Rig, found: Mapping[str, str]) -> dict[str, F64]:
+    for canonical, name in found.items():
+        if name not in rig.by_name:
+            raise InputError(
+                f"The bone mapping gives '{name}' for '{canonical}', but the armature has no "
+                "bone of that name."
+            )
+    return {canonical: rig.head(name) for canonical, name in found.items()}
+
+
+def _is_human(found: Mapping[str, str]) -> bool:
+    has_trunk = "root" in found or any(name.startswith("spine") for name in found)
+    return has_trunk and any(
+        all(f"{bone}.{side}" in found for bone in limb for side in "LR") for limb in (_ARM, _LEG)
+    )
+
+
+def _is_mirrored(rig: Rig, found: Mapping[str, str]) -> bool:
+    heads = _heads(rig, found)
+    named, geometric = named_left(heads), geometric_left(heads)
+    return named is not None and geometric is not None and float(named @ geometric) < 0
+
+
+def _mirrored(canonical: str) -> str:
+    other = {"L": "R", "R": "L"}.get(canonical[-1]) if canonical[-2:-1] == "." else None
+    return canonical[:-1] + other if other else canonical
+
+
+def _check_canonical(names: Mapping[str, object]) -> None:
+    for name in names:
+        if name not in canonical_parents():
+            raise InputError(
+                f"'{name}' is no bone of the canonical skeleton (for instance 'upperarm01.L')."
+            )
+
+
+def _mapping(convention: str, found: Mapping[str, str], notes: Sequence[str]) -> BoneMapping:
+    order = canonical_parents()
+    bones = {name: found[name] for name in order if name in found}
+    fallbacks = {name: _followed(name, bones) for name in order if name not in bones}
+    return BoneMapping(convention, bones, fallbacks, (*notes, *_missing(bones, fallbacks)))
+
+
+def _followed(canonical: str, bones: Mapping[str, str]) -> str:
+    """The avatar bone that a canonical bone without counterpart follows."""
+    side = canonical[-2:]
+    if canonical.startswith("toe"):
+        # A single toe bone moves all toes.
+        toes = [n for n in bones if n.startswith("toe") and n.endswith(side)]
+        if len({name[3] for name in toes}) == 1:
+            return bones[toes[0]]
+    if canonical.startswith("finger") and canonical[6] != "1":
+        # A mitten: the only finger beside the thumb moves all of them.
+        joints = [n for n in bones if n[:6] == "finger" and n[6] != "1" and n.endswith(side)]
+        if len({name[6] for name in joints}) == 1:
+            reached = [n for n in joints if n[8] <= canonical[8]]
+            if reached:
+                return bones[max(reached)]
+    ancestor = canonical_parents()[canonical]
+    while ancestor is not None:
+        if ancestor in bones:
+            return bones[ancestor]
+        ancestor = canonical_parents()[ancestor]
+    return next(iter(bones.values()))
+
+
+def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str]:
+    sentences: list[str] = []
+
+    def tell(what: str, canonical: str) -> None:
+        if canonical in fallbacks:
+            sentences.append(f"No bone for {what}; follows '{fallbacks[canonical]}'.")
+
+    tell("the hips", "root")
+    if not any(name.startswith("spine") for name in bones):
+        tell("the spine", "spine01")
+    if not any(name.startswith("neck") for name in bones):
+        tell("the neck", "neck01")
+    tell("the head", "head")
+    for side, side_name in _SIDE_NAMES.items():
+        for what, bone in (
+            ("collar bone", "clavicle"),
+            ("upper arm", "upperarm01"),
+            ("forearm", "lowerarm01"),
+            ("hand", "wrist"),
+            ("thigh", "upperleg01"),
+            ("shin", "lowerleg01"),
+            ("foot", "foot"),
+        ):
+            tell(f"the {side_name} {what}", f"{bone}.{side}")
+        for number, finger in enumerate(FINGERS, start=1):
+            joints = [f"finger{number}-{joint}.{side}" for joint in (1, 2, 3)]
+            absent = [joint for joint in joints if joint in fallbacks]
+            count = "" if len(absent) == 3 else f"{len(absent)} of 3 joints of "
+            if absent:
+                tell(
+                    f"{count}the {side_name} {finger} finger".replace("thumb finger", "thumb"),
+                    absent[0],
+                )
+        toes = [n for n in fallbacks if n.startswith("toe") and n.endswith(side)]
+        if len({fallbacks[name] for name in toes}) == 1:
+            all_toes = not any(n.startswith("toe") and n.endswith(side) for n in bones)
+            tell(f"{'the' if all_toes else 'single'} {side_name} toes", toes[0])
+    split = [
+        n for n in fallbacks if n[:-2] in ("upperarm02", "lowerarm02", "upperleg02", "lowerleg02")
+    ]
+    if split:
+        sentences.append(
+            f"{len(split)} of 8 twist bones of the limbs are missing or placed elsewhere; "
+            "their skin follows the limb's main bone."
+        )
+    tell("the jaw", "jaw")
+    return sentences

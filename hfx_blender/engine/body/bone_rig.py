@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The bones of an avatar's armature as a hierarchy, and those of the canonical skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from .bone_names import is_deform, read_names, without_role
+from .model import load_avatar
+
+F64 = npt.NDArray[np.float64]
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class RigBone:
+    """One bone of an avatar's armature in rest pose; metres, armature space."""
+
+    name: str
+    parent: str | None
+    head: Point
+    tail: Point
+
+
+class Rig:
+    """Bones by name, with the hierarchy of those that deform.
+
+    Where bones carry Blender's "DEF-" mark only they count, and a parent that does not deform
+    stands for the bone that deforms in its place (Rigify hangs ``DEF-thigh.L`` on ``ORG-spine``).
+    """
+
+    def __init__(self, bones: Sequence[RigBone]) -> None:
+        every = {bone.name: bone for bone in bones}
+        marked = {name: bone for name, bone in every.items() if is_deform(name)}
+        self.by_name = every
+        self.bones = marked if len(read_names(marked)) >= 10 else every
+        deforming = {without_role(name): name for name in self.bones}
+        self.parent: dict[str, str | None] = {}
+        for name in self.bones:
+            above = every[name].parent
+            seen = {name}
+            while above is not None and above in every and above not in seen:
+                seen.add(above)
+                counterpart = deforming.get(without_role(above))
+                if counterpart is not None and counterpart != name:
+                    break
+                above = every[above].parent
+            else:
+                above = None
+            self.parent[name] = None if above is None else deforming[without_role(above)]
+        self.children: dict[str, list[str]] = {name: [] for name in self.bones}
+        for name, parent in self.parent.items():
+            if parent is not None:
+                self.children[parent].append(name)
+
+    def ancestors(self, name: str) -> Iterator[str]:
+        """The bones above one, nearest first."""
+        seen = {name}
+        above = self.parent[name]
+        while above is not None and above not in seen:
+            seen.add(above)
+            yield above
+            above = self.parent[above]
+
+    def depth(self, name: str) -> int:
+        """How many bones are above one."""
+        return sum(1 for _ in self.ancestors(name))
+
+    def head(self, name: str) -> F64:
+        """Where a bone begins, (3,) metres."""
+        return np.array(self.by_name[name].head, np.float64)
+
+    def tail(self, name: str) -> F64:
+        """Where a bone ends, (3,) metres."""
+        return np.array(self.by_name[name].tail, np.float64)
+
+
+@lru_cache(maxsize=1)
+def canonical_parents() -> dict[str, str | None]:
+    """Parent of each canonical bone, parents before children."""
+    skeleton = load_avatar().skeleton
+    names = skeleton.bone_names
+    return {
+        name: None if parent < 0 else names[parent]
+        for name, parent in zip(names, skeleton.parents.tolist(), strict=True)
+    }
+
+
+@lru_cache(maxsize=1)
+def canonical_heads() -> dict[str, F64]:
+    """Head of each canonical bone, (3,) metres in rest space."""
+    skeleton = load_avatar().skeleton
+    heads = skeleton.rest[:, :3, 3].astype(np.float64)
+    return dict(zip(skeleton.bone_names, heads, strict=True))

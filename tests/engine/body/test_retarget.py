@@ -1,0 +1,342 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Perceptual models on avatars of other shapes, poses, meshes, rigs and units."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import retarget_variants as variants
+from retarget_variants import Variant
+
+from hfx_blender.engine.body import retarget, retarget_target
+from hfx_blender.engine.body.model import SkinWeights, load_avatar, load_model
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.body.retarget_regions import REGIONS, above
+from hfx_blender.engine.body.retarget_surface import TargetSurface, _cut
+from hfx_blender.errors import InputError
+
+MODEL_ID = "hfx-pressure-1"
+
+LANDMARKS_MM = {"fingers": 2.0, "hand_palm": 3.0, "head": 5.0, "torso": 14.0, "upper_leg": 15.0}
+
+
+def own_names(variant: Variant) -> Any:
+    """The mapping of a rig that has the canonical bone names."""
+    return SimpleNamespace(
+        bones={bone.name: bone.name for bone in variant.target.bones}, fallbacks={}
+    )
+
+
+def few_bones(variant: Variant) -> Any:
+    """The canonical rig known only by the joints that any game rig has."""
+    stems = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
+    stems += ("toe3-1", *(f"finger{f}-{k}" for f in range(1, 6) for k in range(1, 4)))
+    kept = {f"{stem}.{side}" for stem in stems for side in "LR"}
+    kept |= {"root", "spine03", "spine01", "neck01", "head"}
+    return SimpleNamespace(bones={name: name for name in kept}, fallbacks={})
+
+
+def errors_mm(variant: Variant, mapping: Any, model_id: str = MODEL_ID) -> dict[str, float]:
+    """Median distance from the truth of each part's vertices."""
+    model = load_model(model_id)
+    warped = retarget.warp(load_avatar(), variant.target, mapping)
+    fitted, quality = retarget.fit(model, warped)
+    assert quality.warnings == ()
+    error = np.linalg.norm(fitted.vertices - variant.truth(model), axis=1)
+    error *= 1000.0 * variant.target.metres
+    return {
+        part: float(np.median(error[model.part == number])) for number, part in enumerate(PARTS)
+    }
+
+
+T_POSE = {
+    "upperarm01.L": variants.turn(1, -45.0),
+    "upperarm01.R": variants.turn(1, 45.0),
+}
+ARMS_DOWN = {
+    "upperarm01.L": variants.turn(1, 30.0),
+    "upperarm01.R": variants.turn(1, -30.0),
+}
+LONG = {
+    f"{bone}.{side}": factor
+    for side in "LR"
+    for bone, factor in (("upperarm02", 1.2), ("lowerarm01", 1.2), ("upperleg02", 1.15))
+}
+
+
+@lru_cache(maxsize=1)
+def canonical() -> Variant:
+    return variants.canonical()
+
+
+def test_the_shipped_avatar_is_met_exactly() -> None:
+    model = load_model(MODEL_ID)
+    variant = canonical()
+    warped = retarget.warp(load_avatar(), variant.target, own_names(variant))
+    fitted, _ = retarget.fit(model, warped)
+    error = np.linalg.norm(fitted.vertices - model.vertices, axis=1)
+    # At a few ridges no height over a triangle leads exactly to the vertex.
+    assert error.max() < 1e-3
+    assert np.percentile(error, 98) < 2e-6
+    assert fitted.model_hash == model.content_hash
+
+
+@pytest.mark.parametrize(
+    ("turns", "stretches"), [(T_POSE, {}), (ARMS_DOWN, {}), ({}, LONG), (T_POSE, LONG)]
+)
+def test_another_rest_pose_or_proportion_of_the_same_mesh_is_exact(
+    turns: Any, stretches: Any
+) -> None:
+    variant = variants.posed(canonical(), turns, stretches)
+    errors = errors_mm(variant, own_names(variant))
+    # What is left is the small height of a vertex over its triangle.
+    assert max(errors.values()) < 1.0, errors
+
+
+@pytest.mark.parametrize(
+    ("turns", "stretches"), [({}, {}), (T_POSE, {}), (ARMS_DOWN, {}), (T_POSE, LONG)]
+)
+def test_an_unknown_mesh_in_another_rest_pose(turns: Any, stretches: Any) -> None:
+    variant = variants.decimated(variants.posed(canonical(), turns, stretches))
+    errors = errors_mm(variant, few_bones(variant))
+    for part, limit_mm in LANDMARKS_MM.items():
+        assert errors[part] < limit_mm, errors
+
+
+def test_centimetres_and_other_axes_change_nothing() -> None:
+    plain = variants.shuffled(variants.posed(canonical(), T_POSE, {}))
+    matrix = np.eye(4)
+    matrix[:3, :3] = 100.0 * variants.turn(0, -90.0) @ variants.turn(2, 130.0)
+    matrix[:3, 3] = (12.0, -30.0, 7.0)
+    turned = variants.moved(plain, matrix)
+    turned = replace(turned, target=replace(turned.target, metres=0.01))
+    one, other = (errors_mm(variant, few_bones(variant)) for variant in (plain, turned))
+    for part in PARTS:
+        assert one[part] == pytest.approx(other[part], abs=0.05)
+
+
+def test_left_fingers_stay_left_and_no_finger_takes_its_neighbours_skin() -> None:
+    model = load_model("hfx-vibration-1")
+    variant = variants.decimated(variants.posed(canonical(), T_POSE, {}))
+    warped = retarget.warp(load_avatar(), variant.target, few_bones(variant))
+    fitted, quality = retarget.fit(model, warped)
+    assert quality.sides == 1.0
+    names = np.array(fitted.bone_names)
+
+    def finger_of(bones: Any, weights: SkinWeights) -> Any:
+        first = weights.offsets[:-1]
+        owners = np.repeat(np.arange(len(first)), np.diff(weights.offsets))
+        order = np.lexsort((-weights.values, owners))
+        return np.array([name[:7] + name[-2:] for name in bones])[weights.bones[order][first]]
+
+    mine = finger_of(model.bone_names, model.weights)
+    theirs = finger_of(names, fitted.weights)
+    both = np.char.startswith(mine, "finger") & np.char.startswith(theirs, "finger")
+    assert both.sum() > 10_000
+    assert (mine[both] == theirs[both]).all()
+
+
+def test_weights_sum_to_one_and_are_sorted_by_bone() -> None:
+    variant = variants.decimated(canonical())
+    warped = retarget.warp(load_avatar(), variant.target, few_bones(variant))
+    fitted, _ = retarget.fit(load_model(MODEL_ID), warped)
+    weights = fitted.weights
+    sums = np.add.reduceat(weights.values.astype(float), weights.offsets[:-1])
+    np.testing.assert_allclose(sums, 1.0, atol=1e-6)
+    rising = np.diff(weights.bones) > 0
+    rising[weights.offsets[1:-1] - 1] = True
+    assert rising.all()
+    assert (weights.values > 0).all()
+
+
+def test_anchors_lead_to_the_vertices() -> None:
+    for variant in (canonical(), variants.decimated(canonical())):
+        warped = retarget.warp(load_avatar(), variant.target, few_bones(variant))
+        fitted, _ = retarget.fit(load_model(MODEL_ID), warped)
+        anchors = fitted.anchors
+        corners = variant.target.vertices[anchors.corners]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        found = np.einsum("vc,vci->vi", anchors.weights, corners)
+        found += across * anchors.offset_m[:, None]
+        np.testing.assert_allclose(fitted.vertices, found, atol=1e-5)
+
+
+def test_skin_that_follows_no_bone_gets_the_canonical_weights() -> None:
+    variant = variants.decimated(canonical())
+    target = variant.target
+    bare = target.vertices[:, 2] > 1.7  # the crown
+    kept = np.where(bare, 0, np.diff(target.weights.offsets))
+    entries = ~np.repeat(bare, np.diff(target.weights.offsets))
+    weights = SkinWeights(
+        np.append(0, np.cumsum(kept)).astype(np.int32),
+        target.weights.bones[entries],
+        target.weights.values[entries],
+    )
+    target = replace(target, weights=weights)
+    warped = retarget.warp(load_avatar(), target, own_names(variant))
+    model = load_model(MODEL_ID)
+    fitted, _ = retarget.fit(model, warped)
+    top = int(model.vertices[:, 2].argmax())
+    row = slice(*fitted.weights.offsets[top : top + 2])
+    own = slice(*model.weights.offsets[top : top + 2])
+    assert {fitted.bone_names[b] for b in fitted.weights.bones[row]} <= {
+        model.bone_names[b] for b in model.weights.bones[own]
+    }
+
+
+def test_the_same_input_gives_the_same_bytes() -> None:
+    variant = variants.decimated(canonical())
+    model = load_model("hfx-temperature-1")
+    one, other = (
+        retarget.fit(model, retarget.warp(load_avatar(), variant.target, few_bones(variant)))[0]
+        for _ in range(2)
+    )
+    assert one.vertices.tobytes() == other.vertices.tobytes()
+    assert one.weights.values.tobytes() == other.weights.values.tobytes()
+
+
+# Quality: a poor fit names the part
+
+
+def test_a_missing_limb_is_a_warning_that_names_it() -> None:
+    variant = variants.shuffled(canonical())
+    target = variant.target
+    keep = ~(target.vertices[target.triangles][:, :, 2] < 0.4).any(axis=1)
+    target = replace(target, triangles=target.triangles[keep])
+    warped = retarget.warp(load_avatar(), target, few_bones(variant))
+    _, quality = retarget.fit(load_model(MODEL_ID), warped)
+    assert any(warning.startswith("foot sole") for warning in quality.warnings)
+    assert not any(warning.startswith("fingers") for warning in quality.warnings)
+
+
+def test_swapped_sides_are_a_warning() -> None:
+    variant = variants.shuffled(canonical())
+    other = {"L": "R", "R": "L"}
+    mapping = few_bones(variant)
+    mapping.bones = {
+        name: name[:-1] + other[name[-1]] if name[-2:-1] == "." else name for name in mapping.bones
+    }
+    warped = retarget.warp(load_avatar(), variant.target, mapping)
+    _, quality = retarget.fit(load_model(MODEL_ID), warped)
+    assert any("front and back" in warning for warning in quality.warnings)
+
+
+# The search
+
+
+def test_cut_triangles_cover_their_parent() -> None:
+    corners = np.array(
+        [[[0.0, 0, 0], [0.3, 0, 0], [0, 0.05, 0]], [[0, 0, 1], [0.01, 0, 1], [0, 0.01, 1]]]
+    )
+    pieces, parent, places = _cut(corners)
+    assert np.count_nonzero(parent == 1) == 1
+    areas = retarget_target.areas_of(
+        pieces.reshape(-1, 3), np.arange(len(pieces) * 3).reshape(-1, 3)
+    )
+    np.testing.assert_allclose(np.bincount(parent, areas), [0.0075, 0.00005])
+    np.testing.assert_allclose(
+        np.einsum("nkc,nci->nki", places, corners[parent]), pieces, atol=1e-12
+    )
+    edges = np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2)
+    assert edges.max() <= 0.02
+
+
+def test_nearest_places_keep_to_their_region_and_their_side_of_the_skin() -> None:
+    # Two sheets 1 cm apart, of two regions, facing each other.
+    sheet = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    points = np.concatenate((sheet, sheet + [0, 0, 0.01]))
+    triangles = np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]])
+    shares = np.repeat(np.eye(2), 4, axis=0)
+    surface = TargetSurface(points, triangles, shares)
+    asked = np.array([[0.4, 0.5, 0.009]] * 3)
+    up, down = [0.0, 0, 1], [0.0, 0, -1]
+    places = surface.nearest(
+        asked, np.array([up, down, up]), np.array([[1.0, 0], [0, 1], [0, 1]]), 0.05
+    )
+    assert places.found.tolist() == [True, True, False]
+    np.testing.assert_allclose(places.points[:2], [[0.4, 0.5, 0], [0.4, 0.5, 0.01]], atol=1e-12)
+
+
+def test_every_region_hangs_on_the_torso() -> None:
+    for region in REGIONS:
+        steps = 0
+        while region != "torso":
+            region, steps = above(region), steps + 1
+            assert region in REGIONS
+            assert steps < 5
+
+
+# Bad input: one sentence
+
+
+def _message(target: retarget_target.TargetAvatar) -> str:
+    with pytest.raises(InputError) as caught:
+        retarget_target.check(target, "Anna")
+    return str(caught.value)
+
+
+def test_a_good_avatar_passes() -> None:
+    retarget_target.check(canonical().target, "Anna")
+
+
+def test_meshes_that_cannot_be_used_are_refused() -> None:
+    target = canonical().target
+    assert "no faces" in _message(replace(target, triangles=np.zeros((0, 3), np.int64)))
+    assert "no size" in _message(replace(target, vertices=target.vertices * 0.0))
+    broken = target.vertices.copy()
+    broken[7, 1] = np.nan
+    assert "vertex 7" in _message(replace(target, vertices=broken))
+    none = SkinWeights(
+        np.zeros(len(target.vertices) + 1, np.int32), np.zeros(0, np.int32), np.zeros(0, np.float32)
+    )
+    assert "follow no bone" in _message(replace(target, weights=none))
+    loose = np.arange(len(target.triangles) * 3).reshape(-1, 3)
+    shifted = target.vertices[target.triangles] + np.arange(len(loose))[:, None, None] * 0.01
+    rows = target.triangles.ravel()
+    shattered = replace(
+        target,
+        vertices=shifted.reshape(-1, 3),
+        triangles=loose,
+        weights=variants.rows_of(target.weights, rows),
+    )
+    assert "pieces" in _message(shattered)
+    doubled = np.concatenate((target.triangles, target.triangles[:, ::-1]))
+    assert "non-manifold" in _message(replace(target, triangles=doubled))
+
+
+def test_split_seams_are_one_piece() -> None:
+    target = canonical().target
+    rows = target.triangles.ravel()
+    split = replace(
+        target,
+        vertices=target.vertices[rows],
+        triangles=np.arange(len(rows)).reshape(-1, 3),
+        weights=variants.rows_of(target.weights, rows),
+    )
+    retarget_target.check(split, "Anna")
+
+
+def test_something_that_is_not_human_is_refused() -> None:
+    variant = canonical()
+    bones = tuple(
+        replace(bone, head=np.asarray(bone.head)[[1, 2, 0]] * (1, 1, 3))
+        if bone.name.startswith(("lowerleg", "foot", "toe"))
+        else bone
+        for bone in variant.target.bones
+    )
+    with pytest.raises(InputError, match="human"):
+        retarget.warp(load_avatar(), replace(variant.target, bones=bones), own_names(variant))
+
+
+def test_missing_joints_are_named() -> None:
+    variant = canonical()
+    mapping = few_bones(variant)
+    del mapping.bones["upperarm01.R"]
+    with pytest.raises(InputError, match=r"shoulder\.R"):
+        retarget.warp(load_avatar(), variant.target, mapping)
