@@ -36,8 +36,8 @@ def add_parser(commands: Any) -> None:
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:
-    from ..engine.body import thresholds
-    from ..engine.body.build import build
+    from ..engine.body.building import thresholds
+    from ..engine.body.building.build import build
 
     folder = options.output or resources.body_models()
     targets = thresholds.read(options.targets)
@@ -49,7 +49,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
 
 
 def _stats(options: argparse.Namespace, console: Console) -> int:
-    from ..engine.body import stats
+    from ..engine.body.building import stats
     from ..engine.body.model import load_model, manifest
 
     rows = stats.table(load_model(model_id) for model_id in manifest()["models"])

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.engine.body import model, skeleton
+from hfx_blender.engine.body import model
+from hfx_blender.engine.body.building import skeleton
 
 
 def bones_in_blender(bpy: Any, bones: dict[str, tuple[Any, Any, float]]) -> dict[str, np.ndarray]:

@@ -205,12 +205,14 @@ def _low(heads: Mapping[str, F64]) -> F64:
     thighs = [heads[n] for n in ("upperleg01.L", "upperleg01.R") if n in heads]
     if len(thighs) == 2:
         return np.asarray(np.mean(thighs, axis=0))
-    return next(heads[n] for n in ("root", "spine05", "spine04", "spine03", *heads) if n in heads)
+    return next(heads[n] for n in ("spine05", "spine04", "spine03", "root", *heads) if n in heads)
 
 
 def _high(heads: Mapping[str, F64]) -> F64:
     return next(
-        heads[n] for n in ("neck01", "head", "spine01", "spine02", *reversed(heads)) if n in heads
+        heads[n]
+        for n in ("neck01", "head", "spine01", "spine02", *reversed(list(heads)))
+        if n in heads
     )
 
 

@@ -244,7 +244,9 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
 
     def tell(what: str, canonical: str) -> None:
         if canonical in fallbacks:
-            sentences.append(f"No bone for {what}; follows '{fallbacks[canonical]}'.")
+            sentences.append(
+                f"No bone for {what}; the skin there follows '{fallbacks[canonical]}'."
+            )
 
     tell("the hips", "root")
     if not any(name.startswith("spine") for name in bones):
@@ -274,8 +276,7 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
                 )
         toes = [n for n in fallbacks if n.startswith("toe") and n.endswith(side)]
         if len({fallbacks[name] for name in toes}) == 1:
-            all_toes = not any(n.startswith("toe") and n.endswith(side) for n in bones)
-            tell(f"{'the' if all_toes else 'single'} {side_name} toes", toes[0])
+            tell(f"the single toes of the {side_name} foot", toes[0])
     split = [
         n for n in fallbacks if n[:-2] in ("upperarm02", "lowerarm02", "upperleg02", "lowerleg02")
     ]

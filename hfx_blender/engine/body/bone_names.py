@@ -46,7 +46,7 @@ _SIDED_WORDS: Final = {
     "small_toe": "smalltoe",
     "pelvis_half": "pelvis hipjoint",
     "breast": "breast pectoral",
-    "eye": "eye faceeye",
+    "eye": "eye faceeye adjfaceeye jadjfaceeye",
     "finger": "finger handfinger fingers",
     "finger_base": "fingerbase",
     "metacarpal": "metacarpal palm carpal",

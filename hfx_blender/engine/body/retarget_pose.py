@@ -31,6 +31,8 @@ _LARGEST_MISFIT: Final = 0.12
 _GIRTHS: Final = (0.4, 2.5)
 """Smallest and largest change of a girth that is believed."""
 
+_FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
+
 _SKULL_M: Final = 0.13
 """Height of the part of the canonical head that is skull, from its top to the ears."""
 
@@ -58,7 +60,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     InputError
         Needed joints are missing, or stand to each other as no person's do.
     """
-    mapped = mapping.bones
+    mapped = _without_mittens(mapping.bones)
     canonical, joints = _joints(avatar, target, mapped)
     missing = [joint for joint in _NEEDED if joint not in joints]
     if missing:
@@ -88,7 +90,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     owners = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
     of_target = np.array([number["torso" if o is None else region_of(o)] for o in owners], np.int64)
     points = _apply(from_target, target.vertices)
-    target_shares = group_shares(target.weights, of_target, len(REGIONS))
+    target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
     return Skeletons(
         to_target,
         points,
@@ -100,6 +102,18 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     )
 
 
+def _filled(shares: F64, points: F64) -> F64:
+    """Skin that follows no bone belongs to the region of the nearest skin that does."""
+    from scipy.spatial import cKDTree
+
+    bare = shares.sum(axis=1) == 0.0
+    if not bare.any() or bare.all():
+        return shares
+    filled = shares.copy()
+    filled[bare] = shares[~bare][cKDTree(points[~bare]).query(points[bare])[1]]
+    return filled
+
+
 def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
     """Share of the feet that reach farther forward than back from the ankle; 1 without feet."""
     forward = []
@@ -109,6 +123,17 @@ def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
             reach = foot[:, 1] - joints[f"ankle.{side}"][1]
             forward.append(-reach.min() > reach.max())
     return float(np.mean(forward)) if forward else 1.0
+
+
+def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
+    """Leave out a finger that stands for all of them: it says nothing on any one's place."""
+    found = dict(mapped)
+    for side in "LR":
+        fingers = [bone for bone in mapped if bone[:7] in _FINGERS and bone.endswith(f".{side}")]
+        if len({bone[6] for bone in fingers}) == 1:
+            for bone in fingers:
+                del found[bone]
+    return found
 
 
 def _joints(
@@ -296,7 +321,7 @@ class _Segments:
         knuckles = [f"finger{k}-1.{side}" for k in range(2, 6)]
         known = [joint for joint in knuckles if joint in self._t]
         if len(known) < 2:
-            return self._by_extent(forearm, wrist, f"hand.{side}")
+            return self._mitten(forearm, wrist, f"hand.{side}")
         old_mid = np.mean([self._c[joint] for joint in known], axis=0)
         new_mid = np.mean([self._t[joint] for joint in known], axis=0)
         old = _frame(old_mid - self._c[wrist], self._c[known[0]] - self._c[known[-1]])
@@ -412,6 +437,31 @@ class _Segments:
         tip = _tip(mine, start)
         new_tip = _tip(theirs, new_start)
         return self._stretched(turn, start, tip, new_start, new_tip, self._girth(region))
+
+    def _mitten(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
+        """A hand without knuckles: its broad side tells how it is turned."""
+        turn, _ = self._by_extent(parent, joint, region)
+        mine, theirs = self._skins(region)
+        if len(theirs) <= 10:
+            return self._rigid(parent, joint)
+        frames, sizes = [], []
+        for points, start, guess in (
+            (mine, self._c[joint], None),
+            (theirs, self._t[joint], turn),
+        ):
+            main = _tip(points, start) - start
+            axis = main / np.linalg.norm(main)
+            flat = points - start - np.outer((points - start) @ axis, axis)
+            broad = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2][0]
+            if guess is not None and broad @ (guess @ frames[0][:, 1]) < 0.0:
+                broad = -broad
+            frame = _frame(main, broad)
+            frames.append(frame)
+            sizes.append([float(np.linalg.norm(main)), *np.std(points @ frame[:, 1:], axis=0)])
+        old, new = frames
+        scale = np.clip(np.divide(sizes[1], sizes[0]), *_GIRTHS)
+        linear = new @ np.diag(scale) @ old.T
+        return _affine(new @ old.T, linear, self._c[joint], self._t[joint])
 
     def _girth(self, region: str, start: str = "", end: str = "") -> float:
         """Ratio of how thick a region is about the line between two joints."""

@@ -20,7 +20,7 @@ F64 = npt.NDArray[np.float64]
 FARTHEST_MM: Final = 15.0
 """A part's vertices may be this far from the skin before they land on it (95 of 100)."""
 
-IN_PLACE: Final = 0.9
+IN_PLACE: Final = 0.8
 """Share of a part's vertices that must lie on skin of that part of the avatar."""
 
 AREA_RATIOS: Final = (0.4, 2.5)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hfx_blender.engine.body import skeleton, source
+from hfx_blender.engine.body.building import skeleton, source
 from hfx_blender.engine.body.model import Avatar, PerceptualModel, SkinWeights, load_avatar
 from hfx_blender.engine.body.retarget_target import TargetAvatar
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hfx_blender.engine.body import levels, model
+from hfx_blender.engine.body import model
+from hfx_blender.engine.body.building import levels
 
 
 def test_a_level_covers_the_whole_model() -> None:

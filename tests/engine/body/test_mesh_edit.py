@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body import fit, mesh_edit, nearest
+from hfx_blender.engine.body import mesh_edit, nearest
+from hfx_blender.engine.body.building import fit
 
 
 def cloud(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from hfx_blender.engine.body import assemble, left_skin, remesh, skin
+from hfx_blender.engine.body.building import assemble, left_skin, remesh, skin
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
 
 SPACING_M = (0.016, 0.025)  # upper half, lower half

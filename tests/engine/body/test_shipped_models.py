@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from hfx_blender import resources
-from hfx_blender.engine.body import fit, model, stats, thresholds
+from hfx_blender.engine.body import model
+from hfx_blender.engine.body.building import fit, stats, thresholds
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
 
 IDS = ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1")

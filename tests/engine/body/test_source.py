@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hfx_blender.engine.body import build, left_skin, model, segmentation, skeleton, skin, source
+from hfx_blender.engine.body import model
+from hfx_blender.engine.body.building import build, left_skin, segmentation, skeleton, skin, source
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError, UsageError
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hfx_blender.engine.body import correspondence, model, stats
+from hfx_blender.engine.body import model
+from hfx_blender.engine.body.building import correspondence, stats
 from hfx_blender.engine.body.parts import PARTS
 
 

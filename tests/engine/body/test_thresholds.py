@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender.engine.body import thresholds
+from hfx_blender.engine.body.building import thresholds
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...atomic_files import atomic_file
-from .model import PerceptualModel
+from ....atomic_files import atomic_file
+from ..model import PerceptualModel
 
 I32 = npt.NDArray[np.int32]
 

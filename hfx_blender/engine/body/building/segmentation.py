@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .model import Skeleton
-from .parts import CENTRE, LEFT, PARTS, RIGHT
+from ..model import Skeleton
+from ..parts import CENTRE, LEFT, PARTS, RIGHT
 from .skin import Skin
 
 F64 = npt.NDArray[np.float64]

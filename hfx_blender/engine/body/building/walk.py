@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from .model import Avatar, Skeleton, WalkCycle
-from .parts import LEFT, PARTS
+from ..model import Avatar, Skeleton, WalkCycle
+from ..parts import LEFT, PARTS
 
 F64 = npt.NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .model import Skeleton
+from ..model import Skeleton
 from .source import Source
 
 F64 = npt.NDArray[np.float64]

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from . import mesh_edit
-from .mesh_edit import F64, I64, Bool
-from .nearest import locate
+from .. import mesh_edit
+from ..mesh_edit import F64, I64, Bool
+from ..nearest import locate
 
 if TYPE_CHECKING:
     from .remesh import Remesher

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .model import PerceptualModel
+from ..model import PerceptualModel
 
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]

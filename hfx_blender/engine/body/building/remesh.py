@@ -15,11 +15,12 @@ from typing import Final
 
 import numpy as np
 
-from . import fit, mesh_edit
+from .. import mesh_edit
+from ..mesh_edit import F64, I64
+from ..nearest import locate
+from ..parts import PARTS
+from . import fit
 from .left_skin import Half, LeftSkin, sample
-from .mesh_edit import F64, I64
-from .nearest import locate
-from .parts import PARTS
 
 Progress = Callable[[float, str], None]
 

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ... import resources
-from ...atomic_files import atomic_file
-from ...errors import OutputError, UsageError
+from .... import resources
+from ....atomic_files import atomic_file
+from ....errors import OutputError, UsageError
+from ..model import Avatar, PerceptualModel, WalkCycle, load_model, save
+from ..parts import PARTS
 from . import (
     assemble,
     correspondence,
@@ -27,8 +29,6 @@ from . import (
     walk,
 )
 from . import source as source_data
-from .model import Avatar, PerceptualModel, WalkCycle, load_model, save
-from .parts import PARTS
 
 Progress = Callable[[float, str], None]
 

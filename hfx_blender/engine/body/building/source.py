@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
+from ....errors import InputError
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]

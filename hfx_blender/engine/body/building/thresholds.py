@@ -13,8 +13,8 @@ import math
 from pathlib import Path
 from typing import Final
 
-from ...errors import InputError
-from .parts import PARTS
+from ....errors import InputError
+from ..parts import PARTS
 
 MODALITIES: Final = ("pressure", "vibration", "temperature")
 

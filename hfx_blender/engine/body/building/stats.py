@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .mesh_edit import edges_of
-from .model import PerceptualModel
-from .parts import PARTS
+from ..mesh_edit import edges_of
+from ..model import PerceptualModel
+from ..parts import PARTS
 from .quadric import Decimated
 from .thresholds import TABLE_1_MM, TABLE_1_SD_MM
 

@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy as np
 
+from ..mesh_edit import F64, I64
+from ..nearest import locate
+from ..parts import PARTS
 from .left_skin import LeftSkin
-from .mesh_edit import F64, I64
-from .nearest import locate
-from .parts import PARTS
 from .remesh import HEXAGON
 
 _STEPS: Final = 6

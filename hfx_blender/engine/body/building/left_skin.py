@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from . import mesh_edit
-from .mesh_edit import F64, I64, Bool
-from .parts import CENTRE, RIGHT
+from .. import mesh_edit
+from ..mesh_edit import F64, I64, Bool
+from ..parts import CENTRE, RIGHT
 from .skin import Skins
 
 U8 = npt.NDArray[np.uint8]

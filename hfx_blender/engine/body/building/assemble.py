@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..mesh_edit import F64, I64, edges_of, triangle_normals
+from ..model import Avatar, PerceptualModel, Skeleton, SkinWeights
+from ..nearest import locate
+from ..parts import CENTRE, LEFT, RIGHT
 from .left_skin import Half
-from .mesh_edit import F64, I64, edges_of, triangle_normals
-from .model import Avatar, PerceptualModel, Skeleton, SkinWeights
-from .nearest import locate
-from .parts import CENTRE, LEFT, RIGHT
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
