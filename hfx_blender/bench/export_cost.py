@@ -17,6 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .. import blender_session
+
 _STEP = """
 import bpy, os, sys, time
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1], load_ui=False, use_scripts=False)
@@ -54,7 +56,6 @@ def measure(
     rounds: int = 5, progress: Callable[[float], None] = lambda share: None
 ) -> dict[str, Any]:
     """Seconds of each run, and the ratios export / stepping pair by pair."""
-    from .. import blender_session
     from ..demo import garage
 
     bpy = blender_session.start()
@@ -83,13 +84,11 @@ def measure(
 
 
 def _seconds(program: str, *arguments: Path) -> float:
-    root = str(Path(__file__).resolve().parents[2])
-    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
         [sys.executable, "-c", program, *map(str, arguments)],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": paths},
+        env=blender_session.child_environment(),
     )
     _, found, seconds = done.stderr.rpartition("seconds=")
     if not found:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -113,8 +112,6 @@ def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
 
 def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
     """Draw in a process of its own, which may crash; what went wrong."""
-    root = str(Path(__file__).resolve().parents[2])
-    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-m", "hfx_blender.demo.pictures", scene_file, track_file, folder]
     try:
         done = subprocess.run(
@@ -122,7 +119,7 @@ def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
             capture_output=True,
             text=True,
             timeout=_PICTURE_LIMIT_S,
-            env={**os.environ, "PYTHONPATH": paths},
+            env=blender_session.child_environment(),
         )
     except subprocess.TimeoutExpired:
         return f"it took longer than {_PICTURE_LIMIT_S} s"

@@ -186,14 +186,12 @@ def _interrupt(worker: subprocess.Popen[str]) -> None:
 def _export_in_worker(
     path: Path, options: argparse.Namespace, running: set[subprocess.Popen[str]]
 ) -> dict[str, Any]:
-    root = str(Path(__file__).resolve().parents[2])
-    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     worker = subprocess.Popen(
         _worker_command(path, options),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": paths},
+        env=blender_session.child_environment(),
         start_new_session=True,  # Ctrl-C comes from us, once
     )
     running.add(worker)

@@ -149,14 +149,14 @@ def _swap(found: dict[str, str], limb: Sequence[str]) -> None:
 
 def _apart(heads: Mapping[str, F64], left: F64) -> bool:
     """Whether both pairs lie mainly across the body: not, say, a table or a centipede."""
-    up = _up(heads)
-    assert up is not None
+    trunk = _high(heads) - _low(heads)
     for bone in ("upperleg01", "upperarm01"):
         across = heads[f"{bone}.L"] - heads[f"{bone}.R"]
-        if abs(float(across @ left)) < 0.8 * float(np.linalg.norm(across)):
+        width = abs(float(across @ left))
+        if width < 0.8 * float(np.linalg.norm(across)) or width < 0.1 * np.linalg.norm(trunk):
             return False
     down = (heads["foot.L"] + heads["foot.R"] - heads["upperleg01.L"] - heads["upperleg01.R"]) / 2
-    return float(down @ up) < -0.5 * float(np.linalg.norm(_high(heads) - _low(heads)))
+    return float(down @ trunk) < -0.5 * float(trunk @ trunk)
 
 
 def _trunk(rig: Rig, reach: Mapping[str, float], first: str) -> list[str]:

@@ -88,7 +88,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         [number[stands_for[region_of(bone)]] for bone in avatar.skeleton.bone_names]
     )
     owners = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
-    of_target = np.array([number["torso" if o is None else region_of(o)] for o in owners], np.int64)
+    of_target = np.array([-1 if o is None else number[region_of(o)] for o in owners], np.int64)
     points = _apply(from_target, target.vertices)
     target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
     return Skeletons(

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -161,19 +161,29 @@ def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
 def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | None]:
     """Canonical bone that stands for each bone of the weights.
 
-    A bone that is not mapped (twist, helper) belongs to the nearest mapped bone above it.
+    A bone that is not mapped (twist, helper) belongs to the nearest mapped bone above it, one
+    that the mapped bones hang on to the root. None: it hangs loose, and says nothing.
 
     Parameters
     ----------
     canonical : mapping of the rig's bone to the canonical bone that it really is
     """
     parents = {bone.name: bone.parent for bone in target.bones}
-    found: list[str | None] = []
-    for name in target.bone_names:
+
+    def upwards(name: str) -> Iterator[str]:
         at: str | None = name
         seen: set[str] = set()
-        while at is not None and at not in canonical and at not in seen:
+        while at is not None and at not in seen:
+            yield at
             seen.add(at)
             at = parents.get(at)
-        found.append(canonical.get(at) if at is not None else None)
+
+    carrying = {above for name in canonical for above in upwards(name)}
+    found: list[str | None] = []
+    for name in target.bone_names:
+        mapped = next((at for at in upwards(name) if at in canonical), None)
+        if mapped is not None:
+            found.append(canonical[mapped])
+        else:
+            found.append("root" if name in carrying else None)
     return found

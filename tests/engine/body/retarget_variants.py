@@ -159,10 +159,13 @@ def _weights(
     index = {name: number for number, name in enumerate(names)}
     place = np.full(count, -1)
     place[used] = np.arange(len(used))
+    # Rigify's weights name the halves of limbs that only its generated rig has.
+    whole = {name: name.removeprefix("DEF-").removesuffix(".001") for name in stored}
+    whole |= {name: name for name in stored if name in index}
     rows = [
-        (place[vertex], index[name], value)
+        (place[vertex], index[whole[name]], value)
         for name, entries in stored.items()
-        if name in index
+        if whole[name] in index
         for vertex, value in entries
         if place[vertex] >= 0 and value > 0.0
     ]

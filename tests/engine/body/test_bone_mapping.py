@@ -358,6 +358,7 @@ def test_tables_hold_the_main_bones_and_fingers() -> None:
         "knee target L", "head_ctrl", "VB Hand_r_Hand_l", "thumb_03_end_l", "ArmHelper.L",
         "LeftHandProp", "spine_tweak", "neckTie", "footstool", "ringmaster", "handle", "toenail.L",
         "Bip01 HeadNub", "upperarm_bicep_l", "J_Sec_L_Bust1", "eyebrow.L", "armor_l",
+        "hand_l_r",
     ],
 )  # fmt: skip
 def test_look_alikes_are_not_joints(name: str) -> None:
@@ -424,6 +425,15 @@ def test_rigify_takes_only_bones_that_deform() -> None:
         assert mapping.bones[canonical] == name
     assert mapping.fallbacks["upperarm02.L"] == "DEF-upper_arm.L"
     assert mapping.fallbacks["toe5-3.L"] == "DEF-toe.L"
+
+
+def test_a_twist_bone_beside_the_limb_is_no_part_of_it() -> None:
+    _, table, _ = CONVENTIONS["unreal 4"]
+    middle = canonical_heads()["lowerarm02.L"]
+    beside = RigBone("lowerarm_twist_01_l", "lowerarm_l", tuple(middle), tuple(middle))
+    mapping = bone_mapping.map_bones([*_rig(table), beside])
+    assert mapping.bones == table
+    assert mapping.fallbacks["lowerarm02.L"] == "lowerarm_l"
 
 
 def test_missing_fingers_toes_and_face_follow_their_parents_and_are_reported() -> None:
@@ -567,6 +577,13 @@ def test_what_is_no_human_is_refused_in_one_sentence(bones: list[RigBone]) -> No
 
 def test_feet_without_toes_leave_a_nameless_rig_undecided() -> None:
     bones, _ = _nameless({b: n for b, n in _MIXAMO.items() if not b.startswith("toe")})
+    with pytest.raises(InputError):
+        bone_mapping.map_bones(bones)
+
+
+def test_nameless_hip_joints_are_not_taken_for_thighs() -> None:
+    """Legs of five bones that begin at the midline: a hip joint, not a mark at the toes."""
+    bones, _ = _nameless(_MIXAMO | {"pelvis.L": "HipL", "pelvis.R": "HipR"})
     with pytest.raises(InputError):
         bone_mapping.map_bones(bones)
 
