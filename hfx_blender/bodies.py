@@ -10,7 +10,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import compat
+from . import body_binding, compat, retargeting
+from .engine.body.bone_mapping import BoneMapping
 from .engine.body.model import Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from .errors import InputError
 
@@ -26,10 +27,54 @@ def add_avatar(
     return armature, mesh
 
 
-def mark_body(armature: bpy.types.Object, avatar: bpy.types.Object | None) -> None:
-    """Make an armature a haptic body, shown by a mesh."""
+def add_body(
+    armature: bpy.types.Object,
+    avatar: bpy.types.Object | None,
+    mapping: BoneMapping | None = None,
+) -> list[str]:
+    """Make an avatar a haptic body: the perceptual models are fitted to it.
+
+    The canonical armature needs no fit. Nothing is changed if the avatar cannot be used.
+
+    Parameters
+    ----------
+    mapping : BoneMapping, optional
+        A corrected one; found from the bones by default.
+
+    Returns
+    -------
+    list of str
+        What a user should check.
+
+    Raises
+    ------
+    InputError
+        The avatar cannot become a haptic body; says why.
+    """
+    _check_armature(armature)
+    if armature.library is not None:
+        raise InputError(
+            f"'{armature.name}' is linked from '{armature.library.filepath}', so nothing can be "
+            "stored on it; make it local or a library override, or mark it in its own file."
+        )
+    if body_binding.from_canonical(armature) is None:
+        retargeting.forget(armature)
+        mark_body(armature, avatar)
+        return []
+    fitted, warnings = retargeting.fit_body(armature, avatar, mapping)
+    retargeting.store(armature, avatar, fitted)
+    mark_body(armature, avatar)
+    return warnings
+
+
+def _check_armature(armature: bpy.types.Object) -> None:
     if armature.type != "ARMATURE":
         raise InputError(f"'{armature.name}' is a {armature.type.lower()}, not an armature.")
+
+
+def mark_body(armature: bpy.types.Object, avatar: bpy.types.Object | None) -> None:
+    """Make an armature a haptic body, shown by a mesh; nothing is fitted."""
+    _check_armature(armature)
     armature.hfx.role = "BODY"
     armature.hfx.uid = armature.hfx.uid or uuid.uuid4().hex
     armature.hfx.avatar = avatar

@@ -9,14 +9,16 @@ the perceptual vertices ride on that surface.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import bpy
 import numpy as np
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
+from . import retargeting
 from .engine.body.model import PerceptualModel, load_avatar, load_model
-from .engine.scene import SkinBinding, SurfaceAnchors, SurfaceBinding
+from .engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
 from .errors import InputError
 
 REST_TOLERANCE_M = 1e-4
@@ -39,36 +41,60 @@ def binding_of(body: bpy.types.Object, model_ids: Iterable[str]) -> SkinBinding 
     Raises
     ------
     InputError
-        The armature is not the canonical one, or the avatar cannot be followed.
+        The armature is neither the canonical one nor fitted, or the avatar cannot be followed.
     """
-    _check_skeleton(body)
+    fitted: dict[str, FittedModel] = {}
+    if retargeting.is_fitted(body):
+        found = (retargeting.fitted_model(body, model_id) for model_id in sorted(model_ids))
+        fitted = {model.model_id: model for model in found}
+    else:
+        difference = from_canonical(body)
+        if difference is not None:
+            raise InputError(f"Body '{body.name}': {difference}")
     avatar = body.hfx.avatar
     reason = None if avatar is None else _beyond_bones(body, avatar)
     if reason is None:
-        return SkinBinding(tuple(bone.name for bone in body.pose.bones))
+        return SkinBinding(tuple(bone.name for bone in body.pose.bones), fitted)
     return SurfaceBinding(
-        {model_id: _anchors(body, avatar, load_model(model_id)) for model_id in model_ids}, reason
+        {
+            model_id: _fitted_anchors(body, avatar, fitted[model_id])
+            if model_id in fitted
+            else _anchors(body, avatar, load_model(model_id))
+            for model_id in model_ids
+        },
+        reason,
     )
 
 
-def _check_skeleton(body: bpy.types.Object) -> None:
+def from_canonical(body: bpy.types.Object) -> str | None:
+    """How an armature differs from the canonical one in rest pose; None if it does not."""
     skeleton = load_avatar().skeleton
     bones = body.data.bones
     missing = [name for name in skeleton.bone_names if name not in bones]
     if missing:
-        raise InputError(
-            f"Body '{body.name}': its armature lacks {len(missing)} bones of the canonical "
-            f"skeleton, '{missing[0]}' first. Add the built-in avatar, or use MakeHuman's default "
-            "rig."
+        return (
+            f"its armature lacks {len(missing)} bones of the canonical "
+            f"skeleton, '{missing[0]}' first. Add the built-in avatar, or mark the armature of "
+            "your own as a haptic body."
         )
     found = np.array([bones[name].head_local for name in skeleton.bone_names], np.float64)
     distance = np.linalg.norm(found - skeleton.rest[:, :3, 3], axis=1)
     if distance.max() > REST_TOLERANCE_M:
         bone = skeleton.bone_names[int(distance.argmax())]
-        raise InputError(
-            f"Body '{body.name}': in rest pose bone '{bone}' is {distance.max() * 1000:.1f} mm "
+        return (
+            f"in rest pose bone '{bone}' is {distance.max() * 1000:.1f} mm "
             "from its place in the canonical skeleton; the armature's rest pose was edited."
         )
+    return None
+
+
+def _fitted_anchors(
+    body: bpy.types.Object, avatar: bpy.types.Object, fitted: FittedModel
+) -> SurfaceAnchors:
+    """The fit's anchors, their heights in the avatar's own unit."""
+    to_avatar = avatar.matrix_world.inverted_safe() @ body.matrix_world
+    scale = float(np.cbrt(abs(to_avatar.determinant())))
+    return replace(fitted.anchors, offset_m=scale * fitted.anchors.offset_m)
 
 
 def _beyond_bones(body: bpy.types.Object, avatar: bpy.types.Object) -> str | None:

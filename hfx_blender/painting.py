@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from . import effects
+from . import effects, retargeting
 from .engine.body.model import PerceptualModel, load_model
 from .engine.body.parts import PARTS, SIDES
 from .errors import InputError
@@ -23,7 +23,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     body = effect.hfx.body
     if body is None:
         raise InputError(f"'{effect.name}' is painted on no body; choose one first.")
-    model = load_model(effects.model_id_for(effect.hfx.modality))
+    model = retargeting.model_of(body, effects.model_id_for(effect.hfx.modality))
     mesh = bpy.data.meshes.new(f"{effect.name} Area")
     mesh.from_pydata(model.vertices.tolist(), [], model.triangles.tolist())
     mesh.update()
@@ -33,7 +33,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     context.scene.collection.objects.link(canvas)
     # The weights that pose it, as groups of its own; the painted group comes first.
     group = canvas.vertex_groups.new(name=GROUP)
-    for vertex, weight in _area_on(model, effect).items():
+    for vertex, weight in _area_on(load_model(model.id), effect).items():
         group.add([vertex], weight, "REPLACE")
     weights = model.weights
     bones = [canvas.vertex_groups.new(name=name) for name in model.bone_names]

@@ -8,14 +8,15 @@ shipped models, before Blender compresses the file.
 
 from __future__ import annotations
 
-import hashlib
+from collections.abc import Mapping
+from typing import Any
 
 import bpy
 import numpy as np
 import numpy.typing as npt
 
 from .engine.body import retarget, retarget_target
-from .engine.body.bone_mapping import RigBone, map_bones
+from .engine.body.bone_mapping import BoneMapping, RigBone, map_bones
 from .engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
 from .engine.body.retarget_target import TargetAvatar
 from .engine.modality import MODALITIES
@@ -39,9 +40,16 @@ _ARRAYS = {
 
 
 def fit_body(
-    armature: bpy.types.Object, avatar: bpy.types.Object | None
+    armature: bpy.types.Object,
+    avatar: bpy.types.Object | None,
+    mapping: BoneMapping | None = None,
 ) -> tuple[list[FittedModel], list[str]]:
     """Fit all perceptual models to an avatar; nothing in the scene is changed.
+
+    Parameters
+    ----------
+    mapping : BoneMapping, optional
+        A corrected one; found from the bones by default.
 
     Returns
     -------
@@ -62,7 +70,7 @@ def fit_body(
     target = read_avatar(armature, avatar)
     retarget_target.check(target, avatar.name)
     try:
-        mapping = map_bones(target.bones)
+        mapping = mapping or map_bones(target.bones)
         warped = retarget.warp(load_avatar(), target, mapping)
     except InputError as error:
         raise InputError(f"Armature '{armature.name}': {error}") from None
@@ -82,11 +90,13 @@ def read_avatar(armature: bpy.types.Object, avatar: bpy.types.Object) -> TargetA
     Raises
     ------
     InputError
-        Armature or mesh are scaled by zero or a negative number.
+        Armature or mesh are being edited, or scaled by zero or a negative number.
     """
     if avatar.type != "MESH":
         raise InputError(f"Avatar '{avatar.name}' is a {avatar.type.lower()}, not a mesh.")
     for obj in (armature, avatar):
+        if obj.mode == "EDIT":
+            raise InputError(f"'{obj.name}' is being edited; leave Edit Mode first.")
         _check_scale(obj)
     world = np.array(armature.matrix_world, np.float64)
     to_rest = np.linalg.inv(world) @ np.array(avatar.matrix_world, np.float64)
@@ -156,6 +166,7 @@ def store(armature: bpy.types.Object, avatar: bpy.types.Object, fitted: list[Fit
     """Keep a fit in the .blend."""
     armature[FIT] = {
         "rest": _rest_of(armature),
+        "all_bones": _names_of(armature),
         "avatar_vertices": len(avatar.data.vertices),
         "bones": "\n".join(fitted[0].bone_names),
         "models": {model.model_id: _stored(model) for model in fitted},
@@ -200,7 +211,7 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
         return None
     fit, avatar = armature[FIT], armature.hfx.avatar
     again = "; mark it as a haptic body again."
-    if fit["rest"] != _rest_of(armature):
+    if _is_edited(armature, fit):
         raise InputError(
             f"Body '{armature.name}': the armature's rest pose was edited since the body was "
             f"fitted to it{again}"
@@ -237,10 +248,19 @@ def model_of(armature: bpy.types.Object, model_id: str) -> PerceptualModel:
     return model if fitted is None else fitted.of(model)
 
 
-def _rest_of(armature: bpy.types.Object) -> str:
-    """What tells whether bones were renamed or moved: a hash of their names and places."""
-    digest = hashlib.sha256()
-    for bone in armature.data.bones:
-        digest.update(bone.name.encode() + b"\0")
-        digest.update(np.array(bone.matrix_local, np.float32).tobytes())
-    return digest.hexdigest()
+def _rest_of(armature: bpy.types.Object) -> F64:
+    """Heads and tails of all bones at rest, flat."""
+    ends = [end for bone in armature.data.bones for end in (bone.head_local, bone.tail_local)]
+    return np.array(ends, np.float64).ravel()
+
+
+def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
+    """Whether bones were added, renamed or moved since a fit was stored."""
+    if fit["all_bones"] != _names_of(armature):
+        return True
+    before, now = np.array(fit["rest"], np.float64), _rest_of(armature)
+    return not np.allclose(before, now, rtol=0.0, atol=1e-4 * np.ptp(before))
+
+
+def _names_of(armature: bpy.types.Object) -> str:
+    return "\n".join(bone.name for bone in armature.data.bones)

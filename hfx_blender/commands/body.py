@@ -10,6 +10,7 @@ from typing import Any
 
 from .. import resources
 from ..console import Console
+from ..errors import InputError, UsageError
 
 
 def add_parser(commands: Any) -> None:
@@ -21,12 +22,20 @@ def add_parser(commands: Any) -> None:
     )
     build.add_argument(
         "--targets",
-        default="literature",
         metavar="NAME|FILE",
-        help="spacings: literature, table1 (HFX Studio's own), or a JSON file",
+        help="spacings: literature (default), table1 (HFX Studio's own), or a JSON file",
+    )
+    build.add_argument(
+        "--variant",
+        metavar="NAME=NUMBER,...",
+        help="the canonical models as another person, ids unchanged: gender (0 female to 1 male), "
+        "age (years), muscle, weight, stature, proportions (0 to 1), height (metres)",
     )
     build.add_argument("-o", "--output", type=Path, metavar="DIR", help="default: body_models/")
     stats = actions.add_parser("stats", help="their table against the targets")
+    stats.add_argument(
+        "folder", type=Path, nargs="?", metavar="DIR", help="of a build; default: body_models/"
+    )
     stats.add_argument(
         "--compare", action="store_true", help="beside quadric decimation, the paper's own way"
     )
@@ -36,12 +45,20 @@ def add_parser(commands: Any) -> None:
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:
-    from ..engine.body.building import thresholds
-    from ..engine.body.building.build import build
+    from ..engine.body.building import build, thresholds, variant
 
     folder = options.output or resources.body_models()
-    targets = thresholds.read(options.targets)
-    made = build(options.source, folder, targets, console.progress("Body models"))
+    progress = console.progress("Body models")
+    if options.variant is None:
+        made = build.build(
+            options.source, folder, thresholds.read(options.targets or "literature"), progress
+        )
+    elif options.targets is not None:
+        raise UsageError("--variant has the canonical vertices: it cannot have other --targets.")
+    elif options.output is None:
+        raise UsageError("--variant needs a folder of its own: name it with -o DIR.")
+    else:
+        made = variant.build(options.source, folder, variant.parse(options.variant), progress)
     for name, facts in made["models"].items():
         console.say(f"{name}: {facts['vertices']} vertices, {facts['hash'][:12]}")
     console.result(made)
@@ -50,9 +67,17 @@ def _build(options: argparse.Namespace, console: Console) -> int:
 
 def _stats(options: argparse.Namespace, console: Console) -> int:
     from ..engine.body.building import stats
-    from ..engine.body.model import load_model, manifest
+    from ..engine.body.building.thresholds import MODALITIES
+    from ..engine.body.model import PerceptualModel, load, manifest
 
-    rows = stats.table(load_model(model_id) for model_id in manifest()["models"])
+    if options.compare and options.folder:
+        raise UsageError("--compare is of the shipped models: it takes no folder.")
+    folder = options.folder or resources.body_models()
+    files = [folder / f"{modality}.npz" for modality in MODALITIES]
+    found = [file for file in files if file.is_file()]
+    if not found:
+        raise InputError(f"{folder}: holds no body model ({', '.join(f.name for f in files)}).")
+    rows = stats.table(load(PerceptualModel, file) for file in found)
     console.say(stats.as_text(rows))
     if options.compare:
         console.say("\n" + stats.comparison_as_text(manifest()))

@@ -88,7 +88,7 @@ def _render(scene: bpy.types.Scene) -> None:
             raise
         # Distribution builds come without OpenImageDenoise: more samples instead.
         scene.cycles.use_denoising = False
-        scene.cycles.samples = 64
+        scene.cycles.samples = 32
         bpy.ops.render.render(write_still=True)
 
 

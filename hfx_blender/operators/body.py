@@ -30,10 +30,11 @@ class HFX_OT_add_avatar(HfxOperator):
 
 
 class HFX_OT_mark_body(HfxOperator):
-    """Make the active armature a haptic body; the selected mesh is its avatar"""
+    """Make the active armature a haptic body; the selected mesh is its avatar, whatever its \
+pose, size and bones"""
 
     bl_idname = "hfx.mark_body"
-    bl_label = "Mark as Haptic Body"
+    bl_label = "Add Haptic Body"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -43,12 +44,20 @@ class HFX_OT_mark_body(HfxOperator):
         return False
 
     def work(self, context: bpy.types.Context) -> str:
-        meshes = [obj for obj in context.selected_objects if obj.type == "MESH"]
-        if not meshes:
-            meshes = [obj for obj in context.object.children if obj.type == "MESH"]
-        bodies.mark_body(context.object, meshes[0] if meshes else None)
-        shown = f", shown by '{meshes[0].name}'" if meshes else ""
-        return f"'{context.object.name}' is a haptic body{shown}"
+        body, avatar = context.object, _avatar_mesh(context)
+        context.view_layer.update()
+        for warning in bodies.add_body(body, avatar):
+            self.report({"WARNING"}, f"{body.name}: {warning}")
+        shown = f", shown by '{avatar.name}'" if avatar else ""
+        return f"'{body.name}' is a haptic body{shown}"
+
+
+def _avatar_mesh(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The selected mesh, or else the largest that hangs on the active armature."""
+    meshes = [obj for obj in context.selected_objects if obj.type == "MESH"]
+    if not meshes:
+        meshes = [obj for obj in context.object.children_recursive if obj.type == "MESH"]
+    return max(meshes, key=lambda obj: (len(obj.data.vertices), obj.name), default=None)
 
 
 class HfxPlace(bpy.types.PropertyGroup):

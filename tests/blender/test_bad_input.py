@@ -167,8 +167,7 @@ def _other_rig() -> None:
     _without("Avatar", "Touch")()
     rig = _objects().new("Rig", bpy.data.armatures.new("Rig"))
     bpy.context.scene.collection.objects.link(rig)
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.hfx.mark_body()
+    rig.hfx.role = "BODY"
 
 
 def _disabled(*names: str) -> Change:

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from ..scene import FittedModel, SurfaceAnchors
 from .model import Avatar, PerceptualModel, SkinWeights
-from .retarget_pose import Skeletons, pose, skeletons_of
+from .retarget_joints import Skeletons, skeletons_of
+from .retarget_pose import pose
 from .retarget_quality import Quality, judge
 from .retarget_surface import Places, TargetSurface, pull, vertex_normals
 from .retarget_target import RigMapping, TargetAvatar

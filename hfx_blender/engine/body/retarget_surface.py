@@ -6,7 +6,7 @@ of a posed body onto them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -191,7 +191,7 @@ def pull(points: F64, triangles: I64, shares: F64, surface: TargetSurface) -> F6
     return moved
 
 
-def _laplacian(triangles: I64, count: int):  # type: ignore[no-untyped-def]
+def _laplacian(triangles: I64, count: int) -> Any:
     """Graph Laplacian of a mesh, (V, V), each edge of weight 1."""
     from scipy.sparse import coo_array, diags_array
 

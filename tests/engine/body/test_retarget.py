@@ -22,8 +22,6 @@ from hfx_blender.errors import InputError
 
 MODEL_ID = "hfx-pressure-1"
 
-LANDMARKS_MM = {"fingers": 2.0, "hand_palm": 3.0, "head": 5.0, "torso": 14.0, "upper_leg": 15.0}
-
 
 def own_names(variant: Variant) -> Any:
     """The mapping of a rig that has the canonical bone names."""
@@ -63,9 +61,10 @@ ARMS_DOWN = {
     "upperarm01.R": variants.turn(1, -30.0),
 }
 LONG = {
-    f"{bone}.{side}": factor
+    f"{bone}{half}.{side}": factor
     for side in "LR"
-    for bone, factor in (("upperarm02", 1.2), ("lowerarm01", 1.2), ("upperleg02", 1.15))
+    for half in ("01", "02")
+    for bone, factor in (("upperarm", 1.2), ("lowerarm", 1.2), ("upperleg", 1.15))
 }
 
 
@@ -104,8 +103,7 @@ def test_another_rest_pose_or_proportion_of_the_same_mesh_is_exact(
 def test_an_unknown_mesh_in_another_rest_pose(turns: Any, stretches: Any) -> None:
     variant = variants.decimated(variants.posed(canonical(), turns, stretches))
     errors = errors_mm(variant, few_bones(variant))
-    for part, limit_mm in LANDMARKS_MM.items():
-        assert errors[part] < limit_mm, errors
+    assert max(errors.values()) < 2.0, errors
 
 
 def test_centimetres_and_other_axes_change_nothing() -> None:
@@ -338,6 +336,31 @@ def test_something_that_is_not_human_is_refused() -> None:
     )
     with pytest.raises(InputError, match="human"):
         retarget.warp(load_avatar(), replace(variant.target, bones=bones), own_names(variant))
+
+
+def test_bones_at_one_place_are_refused() -> None:
+    variant = canonical()
+    bones = tuple(replace(bone, head=np.ones(3)) for bone in variant.target.bones)
+    with pytest.raises(InputError, match="one place"):
+        retarget.warp(load_avatar(), replace(variant.target, bones=bones), own_names(variant))
+
+
+def test_a_rig_with_hardly_any_bones_still_gets_a_fit() -> None:
+    variant = variants.decimated(canonical())
+    stems = ("upperarm01", "upperleg01")
+    names = ["root", *(f"{stem}.{side}" for stem in stems for side in "LR")]
+    mapping = SimpleNamespace(bones={name: name for name in names}, fallbacks={})
+    warped = retarget.warp(load_avatar(), variant.target, mapping)
+    fitted, _ = retarget.fit(load_model(MODEL_ID), warped)
+    assert np.isfinite(fitted.vertices).all()
+
+
+def test_a_mapping_to_a_bone_that_is_not_there_is_refused() -> None:
+    variant = canonical()
+    mapping = few_bones(variant)
+    mapping.bones["wrist.L"] = "Hook"
+    with pytest.raises(InputError, match="no bone 'Hook'"):
+        retarget.warp(load_avatar(), variant.target, mapping)
 
 
 def test_missing_joints_are_named() -> None:

@@ -8,7 +8,8 @@ closed by a strip of quads from lid to lid and from lip to lip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -51,6 +52,7 @@ class Skins:
     source_vertices: I32  # (V,) avatar vertex -> vertex of the base mesh
     scale: float  # base mesh to rest space
     ground_m: float  # height of the soles in the base mesh, after scaling
+    steps: tuple[csr_array, ...] = ()  # of subdivision, avatar to dense skin; for reshaping
 
 
 def outer_faces(source: Source) -> tuple[I32, F64]:
@@ -137,18 +139,53 @@ def make(source: Source, bone_names: tuple[str, ...]) -> Skins:
 
     count = len(kept)
     dense_faces = faces
+    steps: list[csr_array] = []
     for _ in range(LEVELS):
         medium_faces = dense_faces
         operator, finer, new_mirror = subdivide(dense_faces, mirror)
-        vertices, weights = operator @ vertices, operator @ weights
+        steps.append(operator)
+        weights = operator @ weights
         dense_faces, mirror = finer, new_mirror
-    vertices = _mirrored_exactly(vertices, mirror)
-    lowest, highest = vertices[:count, 2].min(), vertices[:count, 2].max()
-    scale = HEIGHT_M / (highest - lowest)
-    vertices = scale * (vertices - (0.0, 0.0, lowest))
+    vertices, scale, ground_m = _placed(vertices, steps, mirror, HEIGHT_M)
     dense = Skin(vertices, dense_faces, csr_array(weights), mirror)
     avatar = Skin(vertices[:count], faces, dense.weights[:count], mirror[:count])
-    return Skins(avatar, dense, medium_faces, uv, kept.astype(np.int32), scale, scale * lowest)
+    return Skins(
+        avatar, dense, medium_faces, uv, kept.astype(np.int32), scale, ground_m, tuple(steps)
+    )
+
+
+def reshape(skins: Skins, places: F64, height_m: float | None) -> Skins:
+    """The same skins on another shape of the base mesh.
+
+    Parameters
+    ----------
+    places : (V, 3) float64
+        Vertices of the base mesh, metres.
+    height_m : float or None
+        What the avatar is scaled to; None leaves it as tall as the base mesh makes it.
+    """
+    cage = places[skins.source_vertices]
+    vertices, scale, ground_m = _placed(cage, skins.steps, skins.dense.mirror, height_m)
+    return replace(
+        skins,
+        avatar=replace(skins.avatar, vertices=vertices[: len(cage)]),
+        dense=replace(skins.dense, vertices=vertices),
+        scale=scale,
+        ground_m=ground_m,
+    )
+
+
+def _placed(
+    cage: F64, steps: Sequence[csr_array], mirror: I32, height_m: float | None
+) -> tuple[F64, float, float]:
+    """Subdivided, symmetric and scaled vertices; the scale; the soles' height at that scale."""
+    vertices = cage
+    for operator in steps:
+        vertices = operator @ vertices
+    vertices = _mirrored_exactly(vertices, mirror)
+    lowest, highest = vertices[: len(cage), 2].min(), vertices[: len(cage), 2].max()
+    scale = 1.0 if height_m is None else height_m / (highest - lowest)
+    return scale * (vertices - (0.0, 0.0, lowest)), scale, scale * lowest
 
 
 def _weight_triples(

