@@ -11,8 +11,8 @@ import numpy as np
 from mathutils import Matrix
 
 from . import body_binding, compat, retargeting
-from .engine.body.bone_mapping import BoneMapping
 from .engine.body.model import Avatar, Skeleton, WalkCycle, load_avatar, load_walk
+from .engine.body.rigs.mapping import BoneMapping
 from .errors import InputError
 
 

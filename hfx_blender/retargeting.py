@@ -8,17 +8,20 @@ shipped models, before Blender compresses the file.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
+from importlib.util import find_spec
 from typing import Any
 
 import bpy
 import numpy as np
 import numpy.typing as npt
 
-from .engine.body import retarget, retarget_target
-from .engine.body.bone_mapping import BoneMapping, RigBone, map_bones
 from .engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
-from .engine.body.retarget_target import TargetAvatar
+from .engine.body.retargeting import retarget
+from .engine.body.retargeting import target as retarget_target
+from .engine.body.retargeting.target import TargetAvatar
+from .engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
 from .engine.modality import MODALITIES
 from .engine.scene import FittedModel, SurfaceAnchors
 from .errors import InputError
@@ -66,6 +69,12 @@ def fit_body(
         raise InputError(
             f"'{armature.name}' has no mesh that a body could be fitted to: select the avatar's "
             "mesh and then its armature."
+        )
+    if find_spec("scipy") is None:
+        raise InputError(
+            "Fitting the body to an avatar needs the Python package scipy, which this Blender "
+            f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
+            "avatar."
         )
     target = read_avatar(armature, avatar)
     retarget_target.check(target, avatar.name)

@@ -41,6 +41,7 @@ class HFX_PT_effect(_HfxPanel, bpy.types.Panel):
         if obj is None or obj.hfx.role != "EFFECT":
             layout.label(text="Add a body and effects:")
             layout.menu("HFX_MT_add", icon="ADD")
+            layout.operator("hfx.mark_body", icon="ARMATURE_DATA")
             return
         hfx = obj.hfx
         layout.prop(obj, "name")

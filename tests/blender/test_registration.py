@@ -150,6 +150,7 @@ def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
     assert drawn(panels.HFX_PT_effect.draw, bpy.context) == [
         "Add a body and effects:",
         "HFX_MT_add",
+        "hfx.mark_body",
     ]
 
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hfx_blender.engine.body import bone_mapping
-from hfx_blender.engine.body.bone_mapping import BoneMapping, RigBone
-from hfx_blender.engine.body.bone_names import read_names
-from hfx_blender.engine.body.bone_rig import canonical_heads, canonical_parents
 from hfx_blender.engine.body.building import source
+from hfx_blender.engine.body.rigs import mapping as bone_mapping
+from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone
+from hfx_blender.engine.body.rigs.names import read_names
+from hfx_blender.engine.body.rigs.rig import canonical_heads, canonical_parents
 from hfx_blender.errors import InputError
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")

@@ -28,7 +28,8 @@ from ..parts import CENTRE, PARTS, RIGHT
 from . import assemble, left_skin, segmentation, skeleton, skin, stats
 from . import source as source_data
 from .build import MANIFEST_VERSION, Progress, quiet
-from .left_skin import LeftSkin
+from .left_skin import U8, LeftSkin
+from .skin import Skins
 
 _MACRO: Final = "targets/macrodetails"
 _ORIGINS: Final = ("african", "asian", "caucasian")
@@ -155,17 +156,28 @@ def _products(*axes: dict[str, float]) -> Iterator[tuple[tuple[str, ...], float]
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
-    """A variant's avatar, and its dense skin beside the canonical one (same quads)."""
+class Original:
+    """The average adult, that every variant is shaped from."""
 
-    variant: Variant
-    avatar: Avatar
-    canonical: LeftSkin
+    folder: Path
+    skins: Skins
+    part: U8  # (V,) of the dense skin
+    side: U8  # (V,)
     left: LeftSkin
 
 
-def person(source: Path | None, variant: Variant) -> Person:
-    """Shape skin and skeleton as a variant.
+@dataclass(frozen=True, eq=False)
+class Person:
+    """A variant's avatar and skin; the quads of the skin are the original's."""
+
+    variant: Variant
+    avatar: Avatar
+    original: LeftSkin
+    left: LeftSkin
+
+
+def original(source: Path | None) -> Original:
+    """The skin that the canonical models were made on.
 
     Parameters
     ----------
@@ -179,25 +191,32 @@ def person(source: Path | None, variant: Variant) -> Person:
     """
     folder = source_data.locate(source)
     average = source_data.read(folder)
-    shaped = source_data.read(folder, target_shares(variant))
     skins = skin.make(average, skeleton.bone_order(average.rig))
     bones = skeleton.make(average, skins.scale, skins.ground_m)
     part, side = segmentation.label(skins.dense, bones)
-    reshaped = skin.reshape(skins, shaped.vertices, variant.height)
+    return Original(folder, skins, part, side, left_skin.left_of(skins, part, side))
+
+
+def person(adult: Original, variant: Variant) -> Person:
+    """Shape skin and skeleton as a variant.
+
+    Raises
+    ------
+    InputError
+        A shape target is missing or cannot be read.
+    """
+    shaped = source_data.read(adult.folder, target_shares(variant))
+    skins = skin.reshape(adult.skins, shaped.vertices, variant.height)
     canonical = load_avatar()
     avatar = replace(
         canonical,
         id=canonical.id + variant.suffix,
-        vertices=reshaped.avatar.vertices.astype(np.float32),
-        skeleton=skeleton.make(shaped, reshaped.scale, reshaped.ground_m),
+        vertices=skins.avatar.vertices.astype(np.float32),
+        skeleton=skeleton.make(shaped, skins.scale, skins.ground_m),
         provenance={**canonical.provenance, **_origin(canonical, variant)},
     )
-    return Person(
-        variant,
-        avatar,
-        left_skin.left_of(skins, part, side),
-        left_skin.left_of(reshaped, part, side),
-    )
+    left = left_skin.left_of(skins, adult.part, adult.side)
+    return Person(variant, avatar, adult.left, left)
 
 
 def _origin(canonical: Avatar | PerceptualModel, variant: Variant) -> dict[str, Any]:
@@ -244,7 +263,7 @@ def _moved(canonical: PerceptualModel, someone: Person) -> F64:
     Vertices raised over the skin, so that their triangles lie on it, keep their rise in
     proportion to the size of the skin below.
     """
-    here, there = someone.canonical, someone.left
+    here, there = someone.original, someone.left
     chosen = np.flatnonzero(canonical.side != RIGHT)
     at = canonical.vertices[chosen].astype(np.float64)
     triangle, shares, rise_m = locate(at, here.points, here.triangles)
@@ -343,8 +362,10 @@ def build(
         destination.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{destination}: cannot be made a folder ({error.strerror}).") from error
-    progress(0.0, "shaping the skin")
-    someone = person(source, variant)
+    progress(0.0, "reading the source")
+    adult = original(source)
+    progress(0.25, "shaping the skin")
+    someone = person(adult, variant)
     avatar = someone.avatar
     origin = {key: avatar.provenance[key] for key in ("source", "licence")}
     heights_m = avatar.vertices[:, 2]

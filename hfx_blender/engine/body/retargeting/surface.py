@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .nearest import barycentric
+from ..nearest import barycentric
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

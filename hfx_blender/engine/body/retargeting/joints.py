@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
-from .model import Avatar
-from .retarget_regions import JOINT_OF, REGIONS, known_regions, region_of
-from .retarget_target import RigMapping, TargetAvatar, group_shares, owners_of
-from .retarget_turns import apply, similarity
+from ....errors import InputError
+from ..model import Avatar
+from .regions import JOINT_OF, REGIONS, known_regions, region_of
+from .target import RigMapping, TargetAvatar, group_shares, owners_of
+from .turns import apply, similarity
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

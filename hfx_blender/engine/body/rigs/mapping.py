@@ -12,17 +12,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ...errors import InputError
-from .bone_assignment import assigned_by_name
-from .bone_conventions import convention_of
-from .bone_geometry import (
+from ....errors import InputError
+from .assignment import assigned_by_name
+from .conventions import convention_of
+from .geometry import (
     assigned_by_geometry,
     frame_from_heads,
     geometric_left,
     named_left,
 )
-from .bone_names import FINGERS
-from .bone_rig import F64, Rig, RigBone, canonical_parents
+from .names import FINGERS
+from .rig import F64, Rig, RigBone, canonical_parents
 
 __all__ = [
     "BoneMapping",

@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from .bone_names import FINGERS, read_names
-from .bone_rig import F64, Rig, canonical_heads, canonical_parents
+from .names import FINGERS, read_names
+from .rig import F64, Rig, canonical_heads, canonical_parents
 
 _SPINE: Final = ("spine05", "spine04", "spine03", "spine02", "spine01")  # from the hips up
 _NECK: Final = ("neck01", "neck02", "neck03")

@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from ...errors import InputError
-from .bone_assignment import spine_counterparts
-from .bone_rig import F64, Rig
+from ....errors import InputError
+from .assignment import spine_counterparts
+from .rig import F64, Rig
 
 _PAIRED: Final = ("upperleg01", "upperarm01", "lowerleg01", "lowerarm01", "foot", "clavicle")
 _ARM: Final = ("clavicle", "upperarm01", "lowerarm01", "wrist")

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from .model import PerceptualModel
-from .parts import LEFT, PARTS, RIGHT
-from .retarget_regions import REGIONS
-from .retarget_surface import Places
-from .retarget_target import areas_of
+from ..model import PerceptualModel
+from ..parts import LEFT, PARTS, RIGHT
+from .regions import REGIONS
+from .surface import Places
+from .target import areas_of
 
 F64 = npt.NDArray[np.float64]
 

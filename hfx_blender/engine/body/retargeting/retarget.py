@@ -14,13 +14,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ..scene import FittedModel, SurfaceAnchors
-from .model import Avatar, PerceptualModel, SkinWeights
-from .retarget_joints import Skeletons, skeletons_of
-from .retarget_pose import pose
-from .retarget_quality import Quality, judge
-from .retarget_surface import Places, TargetSurface, pull, vertex_normals
-from .retarget_target import RigMapping, TargetAvatar
+from ...scene import FittedModel, SurfaceAnchors
+from ..model import Avatar, PerceptualModel, SkinWeights
+from .joints import Skeletons, skeletons_of
+from .pose import pose
+from .quality import Quality, judge
+from .surface import Places, TargetSurface, pull, vertex_normals
+from .target import RigMapping, TargetAvatar
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
-from .model import Avatar
-from .retarget_joints import Skeletons, dominant
-from .retarget_regions import REGIONS, region_of
-from .retarget_turns import (
+from ....errors import InputError
+from ..model import Avatar
+from .joints import Skeletons, dominant
+from .regions import REGIONS, region_of
+from .turns import (
     about,
     affine,
     apply,

@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from .bone_names import is_deform, read_names, without_role
-from .model import load_avatar
+from ..model import load_avatar
+from .names import is_deform, read_names, without_role
 
 F64 = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
-from .model import SkinWeights
+from ....errors import InputError
+from ..model import SkinWeights
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
