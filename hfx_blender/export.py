@@ -29,7 +29,7 @@ from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.raster import Raster, unrendered
 from .engine.rendering.render import Renderer, blocks
-from .engine.track import SUFFIX, TrackHeader, TrackReader, TrackWriter
+from .engine.track import SUFFIX, TrackHeader, TrackReader, TrackWriter, as_kept
 from .errors import InputError, OutputError, UsageError
 from .formats import csv_raster, wav
 from .scene_reader import SceneReader
@@ -122,11 +122,10 @@ def export_scene(
     engine = Engine(reader.description, record=settings.record)
     with _staging(folder, stem) as stage:
         track = stage / (stem + SUFFIX)
-        record_track(reader, engine, track, settings, progress)
+        played = record_track(reader, engine, track, settings, progress)
         files = [track] if "track" in settings.formats else []
         with TrackReader(track) as recorded:
             felt = felt_effects(recorded)
-            played = render_devices(recorded, settings.devices)
             lost = not_played(recorded.header, [raster for _, raster in played])
         written, left_out = write_rasters(played, stage, stem, settings.formats)
         report = ExportReport(
@@ -154,8 +153,11 @@ def record_track(
     path: Path,
     settings: ExportSettings,
     progress: Progress = lambda share: None,
-) -> None:
-    """Evaluate a scene block by block and record it."""
+) -> list[tuple[DeviceConfig, Raster]]:
+    """Evaluate a scene block by block, record it, and render it for the devices on the way.
+
+    The devices get exactly what the track keeps: rendering the track later gives the same.
+    """
     scene = reader.description
     models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
     header = TrackHeader.of(
@@ -164,13 +166,19 @@ def record_track(
         settings={"record": sorted(settings.record)},
         tools={"hfx": __version__, "blender": bpy.app.version_string},
     )
+    renderers = _renderers(header, settings.devices)
+    precise = settings.full_precision
     count = max(len(reader.sample_indices), 1)
     done = 0
-    with TrackWriter(path, header, full_precision=settings.full_precision) as writer:
+    with TrackWriter(path, header, full_precision=precise) as writer:
         for block in reader.blocks():
-            writer.append(engine.evaluate(block))
+            runs = [as_kept(run, full_precision=precise) for run in engine.evaluate(block)]
+            writer.append(runs)
+            for _, renderer in renderers:
+                renderer.add(runs)
             done += len(block.indices) - block.history
             progress(done / count)
+    return [(device, renderer.raster()) for device, renderer in renderers]
 
 
 def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
@@ -197,17 +205,21 @@ def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
 def render_devices(
     track: TrackReader, devices: Sequence[DeviceConfig]
 ) -> list[tuple[DeviceConfig, Raster]]:
-    """The track, read once and rendered for each device on each body that could wear it."""
-    worn = [(device, body.id) for body in track.header.bodies for device in devices]
-    renderers = [
-        Renderer(track.header, device, load_model, body_id=body_id) for device, body_id in worn
-    ]
-    if renderers:
-        for block in blocks(track.header, track.runs()):
-            for renderer in renderers:
-                renderer.add(block)
+    """A recorded track, read once and rendered for each device on each body."""
+    renderers = _renderers(track.header, devices)
+    for block in blocks(track.header, track.runs()):
+        for _, renderer in renderers:
+            renderer.add(block)
+    return [(device, renderer.raster()) for device, renderer in renderers]
+
+
+def _renderers(
+    header: TrackHeader, devices: Sequence[DeviceConfig]
+) -> list[tuple[DeviceConfig, Renderer]]:
     return [
-        (device, renderer.raster()) for (device, _), renderer in zip(worn, renderers, strict=True)
+        (device, Renderer(header, device, load_model, body_id=body.id))
+        for body in header.bodies
+        for device in devices
     ]
 
 

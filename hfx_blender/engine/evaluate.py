@@ -221,7 +221,7 @@ class Engine:
             sets=hits.sets,
             offsets=hits.offsets,
             vertices=hits.vertices,
-            weights=hits.weights.astype(np.float32),
+            weights=hits.weights,
             positions=positions,
             velocities=velocities,
             depth_m=depth,

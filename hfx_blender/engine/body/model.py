@@ -12,7 +12,7 @@ import json
 import zipfile
 import zlib
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -65,7 +65,7 @@ class PerceptualModel:
     avatar_offset_m: F32  # (V,) distance from that triangle along its normal
     provenance: dict[str, Any]  # source, licence, method, statistics
 
-    @property
+    @cached_property
     def content_hash(self) -> str:
         """SHA-256 over everything that gives a vertex id its meaning, as hex."""
         return _content_hash(self)
@@ -98,7 +98,7 @@ class Avatar:
     weights: SkinWeights
     provenance: dict[str, Any]
 
-    @property
+    @cached_property
     def content_hash(self) -> str:
         """SHA-256 over mesh, skeleton and weights, as hex."""
         return _content_hash(self)

@@ -22,6 +22,11 @@ I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
 
+_UNTHREADED = 1 << 18
+"""Multiplications in one product: more, and OpenBLAS starts threads that wait for each other
+longer than they work, several times over where the processors are busy (measured)."""
+
+
 class PosableModel(Protocol):
     """A perceptual model bound to a body."""
 
@@ -123,7 +128,12 @@ class SkinnedModel:
         bones, factors = self._cluster_factors(cluster)
         matrices = self._matrices(pose, rows, to_target, bones)
         stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(3 * len(rows), -1)
-        return (stacked @ factors.T).reshape(3, len(rows), -1)
+        points = np.zeros((len(stacked), len(factors)))
+        step = max(1, _UNTHREADED // factors.size)
+        for first in range(0, len(stacked), step):
+            part = slice(first, first + step)
+            np.matmul(stacked[part], factors.T, out=points[part])
+        return points.reshape(3, len(rows), -1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         entries, owners = self._entries(vertices)

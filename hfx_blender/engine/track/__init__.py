@@ -8,7 +8,7 @@ strongly. :class:`TrackWriter` records blocks of samples as they are computed,
 
 from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from .reader import StreamSummary, TrackReader
-from .writer import TrackWriter
+from .writer import TrackWriter, as_kept
 
 SUFFIX = ".hfxtrack"
 
@@ -21,4 +21,5 @@ __all__ = [
     "TrackModel",
     "TrackReader",
     "TrackWriter",
+    "as_kept",
 ]

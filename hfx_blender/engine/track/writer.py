@@ -6,6 +6,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Iterable
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +20,7 @@ from ...errors import OutputError
 from ..modality import MODALITIES
 from ..samples import SampleRun
 from . import layout
-from .codec import CHANNELS, MAX_ENTRIES, Section, encode, weights_to_bytes
+from .codec import CHANNELS, MAX_ENTRIES, Section, encode, weights_from_bytes, weights_to_bytes
 from .header import TrackHeader
 from .header_json import to_json
 
@@ -232,6 +233,13 @@ class _SectionBuilder:
                 channels={name: np.concatenate(each) for name, each in self._channels.items()},
             )
         )
+
+
+def as_kept(run: SampleRun, *, full_precision: bool) -> SampleRun:
+    """A run with the weights that reading it from a track will give."""
+    if full_precision:
+        return run
+    return replace(run, weights=weights_from_bytes(weights_to_bytes(run.weights)))
 
 
 def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:

@@ -36,7 +36,7 @@ _ORIGINS: Final = ("african", "asian", "caucasian")
 _AGES: Final = ("baby", "child", "young", "old")
 _AGES_YEARS: Final = (1.0, 10.0, 25.0, 90.0)
 _ERROR_STRIDE: Final = 41
-"""The distance of the skin from the mesh is measured at every so many samples."""
+"""The distance of the skin from the mesh is measured at one sample in so many."""
 
 
 @dataclass(frozen=True)
@@ -376,6 +376,8 @@ def build(
             "id": avatar.id,
             "file": "avatar.npz",
             "hash": avatar.content_hash,
+            "vertices": len(avatar.vertices),
+            "bones": len(avatar.skeleton.bone_names),
             "canonical": avatar.provenance["canonical"],
             "height_m": round(float(heights_m.max() - heights_m.min()), 4),
             **origin,
