@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,15 @@ def run(options: argparse.Namespace, console: Console) -> int:
     blender_session.start()
     _check(options)
     if options.jobs > 1 and len(options.scenes) > 1 and not blender_session.inside_blender():
-        results = _export_in_workers(options, console)
+        is_new = not options.output.exists()
+        try:
+            results = _export_in_workers(options, console)
+        except KeyboardInterrupt:
+            # Each worker leaves the folder to the others; here none of them is left.
+            if is_new:
+                with suppress(OSError):
+                    options.output.rmdir()
+            raise
     else:
         results = [_export_one(path, options, console) for path in options.scenes or [None]]
     console.result(results if len(results) > 1 else results[0])

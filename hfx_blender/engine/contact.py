@@ -8,6 +8,7 @@ only the clusters that a volume can reach are posed, straight into the volume's 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,6 @@ from .volume.placement import inverse_placement, world_bounds
 from .volume.shape import Falloff, Shape
 
 F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
@@ -33,7 +33,7 @@ class Contacts:
     sets: I64  # (n,) which vertex set each has, from 0, rising by 0 or 1
     offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
     vertices: I32  # (total,) ascending within a set
-    weights: F32  # (total,) in (0, 1]
+    weights: npt.NDArray[np.floating[Any]]  # (total,) in (0, 1]
     points: F64 | None  # (3, total) shape space, where asked for; each row has its own set then
 
 
@@ -107,7 +107,9 @@ def find(
     columns = np.sort(
         np.concatenate([np.zeros(0, np.int32), *(model.clusters[c] for c in touched)])
     )
-    weights = np.zeros((len(rows), len(columns)), np.float32)
+    # Nothing but 0 and 1 without falloff, in half the memory.
+    precision = np.float32 if falloff.is_flat else np.float64
+    weights = np.zeros((len(rows), len(columns)), precision)
     points = np.zeros((3, *weights.shape)) if with_points else None
     for cluster in touched:
         place = np.searchsorted(columns, model.clusters[cluster])

@@ -221,7 +221,7 @@ class Engine:
             sets=hits.sets,
             offsets=hits.offsets,
             vertices=hits.vertices,
-            weights=hits.weights,
+            weights=hits.weights.astype(np.float32),
             positions=positions,
             velocities=velocities,
             depth_m=depth,
