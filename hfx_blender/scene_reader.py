@@ -100,6 +100,7 @@ class SceneReader:
         for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)):
             obj.update_tag()
         self._layer.update()
+        self._enabled = _enabled_objects(self._layer.layer_collection)
         self.time = time_base(scene, frames, rate_hz)
         self._bodies = self._read_bodies()
         self._effects = self._read_effects()
@@ -312,8 +313,8 @@ class SceneReader:
     def _is_evaluated(self, obj: bpy.types.Object) -> bool:
         # What the view layer leaves out comes back as its own, unposed original; and even where
         # something else needs it, so that it is evaluated, it is not posed.
-        enabled = obj in _enabled_objects(self._layer.layer_collection)
-        return enabled and not obj.hide_viewport and self._evaluated(obj).is_evaluated
+        enabled = obj in self._enabled and not obj.hide_viewport
+        return enabled and self._evaluated(obj).is_evaluated
 
     def _read(self, index: int, stepper: stepping.Stepper) -> Row:
         stepper.set_frame(self.time.frame(index))
