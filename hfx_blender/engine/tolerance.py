@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one setting of speed against accuracy: which error a user accepts.
+
+The engine and the scene reader choose the cheapest way that keeps it: samples in each cell of
+skin, level of detail, sub-steps in time, which poses are read and which are interpolated.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from ..errors import UsageError
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """The error that is acceptable, in space, in time and in strength.
+
+    ``spacing_share`` and ``distance_m`` both bound where the edge of a contact may be found:
+    the smaller of the share of the local spacing of vertices and the distance counts. 0 asks
+    for the finest that the engine has; infinity asks for nothing.
+    """
+
+    name: str
+    time_s: float  # of the begin and the end of a contact
+    spacing_share: float  # of the distance between neighbouring vertices
+    distance_m: float
+    amplitude: float  # at an actuator, share of its full scale
+
+    def __post_init__(self) -> None:
+        for value in (self.time_s, self.spacing_share, self.distance_m, self.amplitude):
+            if not value >= 0.0:
+                raise ValueError(f"a tolerance must not be negative: {self}")
+
+    def edge_m(self, spacing_m: float) -> float:
+        """How far off the edge of a contact may be where vertices are ``spacing_m`` apart."""
+        return min(self.spacing_share * spacing_m, self.distance_m)
+
+
+PREVIEW: Final = Tolerance("preview", 0.040, 1.0, math.inf, 0.20)
+STANDARD: Final = Tolerance("standard", 0.010, 0.5, 0.005, 0.05)
+EXACT: Final = Tolerance("exact", 0.0, 0.0, 0.0, 0.0)
+PAPER: Final = Tolerance("paper", 0.0, math.inf, math.inf, math.inf)
+"""HFX Studio's own test: a vertex is inside or not. Poses are exact."""
+
+PRESETS: Final = {each.name: each for each in (PREVIEW, STANDARD, EXACT, PAPER)}
+
+_PART = re.compile(r"([0-9.eE+-]+)\s*(mm|ms|%)")
+_ALLOWED = f"{', '.join(PRESETS)}, or values such as 5mm,10ms,5%"
+
+
+def parse(text: str) -> Tolerance:
+    """A tolerance from a preset's name or from values such as ``3mm,5ms`` or ``3mm,5ms,2%``.
+
+    Raises
+    ------
+    UsageError
+        The text is neither.
+    """
+    name = text.strip().lower()
+    if name in PRESETS:
+        return PRESETS[name]
+    values: dict[str, float] = {}
+    for part in name.split(","):
+        found = _PART.fullmatch(part.strip())
+        try:
+            value = float(found[1]) if found else math.nan
+        except ValueError:
+            value = math.nan
+        if found is None or found[2] in values or not 0.0 <= value < math.inf:
+            raise UsageError(f"tolerance '{text}': expected {_ALLOWED}")
+        values[found[2]] = value
+    if not {"mm", "ms"} <= set(values):
+        raise UsageError(f"tolerance '{text}': expected both mm and ms: {_ALLOWED}")
+    return Tolerance(
+        name,
+        values["ms"] / 1000.0,
+        math.inf,
+        values["mm"] / 1000.0,
+        values.get("%", 100.0 * STANDARD.amplitude) / 100.0,
+    )
