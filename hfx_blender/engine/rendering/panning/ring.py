@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Constant-power panning between neighbours on a belt (ring) or a strip (line).
+
+Politis, Pugliese, Takala (audio-tactile belt): g1 = sqrt(1 - d / D), g2 = sqrt(d / D) for a
+place at distance d from one of two neighbours that are D apart; on a ring both are arcs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .complex import merged_places
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+class RingPanning:
+    """Round a belt: the two neighbours of a direction share its power.
+
+    Parameters
+    ----------
+    angles : (A,) float64
+        Of the actuators as seen from the ring's centre, radians. One actuator plays everything;
+        two share both arcs between them.
+    """
+
+    def __init__(self, angles: F64) -> None:
+        turns = np.mod(np.asarray(angles, np.float64) / (2.0 * np.pi), 1.0)
+        places, place_of = merged_places(turns[:, None])
+        order = np.argsort(places[:, 0], kind="stable")
+        self._shares = _Between(places[order, 0], np.argsort(order)[place_of], period=1.0)
+
+    def gains(self, points: F64) -> F64:
+        """Gains of the actuators, (n, A), for angles (n, 1) in radians."""
+        turns = np.mod(np.asarray(points, np.float64)[:, 0] / (2.0 * np.pi), 1.0)
+        return np.sqrt(self._shares.at(turns))
+
+
+class LinePanning:
+    """Along a strip: the two neighbours of a place share its power; beyond an end, the end.
+
+    Parameters
+    ----------
+    positions : (A,) float64
+        Along the strip, metres.
+    """
+
+    def __init__(self, positions: F64) -> None:
+        places, place_of = merged_places(np.asarray(positions, np.float64)[:, None])
+        order = np.argsort(places[:, 0], kind="stable")
+        self._shares = _Between(places[order, 0], np.argsort(order)[place_of], period=None)
+
+    def gains(self, points: F64) -> F64:
+        """Gains of the actuators, (n, A), for places along the strip, (n, 1) metres."""
+        return np.sqrt(self._shares.at(np.asarray(points, np.float64)[:, 0]))
+
+
+class _Between:
+    """Shares of the two neighbours on an axis, closed (with a period) or open."""
+
+    def __init__(self, places: F64, place_of: I64, period: float | None) -> None:
+        self._places = places  # ascending
+        self._place_of = place_of
+        self._period = period
+
+    def at(self, values: F64) -> F64:
+        count = len(self._places)
+        shares = np.zeros((len(values), count))
+        rows = np.flatnonzero(np.isfinite(values))
+        at = values[rows]
+        after = np.searchsorted(self._places, at, side="right")
+        if self._period is None:
+            before, after = np.maximum(after - 1, 0), np.minimum(after, count - 1)
+            gap = self._places[after] - self._places[before]
+            way = at - self._places[before]
+        else:
+            before, after = (after - 1) % count, after % count
+            gap = np.mod(self._places[after] - self._places[before], self._period)
+            gap[gap == 0.0] = self._period  # one actuator: round to itself
+            way = np.mod(at - self._places[before], self._period)
+        share = np.clip(np.divide(way, gap, out=np.zeros_like(way), where=gap > 0.0), 0.0, 1.0)
+        np.add.at(shares, (rows, before), 1.0 - share)
+        np.add.at(shares, (rows, after), share)
+        crowd = np.bincount(self._place_of, minlength=count)
+        return np.asarray((shares / crowd)[:, self._place_of])

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Nearest actuator, and Gaussian splatting: schemes that look at distances alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+_SPREAD = 4.0
+"""Standard deviations beyond which a Gaussian counts as nothing (3e-4 of its peak)."""
+
+
+class NearestPanning:
+    """The nearest actuator plays everything.
+
+    Schneider et al., UIST 2015, for dense grids. Its output jumps half way between two
+    actuators: take another scheme where things glide.
+
+    Parameters
+    ----------
+    positions : (A, D) float64
+        Metres; of several at the same distance the first one plays.
+    """
+
+    def __init__(self, positions: F64) -> None:
+        self._positions = np.asarray(positions, np.float64)
+
+    def gains(self, points: F64) -> F64:
+        """Gains of the actuators, (n, A), for places (n, D) in metres."""
+        distances = _distances(np.asarray(points, np.float64), self._positions)
+        gains = np.zeros_like(distances)
+        rows = np.flatnonzero(np.isfinite(distances).all(axis=1))
+        gains[rows, np.argmin(distances[rows], axis=1)] = 1.0
+        return gains
+
+
+class GaussianSplatting:
+    """Each actuator plays exp(-d^2 / (2 sigma^2)) of what is felt at distance d.
+
+    Parameters
+    ----------
+    positions : (A, D) float64
+        Metres.
+    sigma_m : float
+        Standard deviation, > 0. Cut smoothly to nothing at four of them.
+    """
+
+    def __init__(self, positions: F64, sigma_m: float) -> None:
+        if not 0.0 < sigma_m < np.inf:
+            raise ValueError(f"sigma_m: expected a positive number, got {sigma_m}")
+        self._positions = np.asarray(positions, np.float64)
+        self._sigma_m = sigma_m
+
+    def gains(self, points: F64) -> F64:
+        """Gains of the actuators, (n, A), for places (n, D) in metres."""
+        ratio = _distances(np.asarray(points, np.float64), self._positions) / self._sigma_m
+        floor = np.exp(-0.5 * _SPREAD**2)
+        with np.errstate(over="ignore"):
+            gains = (np.exp(-0.5 * ratio * ratio) - floor) / (1.0 - floor)
+        return np.maximum(np.nan_to_num(gains, nan=0.0), 0.0)
+
+
+def _distances(points: F64, positions: F64) -> F64:
+    """Distances (n, A); not a number where a point is not finite."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        distances: F64 = np.sqrt(
+            sum(
+                (points[:, axis, None] - positions[None, :, axis]) ** 2
+                for axis in range(positions.shape[1])
+            )
+        )
+    distances[~np.isfinite(points).all(axis=1)] = np.nan
+    return distances

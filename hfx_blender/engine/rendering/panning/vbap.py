@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Vector-base amplitude panning over two or three neighbours (Pulkki 1997).
+
+Politis, Pugliese, Takala pan their sound so over any layout of loudspeakers, and propose it
+for touch: a direction is a sum of the unit vectors of its neighbours; the coefficients,
+normalised to constant power, are the gains.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .complex import merged_places
+from .ring import RingPanning
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_ROUNDING: Final = 1e-9
+
+
+class VectorBasePanning:
+    """Directions over a layout of A sources round a listener or a limb.
+
+    Parameters
+    ----------
+    directions : (A, 2) or (A, 3) float64
+        Towards the sources, of any length but 0. In space at least three that do not lie in
+        one plane with the centre; otherwise give the layout in the plane. Between two
+        neighbours that are half a circle or more apart the power goes over by the angle.
+    """
+
+    def __init__(self, directions: F64) -> None:
+        directions = np.asarray(directions, np.float64)
+        lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not (np.isfinite(directions).all() and (lengths > 0.0).all()):
+            raise ValueError("directions: expected finite vectors that are not 0")
+        self._units, self._place_of = merged_places(directions / lengths)
+        self._crowd = np.sqrt(np.bincount(self._place_of))  # sharing power, not amplitude
+        self._is_flat = directions.shape[1] == 2
+        if self._is_flat:
+            self._bases = _pairs(self._units)
+            self._arcs = RingPanning(np.arctan2(self._units[:, 1], self._units[:, 0]))
+        else:
+            self._bases, self._rim = _triplets(self._units)
+        self._inverses = np.linalg.inv(self._units[self._bases])  # (S, D, D)
+
+    def gains(self, points: F64) -> F64:
+        """Gains of the sources, (n, A), for directions (n, D) of any length.
+
+        The sum of their squares is 1; all 0 for no direction at all.
+        """
+        points = np.asarray(points, np.float64)
+        lengths = np.linalg.norm(points, axis=1)
+        rows = np.flatnonzero(np.isfinite(points).all(axis=1) & (lengths > 0.0))
+        gains = np.zeros((len(points), len(self._units)))
+        if len(rows):
+            gains[rows] = self._of_units(points[rows] / lengths[rows, None])
+        return np.asarray((gains / self._crowd)[:, self._place_of])
+
+    def _of_units(self, units: F64) -> F64:
+        gains = np.zeros((len(units), len(self._units)))
+        is_known = np.zeros(len(units), np.bool_)
+        if len(self._bases):
+            # p = sum of g_i l_i, solved for every base; the right one has no negative factor.
+            factors = np.einsum("nd,sde->nse", units, self._inverses)
+            best = np.argmax(factors.min(axis=2), axis=1)
+            rows = np.arange(len(units))
+            chosen = factors[rows, best]
+            is_known = chosen.min(axis=1) >= -_ROUNDING
+            gains[rows[:, None], self._bases[best]] = np.maximum(chosen, 0.0)
+        beyond = np.flatnonzero(~is_known)
+        if len(beyond):
+            gains[beyond] = self._beyond(units[beyond])
+        norms = np.linalg.norm(gains, axis=1, keepdims=True)
+        return np.divide(gains, norms, out=np.zeros_like(gains), where=norms > 0.0)
+
+    def _beyond(self, units: F64) -> F64:
+        """Directions that no base surrounds."""
+        if self._is_flat:
+            return self._arcs.gains(np.arctan2(units[:, 1], units[:, 0])[:, None])
+        return _on_rim(units, self._units, self._rim)
+
+
+def _pairs(units: F64) -> I64:
+    """Neighbours in the plane that are less than half a circle apart, (S, 2)."""
+    if len(units) == 1:
+        return np.zeros((0, 2), np.int64)
+    angles = np.arctan2(units[:, 1], units[:, 0])
+    order = np.argsort(angles, kind="stable")
+    following = np.roll(order, -1)
+    gaps = np.mod(angles[following] - angles[order], 2.0 * np.pi)
+    is_base = (gaps > _ROUNDING) & (gaps < np.pi - 1e-6)
+    return np.column_stack((order, following))[is_base].astype(np.int64)
+
+
+def _triplets(units: F64) -> tuple[I64, I64]:
+    """Triangles of the convex hull that face away from the centre (S, 3), and their rim (E, 2)."""
+    triangles = _hull(units)
+    corners = units[triangles]
+    volumes = np.linalg.det(corners)
+    outwards = np.abs(volumes) > 1e-6
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    middle = units.mean(axis=0)
+    sign = np.sign(np.einsum("ij,ij->i", normals, corners[:, 0] - middle))
+    outwards &= sign * np.einsum("ij,ij->i", normals, corners[:, 0]) > 0.0
+    bases = triangles[outwards]
+    if not len(bases):
+        raise ValueError(
+            "directions: expected three or more that do not lie in one plane with the centre"
+        )
+    edges = np.sort(bases[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, counts = np.unique(edges, axis=0, return_counts=True)
+    return bases, edges[counts == 1]
+
+
+def _hull(units: F64) -> I64:
+    if len(units) == 3:
+        return np.array([[0, 1, 2]], np.int64)
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        triangles: I64 = ConvexHull(units).simplices.astype(np.int64)
+    except (QhullError, ValueError):
+        # On a plane: a ring that is seen from outside of it, as a fan over its own plane.
+        from .planar import simplices_of
+
+        centred = units - units.mean(axis=0)
+        axes = np.linalg.svd(centred, full_matrices=False)[2]
+        triangles = simplices_of(centred @ axes[:2].T)
+    return triangles
+
+
+def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
+    """Gains at the nearest direction on the rim's arcs."""
+    # Where nothing is open (only rounding led here), and until an arc is nearer: one source.
+    gains = np.eye(len(sources))[np.argmax(units @ sources.T, axis=1)]
+    best = np.full(len(units), -np.inf)
+    for i, j in rim:
+        base = np.stack([sources[i], sources[j]])
+        factors = np.maximum(units @ np.linalg.pinv(base), 0.0)
+        along = factors @ base
+        lengths = np.linalg.norm(along, axis=1)
+        # A direction behind both ends of the arc goes to the nearer end.
+        lost = lengths <= _ROUNDING
+        nearer = np.argmax(units @ base.T, axis=1)
+        factors[lost] = np.eye(2)[nearer[lost]]
+        along = factors @ base
+        cosines = np.einsum("nd,nd->n", units, along) / np.linalg.norm(along, axis=1)
+        better = cosines > best
+        best[better] = cosines[better]
+        gains[better] = 0.0
+        gains[np.ix_(better, [i, j])] = factors[better]
+    return gains
