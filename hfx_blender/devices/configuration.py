@@ -19,7 +19,8 @@ from ..engine.modality import MODALITIES
 from ..engine.rendering.device import Actuator, DeviceConfig, VertexPlace
 from ..engine.rendering.placement import vertices_of
 from ..errors import InputError
-from .configuration_reader import ID_PATTERN, WEARABLE_SIDES, device_from
+from .configuration_reader import WEARABLE_SIDES, device_from
+from .layout_reader import ID_PATTERN
 from .strict_json import read
 
 SUFFIX: Final = ".json"

@@ -4,26 +4,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from typing import Any, Final
 
-from ..engine.body.parts import PARTS, SIDES
 from ..engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ..engine.modality import Parameter as ModalityParameter
 from ..engine.rendering.device import (
     Actuator,
     ActuatorType,
-    BodyPlace,
     Brand,
     Control,
     DeviceConfig,
-    Place,
-    RoomPlace,
+    Mount,
+    Scheme,
     Substitution,
-    VertexPlace,
-    VertexSet,
 )
 from ..errors import InputError
+from . import layout_reader
+from .layout_reader import ID_DESCRIBED, ID_PATTERN
 from .strict_json import Node
 
 SCHEMA: Final = "hfx-device"
@@ -34,8 +31,6 @@ MAX_TEMPERATURE_C: Final = 40.0
 """No device is set warmer: a conservative default for heat near skin, not a certified one."""
 
 WEARABLE_SIDES: Final = ("left", "right")
-ID_PATTERN: Final = r"[a-z0-9][a-z0-9_-]{0,63}"
-_ID_DESCRIBED = "1 to 64 of a-z, 0-9, _ and -, the first a letter or digit"
 
 _CONTROLS: Final = {
     "vibration": ("amplitude_m_s2", "frequency_hz"),
@@ -60,6 +55,7 @@ def device_from(document: Node) -> DeviceConfig:
             "description",
             "brand",
             "size_m",
+            "mount",
             "side",
             "rendering",
             "substitutions",
@@ -74,20 +70,23 @@ def device_from(document: Node) -> DeviceConfig:
         .entries(allowed="an object with at least one actuator type", least=1)
         .items()
     }
+    mount = layout_reader.mount(top["mount"]) if "mount" in top else None
     actuators = tuple(
-        _actuator(node, types) for node in top["actuators"].items(least=1, most=MAX_ACTUATORS)
+        _actuator(node, types, mount)
+        for node in top["actuators"].items(least=1, most=MAX_ACTUATORS)
     )
     _refuse_repeated_ids(top["actuators"], actuators)
     side = top["side"].choice(WEARABLE_SIDES) if "side" in top else None
     width_m, height_m = _size(top["size_m"]) if "size_m" in top else (None, None)
-    device_id, name = top["id"].text(ID_PATTERN, _ID_DESCRIBED), top["name"].text()
+    device_id, name = top["id"].text(ID_PATTERN, ID_DESCRIBED), top["name"].text()
     return DeviceConfig(
         id=device_id if side is None else f"{device_id}_{side}",
         name=name if side is None else f"{name} ({side})",
         description=top["description"].text() if "description" in top else "",
         actuator_types=types,
         actuators=actuators,
-        statistic="mean" if _statistic(top.get("rendering")) == "mean" else "strongest",
+        scheme=layout_reader.scheme(top["rendering"]) if "rendering" in top else Scheme(),
+        mount=mount,
         substitutions=_substitutions(top.get("substitutions"), actuators),
         gain=_gain(top["defaults"]) if "defaults" in top else 1.0,
         brand=_brand(top["brand"]) if "brand" in top else None,
@@ -127,19 +126,6 @@ def _usb_id(node: Node) -> int:
     return int(node.text(r"0x[0-9a-f]{4}", 'four hexadecimal digits such as "0x2341"'), 16)
 
 
-def _statistic(rendering: Node | None) -> str:
-    if rendering is None:
-        return "strongest"
-    members = rendering.members(required=("scheme",), optional=("options",))
-    members["scheme"].choice(("coverage",))
-    if "options" not in members:
-        return "strongest"
-    options = members["options"].members(required=(), optional=("statistic",))
-    if "statistic" not in options:
-        return "strongest"
-    return options["statistic"].choice(("strongest", "mean"))
-
-
 def _gain(node: Node) -> float:
     members = node.members(required=(), optional=("gain",))
     return members["gain"].number(0.0, 10.0) if "gain" in members else 1.0
@@ -148,7 +134,7 @@ def _gain(node: Node) -> float:
 def _actuator_type(name: str, node: Node) -> ActuatorType:
     if not re.fullmatch(ID_PATTERN, name):
         raise InputError(
-            f"{node.file}: {node.path}: the name of an actuator type is {_ID_DESCRIBED}."
+            f"{node.file}: {node.path}: the name of an actuator type is {ID_DESCRIBED}."
         )
     members = node.members(
         required=("modality", "parameters"), optional=("latency_ms", "update_interval_ms", "limits")
@@ -212,70 +198,13 @@ def _range(node: Node, known: ModalityParameter, *, may_be_fixed: bool) -> tuple
     return minimum, members["maximum"].number(minimum, known.maximum, known.unit)
 
 
-def _actuator(node: Node, types: dict[str, ActuatorType]) -> Actuator:
+def _actuator(node: Node, types: dict[str, ActuatorType], mount: Mount | None) -> Actuator:
     members = node.members(required=("id", "type", "place"))
     return Actuator(
-        id=members["id"].text(ID_PATTERN, _ID_DESCRIBED),
+        id=members["id"].text(ID_PATTERN, ID_DESCRIBED),
         type=types[members["type"].choice(tuple(types))],
-        place=_place(members["place"]),
+        place=layout_reader.place(members["place"], mount),
     )
-
-
-def _place(node: Node) -> Place:
-    kinds: dict[str, Callable[[Node], Place]] = {
-        "placement": _body_place,
-        "vertices": _vertex_place,
-        "room": _room_place,
-    }
-    members = node.members(required=(), optional=tuple(kinds))
-    if len(members) != 1:
-        node.fail("exactly one of " + ", ".join(kinds))
-    ((kind, place),) = members.items()
-    return kinds[kind](place)
-
-
-def _parts(node: Node) -> tuple[str, ...]:
-    parts = tuple(item.choice(PARTS) for item in node.items(least=1, most=len(PARTS)))
-    if len(set(parts)) != len(parts):
-        node.fail("each body part once")
-    return parts
-
-
-def _body_place(node: Node) -> BodyPlace:
-    members = node.members(required=("parts", "centre_m", "radius_m"), optional=("side",))
-    x, y, z = (item.number(-3.0, 3.0, "m") for item in members["centre_m"].items(least=3, most=3))
-    return BodyPlace(
-        parts=_parts(members["parts"]),
-        centre_m=(x, y, z),
-        radius_m=members["radius_m"].number(0.0, 1.0, "m"),
-        side=members["side"].choice(SIDES) if "side" in members else None,
-    )
-
-
-def _vertex_place(node: Node) -> VertexPlace:
-    sets = tuple(_vertex_set(item) for item in node.items(least=1, most=8))
-    if len({each.model_id for each in sets}) != len(sets):
-        node.fail("each model once")
-    return VertexPlace(sets)
-
-
-def _vertex_set(node: Node) -> VertexSet:
-    members = node.members(required=("model", "hash", "ids"))
-    ids = members["ids"].items(least=1, most=100_000)
-    vertices: list[int] = []
-    for item in ids:
-        lowest = vertices[-1] + 1 if vertices else 0
-        vertices.append(item.integer(lowest, 2**31 - 1))
-    return VertexSet(
-        model_id=members["model"].text(ID_PATTERN, _ID_DESCRIBED),
-        content_hash=members["hash"].text(r"[0-9a-f]{64}", "a SHA-256 as 64 hexadecimal digits"),
-        vertices=tuple(vertices),
-    )
-
-
-def _room_place(node: Node) -> RoomPlace:
-    members = node.members(required=(), optional=("reaches",))
-    return RoomPlace(_parts(members["reaches"]) if "reaches" in members else PARTS)
 
 
 def _substitutions(node: Node | None, actuators: tuple[Actuator, ...]) -> dict[str, Substitution]:

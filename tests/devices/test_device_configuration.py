@@ -57,7 +57,7 @@ def test_every_field_is_understood(full, stored):
     assert a.type is motor and a.place == BodyPlace(("forearm",), (0.41, -0.05, 1.2), 0.02, "left")
     assert isinstance(b.place, VertexPlace) and b.place.sets[0].vertices == (1, 5, 9)
     assert c.place == RoomPlace(("head", "torso"))
-    assert device.statistic == "mean"
+    assert device.scheme.statistic == "mean"
     assert device.substitutions == {
         "pressure": Substitution("pressure", "vibration", 1.0, 80.0),
         "wind": Substitution("wind", "temperature", -0.5),
@@ -71,7 +71,7 @@ def test_what_may_be_left_out_has_defaults(full, stored):
         del full[key]
     device = load_device(stored(full))
     assert (device.id, device.side, device.brand) == ("test_sleeve", None, None)
-    assert (device.statistic, device.substitutions, device.gain) == ("strongest", {}, 1.0)
+    assert (device.scheme.statistic, device.substitutions, device.gain) == ("strongest", {}, 1.0)
     VALIDATOR.validate(full)
 
 

@@ -8,7 +8,7 @@ from hfx_blender.devices.configuration import list_devices, load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.rendering.device import BodyPlace
-from hfx_blender.engine.rendering.placement import cells_of
+from hfx_blender.engine.rendering.schemes import cells_of
 
 MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
 EXPECTED = {  # part, sides, actuators

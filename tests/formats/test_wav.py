@@ -16,6 +16,7 @@ from hfx_blender.engine.rendering.device import (
     Control,
     DeviceConfig,
     RoomPlace,
+    Scheme,
 )
 from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.errors import InputError, OutputError
@@ -41,7 +42,7 @@ def make_device(channels, modality="vibration"):
         description="",
         actuator_types={"motor": kind},
         actuators=tuple(Actuator(f"m{i}", kind, place) for i in range(channels)),
-        statistic="strongest",
+        scheme=Scheme(),
         substitutions={},
         gain=1.0,
     )

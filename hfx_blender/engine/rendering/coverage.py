@@ -32,10 +32,18 @@ class ActuatorCells:
         Vertices of each actuator; may be empty and may overlap.
     vertex_count : int
         Size of the model.
+    factors : sequence of (n,) float, optional
+        How strongly each of these vertices drives its actuator, for a scheme that pans;
+        fully without.
     """
 
-    def __init__(self, rows: Sequence[I32], vertex_count: int) -> None:
+    def __init__(
+        self, rows: Sequence[I32], vertex_count: int, factors: Sequence[F64] | None = None
+    ) -> None:
         self.rows = tuple(rows)
+        self._factors: F32 | None = None
+        if factors is not None:
+            self._factors = np.concatenate([np.zeros(0), *factors]).astype(np.float32)
         self.counts = np.array([len(row) for row in rows], np.int64)
         every = np.concatenate([np.zeros(0, np.int32), *rows])
         reached, slots = np.unique(every, return_inverse=True)
@@ -96,6 +104,8 @@ class ActuatorCells:
         filled = np.flatnonzero(self.counts)  # reduceat has no identity for an empty row
         starts = (np.cumsum(self.counts) - self.counts)[filled]
         spread = dense[:, self._slots] if self._overlaps else dense
+        if self._factors is not None:
+            spread = spread * self._factors
         if statistic == "strongest":
             gains[:, filled] = np.maximum.reduceat(spread, starts, axis=1)
         else:

@@ -13,8 +13,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..modality import MODALITIES
+from .panning.laws import Law
 
 Statistic = Literal["strongest", "mean"]
+SchemeName = Literal[
+    "coverage", "nearest", "barycentric", "surface", "ring", "line", "vbap", "splat"
+]
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,25 @@ class ActuatorType:
         """Unit of one of the controls."""
         parameters = MODALITIES[self.modality].parameters
         return next(each.unit for each in parameters if each.name == control.name)
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """How what is felt on the skin becomes gains of actuators: a name and its options."""
+
+    name: SchemeName = "coverage"
+    statistic: Statistic = "strongest"  # coverage
+    law: Law = "log"  # barycentric, surface
+    sigma_m: float = 0.02  # splat
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where a flat or gently curved layout lies on the body, in rest space."""
+
+    origin_m: tuple[float, float, float]
+    x_axis: tuple[float, float, float]  # unit, orthogonal
+    y_axis: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -127,9 +150,10 @@ class DeviceConfig:
     description: str
     actuator_types: Mapping[str, ActuatorType]
     actuators: tuple[Actuator, ...]
-    statistic: Statistic  # of the coverage scheme
+    scheme: Scheme
     substitutions: Mapping[str, Substitution]  # by source modality
     gain: float  # times every strength, before the limits
+    mount: Mount | None = None  # of the plane in which a flat scheme pans
     brand: Brand | None = None
     width_m: float | None = None
     height_m: float | None = None

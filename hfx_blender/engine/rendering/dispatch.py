@@ -16,7 +16,7 @@ from ..body.model import PerceptualModel
 from ..samples import SampleRun
 from .coverage import ActuatorCells
 from .device import DeviceConfig
-from .placement import cells_of
+from .schemes import cells_of
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -72,7 +72,7 @@ class ActuatorGroup:
         if model_id not in self._cells:
             self._cells[model_id] = cells_of(self._device, self._actuators, self._models(model_id))
         of_sets = self._cells[model_id].gains(
-            run.offsets, run.vertices, run.weights, self._device.statistic
+            run.offsets, run.vertices, run.weights, self._device.scheme.statistic
         )
         gains: F64 = of_sets[run.set_of]
         return gains

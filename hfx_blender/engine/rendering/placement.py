@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ...errors import InputError
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS, SIDES
-from .coverage import ActuatorCells
 from .device import Actuator, BodyPlace, DeviceConfig, Place, RoomPlace, VertexPlace
 
 Bool = npt.NDArray[np.bool_]
@@ -25,26 +24,23 @@ is never this far from one; a place that is, was not written for this body.
 """
 
 
-def cells_of(
+def rows_of(
     device: DeviceConfig, actuators: Iterable[Actuator], model: PerceptualModel
-) -> ActuatorCells:
-    """Which vertices of a model each of some actuators reaches.
+) -> list[I32]:
+    """Which vertices of a model each of some actuators reaches, on the side that was written.
 
     Raises
     ------
     InputError
         A place does not fit this model.
     """
-    rows = [_vertices(device, actuator, model) for actuator in actuators]
-    return ActuatorCells(rows, len(model))
-
-
-def _vertices(device: DeviceConfig, actuator: Actuator, model: PerceptualModel) -> I32:
-    try:
-        found = vertices_of(actuator.place, model)
-    except InputError as error:
-        raise InputError(f"Device '{device.id}', actuator '{actuator.id}': {error}") from None
-    return np.sort(model.mirror[found]) if device.is_mirrored else found
+    rows = []
+    for actuator in actuators:
+        try:
+            rows.append(vertices_of(actuator.place, model))
+        except InputError as error:
+            raise InputError(f"Device '{device.id}', actuator '{actuator.id}': {error}") from None
+    return rows
 
 
 def vertices_of(place: Place, model: PerceptualModel) -> I32:
@@ -62,16 +58,16 @@ def vertices_of(place: Place, model: PerceptualModel) -> I32:
     if isinstance(place, VertexPlace):
         return _named(place, model)
     if isinstance(place, RoomPlace):
-        return np.flatnonzero(_on_parts(place.parts, model)).astype(np.int32)
+        return np.flatnonzero(on_parts(place.parts, model)).astype(np.int32)
     return _patch(place, model)
 
 
-def _on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:
+def on_parts(parts: tuple[str, ...], model: PerceptualModel) -> Bool:
     return np.isin(model.part, [PARTS.index(part) for part in parts])
 
 
 def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
-    allowed = _on_parts(place.parts, model)
+    allowed = on_parts(place.parts, model)
     if place.side is not None:
         allowed &= model.side == SIDES.index(place.side)
     candidates = np.flatnonzero(allowed).astype(np.int32)

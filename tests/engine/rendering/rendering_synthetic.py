@@ -15,6 +15,7 @@ from hfx_blender.engine.rendering.device import (
     DeviceConfig,
     Place,
     RoomPlace,
+    Scheme,
     Substitution,
     VertexPlace,
     VertexSet,
@@ -137,7 +138,7 @@ def make_device(
 ) -> DeviceConfig:
     """A device from ``{actuator: (modality, place)}``."""
     types = {m: make_type(m, interval_ms) for m, _ in actuators.values()}
-    options = {"statistic": "strongest", "gain": 1.0, **others}
+    options = {"scheme": Scheme(), "gain": 1.0, **others}
     return DeviceConfig(
         id="device",
         name="Device",

@@ -10,7 +10,8 @@ from rendering_synthetic import MODELS, at, make_device
 import hfx_blender.engine.rendering.coverage as coverage
 from hfx_blender.engine.rendering.coverage import ActuatorCells
 from hfx_blender.engine.rendering.device import BodyPlace, RoomPlace, VertexPlace, VertexSet
-from hfx_blender.engine.rendering.placement import cells_of, vertices_of
+from hfx_blender.engine.rendering.placement import vertices_of
+from hfx_blender.engine.rendering.schemes import cells_of
 from hfx_blender.errors import InputError
 
 SIZE = 12

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The part of a device configuration that says where actuators are and how they are panned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, cast, get_args
+
+import numpy as np
+
+from ..engine.body.parts import PARTS, SIDES
+from ..engine.rendering.device import (
+    BodyPlace,
+    Mount,
+    Place,
+    RoomPlace,
+    Scheme,
+    SchemeName,
+    Statistic,
+    VertexPlace,
+    VertexSet,
+)
+from ..engine.rendering.panning.laws import LAWS, Law
+from .strict_json import Node
+
+ID_PATTERN: Final = r"[a-z0-9][a-z0-9_-]{0,63}"
+ID_DESCRIBED: Final = "1 to 64 of a-z, 0-9, _ and -, the first a letter or digit"
+
+_OPTIONS: Final = {
+    "coverage": ("statistic",),
+    "barycentric": ("law",),
+    "surface": ("law",),
+    "splat": ("sigma_m",),
+}
+"""Which options a rendering scheme has."""
+
+
+def scheme(node: Node) -> Scheme:
+    """The rendering scheme and its options."""
+    members = node.members(required=("scheme",), optional=("options",))
+    name = cast(SchemeName, members["scheme"].choice(get_args(SchemeName)))
+    if "options" not in members:
+        return Scheme(name)
+    options = members["options"].members(required=(), optional=_OPTIONS.get(name, ()))
+    found = Scheme(name)
+    if "statistic" in options:
+        statistic = cast(Statistic, options["statistic"].choice(get_args(Statistic)))
+        found = Scheme(name, statistic=statistic)
+    if "law" in options:
+        found = Scheme(name, law=cast(Law, options["law"].choice(LAWS)))
+    if "sigma_m" in options:
+        found = Scheme(name, sigma_m=options["sigma_m"].number(0.001, 1.0, "m"))
+    return found
+
+
+def mount(node: Node) -> Mount:
+    """Where a flat layout lies on the body; its axes are made orthogonal and of unit length."""
+    members = node.members(required=("origin_m", "x_axis", "y_axis"))
+    origin = _triple(members["origin_m"], 3.0, "m")
+    x = np.array(_triple(members["x_axis"], 1.0))
+    y = np.array(_triple(members["y_axis"], 1.0))
+    if np.linalg.norm(x) < 0.1:
+        members["x_axis"].fail("a direction: three numbers of which one is not near 0")
+    x /= np.linalg.norm(x)
+    y = y - (y @ x) * x
+    if np.linalg.norm(y) < 0.1:
+        members["y_axis"].fail("a direction across the x_axis")
+    y /= np.linalg.norm(y)
+    return Mount(origin, (x[0], x[1], x[2]), (y[0], y[1], y[2]))
+
+
+def place(node: Node, mount: Mount | None) -> Place:
+    """Where one actuator works."""
+    kinds: dict[str, Callable[[Node], Place]] = {
+        "placement": _body_place,
+        "vertices": _vertex_place,
+        "room": _room_place,
+    }
+    members = node.members(required=(), optional=(*kinds, "pad"))
+    if len(members) != 1:
+        node.fail("exactly one of " + ", ".join((*kinds, "pad")))
+    ((kind, found),) = members.items()
+    return _pad_place(found, mount) if kind == "pad" else kinds[kind](found)
+
+
+def _parts(node: Node) -> tuple[str, ...]:
+    parts = tuple(item.choice(PARTS) for item in node.items(least=1, most=len(PARTS)))
+    if len(set(parts)) != len(parts):
+        node.fail("each body part once")
+    return parts
+
+
+def _body_place(node: Node) -> BodyPlace:
+    members = node.members(required=("parts", "centre_m", "radius_m"), optional=("side",))
+    return BodyPlace(
+        parts=_parts(members["parts"]),
+        centre_m=_triple(members["centre_m"], 3.0, "m"),
+        radius_m=members["radius_m"].number(0.0, 1.0, "m"),
+        side=members["side"].choice(SIDES) if "side" in members else None,
+    )
+
+
+def _pad_place(node: Node, mount: Mount | None) -> BodyPlace:
+    """A place in the layout's own millimetres, which the mount puts on the body."""
+    if mount is None:
+        node.fail("a placement, vertices or room: the device has no 'mount' for a pad")
+    members = node.members(required=("parts", "at_mm", "radius_m"), optional=("side",))
+    x, y = (item.number(-2000.0, 2000.0, "mm") for item in members["at_mm"].items(least=2, most=2))
+    axes = np.array([mount.x_axis, mount.y_axis])
+    centre = np.array(mount.origin_m) + np.array([x, y]) / 1000.0 @ axes
+    return BodyPlace(
+        parts=_parts(members["parts"]),
+        centre_m=(float(centre[0]), float(centre[1]), float(centre[2])),
+        radius_m=members["radius_m"].number(0.0, 1.0, "m"),
+        side=members["side"].choice(SIDES) if "side" in members else None,
+    )
+
+
+def _triple(node: Node, most: float, unit: str = "") -> tuple[float, float, float]:
+    x, y, z = (item.number(-most, most, unit) for item in node.items(least=3, most=3))
+    return x, y, z
+
+
+def _vertex_place(node: Node) -> VertexPlace:
+    sets = tuple(_vertex_set(item) for item in node.items(least=1, most=8))
+    if len({each.model_id for each in sets}) != len(sets):
+        node.fail("each model once")
+    return VertexPlace(sets)
+
+
+def _vertex_set(node: Node) -> VertexSet:
+    members = node.members(required=("model", "hash", "ids"))
+    ids = members["ids"].items(least=1, most=100_000)
+    vertices: list[int] = []
+    for item in ids:
+        lowest = vertices[-1] + 1 if vertices else 0
+        vertices.append(item.integer(lowest, 2**31 - 1))
+    return VertexSet(
+        model_id=members["model"].text(ID_PATTERN, ID_DESCRIBED),
+        content_hash=members["hash"].text(r"[0-9a-f]{64}", "a SHA-256 as 64 hexadecimal digits"),
+        vertices=tuple(vertices),
+    )
+
+
+def _room_place(node: Node) -> RoomPlace:
+    members = node.members(required=(), optional=("reaches",))
+    return RoomPlace(_parts(members["reaches"]) if "reaches" in members else PARTS)

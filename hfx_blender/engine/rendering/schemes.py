@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A device's rendering scheme on a perceptual model: which vertices drive which actuator.
+
+A scheme that pans treats each touched vertex as a phantom sensation of its own; of several,
+the strongest counts at an actuator, as with coverage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.model import PerceptualModel
+from ..body.parts import SIDES
+from .coverage import ActuatorCells
+from .device import Actuator, BodyPlace, DeviceConfig, Mount, RoomPlace
+from .panning.planar import PlanarPanning
+from .panning.ring import LinePanning, RingPanning
+from .panning.splat import GaussianSplatting, NearestPanning
+from .panning.surface import surface_gains
+from .panning.vbap import VectorBasePanning
+from .placement import on_parts, rows_of
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+
+_LONE_SPACING_M: Final = 0.05
+"""Takes the place of the distance between actuators where there is only one."""
+
+
+def cells_of(
+    device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
+) -> ActuatorCells:
+    """Which vertices of a model each of some actuators reaches, and how strongly they drive it.
+
+    Raises
+    ------
+    InputError
+        A place does not fit this model.
+    """
+    rows = rows_of(device, actuators, model)
+    factors = None
+    pans = device.scheme.name != "coverage"
+    # What stands in the room, or is nowhere on this model, is not panned between.
+    if pans and all(len(row) for row in rows) and not _any_in_room(actuators):
+        rows, factors = _panned(device, actuators, rows, model)
+    if device.is_mirrored:
+        orders = [np.argsort(model.mirror[row]) for row in rows]
+        rows = [model.mirror[row][order] for row, order in zip(rows, orders, strict=True)]
+        if factors is not None:
+            factors = [each[order] for each, order in zip(factors, orders, strict=True)]
+    return ActuatorCells(rows, len(model), factors)
+
+
+def _any_in_room(actuators: Sequence[Actuator]) -> bool:
+    return any(isinstance(each.place, RoomPlace) for each in actuators)
+
+
+def _panned(
+    device: DeviceConfig, actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel
+) -> tuple[list[I32], list[F64]]:
+    centres = np.array(
+        [_centre(each, row, model) for each, row in zip(actuators, rows, strict=True)]
+    )
+    if device.scheme.name == "surface":
+        anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
+        found = surface_gains(model, anchors, device.scheme.law)
+        vertices, gains = found.vertices, found.gains
+    else:
+        vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
+        points = model.vertices[vertices].astype(np.float64)
+        gains = _FLAT[device.scheme.name](device, centres, points) * fade[:, None]
+    driven = [np.flatnonzero(gains[:, a] > 0.0) for a in range(len(actuators))]
+    return [vertices[d] for d in driven], [gains[d, a] for a, d in enumerate(driven)]
+
+
+def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
+    if isinstance(actuator.place, BodyPlace):
+        return np.array(actuator.place.centre_m)
+    areas = model.areas_m2[row].astype(np.float64)
+    return np.asarray(areas @ model.vertices[row] / areas.sum())
+
+
+def _nearest(centre: F64, row: I32, model: PerceptualModel) -> int:
+    return int(row[np.argmin(np.linalg.norm(model.vertices[row] - centre, axis=1))])
+
+
+def _candidates(actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel) -> I32:
+    """Vertices on the parts and sides on which the actuators are."""
+    allowed = np.zeros(len(model), np.bool_)
+    for actuator, row in zip(actuators, rows, strict=True):
+        place = actuator.place
+        if isinstance(place, BodyPlace):
+            found = on_parts(place.parts, model)
+            if place.side is not None:
+                found &= model.side == SIDES.index(place.side)
+            allowed |= found
+        else:
+            label = model.part[row].astype(np.int64) * len(SIDES) + model.side[row]
+            every = model.part.astype(np.int64) * len(SIDES) + model.side
+            allowed |= np.isin(every, label)
+    return np.flatnonzero(allowed).astype(np.int32)
+
+
+def _near(centres: F64, candidates: I32, model: PerceptualModel) -> tuple[I32, F64]:
+    """Candidates about the layout, fading out between one and two spacings from an actuator."""
+    points = model.vertices[candidates].astype(np.float64)
+    distances = np.full(len(points), np.inf)
+    for centre in centres:
+        np.minimum(distances, np.linalg.norm(points - centre, axis=1), out=distances)
+    between = np.linalg.norm(centres[:, None] - centres[None], axis=2)
+    between[between == 0.0] = np.inf
+    nearest = between.min(axis=1)
+    nearest = nearest[np.isfinite(nearest)]
+    spacing_m = float(nearest.max()) if len(nearest) else _LONE_SPACING_M
+    fade = np.clip(2.0 - distances / spacing_m, 0.0, 1.0)
+    is_near = fade > 0.0
+    return candidates[is_near], fade[is_near]
+
+
+def _mount(device: DeviceConfig, centres: F64) -> Mount:
+    """The plane of the layout: as configured, or the one that its actuators are nearest to."""
+    if device.mount is not None:
+        return device.mount
+    middle = centres.mean(axis=0)
+    axes = np.linalg.svd(centres - middle, full_matrices=True)[2]
+    origin, x_axis, y_axis = (tuple(float(v) for v in each) for each in (middle, *axes[:2]))
+    return Mount(origin, x_axis, y_axis)  # type: ignore[arg-type]
+
+
+def on_mount(mount: Mount, points: F64) -> F64:
+    """Coordinates (n, 2) in a mount's plane of rest-space points (n, 3), metres."""
+    axes = np.array([mount.x_axis, mount.y_axis])
+    return np.asarray((points - np.array(mount.origin_m)) @ axes.T)
+
+
+def _planar(device: DeviceConfig, centres: F64, points: F64) -> F64:
+    mount = _mount(device, centres)
+    return PlanarPanning(on_mount(mount, centres), device.scheme.law).gains(on_mount(mount, points))
+
+
+def _ring(device: DeviceConfig, centres: F64, points: F64) -> F64:
+    mount = _mount(device, centres)
+    ring, places = on_mount(mount, centres), on_mount(mount, points)
+    middle = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
+    angles, at = (np.arctan2(*(each - middle).T[::-1]) for each in (ring, places))
+    return RingPanning(angles).gains(at[:, None])
+
+
+def _line(device: DeviceConfig, centres: F64, points: F64) -> F64:
+    mount = _mount(device, centres)
+    return LinePanning(on_mount(mount, centres)[:, 0]).gains(on_mount(mount, points)[:, :1])
+
+
+def _vbap(device: DeviceConfig, centres: F64, points: F64) -> F64:
+    """In space round the middle of the actuators; in their plane if they are flat."""
+    middle = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
+    if not np.any(centres != centres[0]):  # one place has no directions
+        return PlanarPanning(np.zeros((len(centres), 2)), "power").gains(points[:, :2])
+    try:
+        return VectorBasePanning(centres - middle).gains(points - middle)
+    except ValueError:
+        mount = _mount(device, centres)
+        ring = on_mount(mount, centres)
+        middle = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
+        return VectorBasePanning(ring - middle).gains(on_mount(mount, points) - middle)
+
+
+_FLAT: Final[dict[str, Callable[[DeviceConfig, F64, F64], F64]]] = {
+    "barycentric": _planar,
+    "ring": _ring,
+    "line": _line,
+    "vbap": _vbap,
+    "nearest": lambda device, centres, points: NearestPanning(centres).gains(points),
+    "splat": lambda device, centres, points: GaussianSplatting(
+        centres, device.scheme.sigma_m
+    ).gains(points),
+}

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rendering schemes, mounts and pads in device configurations."""
+
+from __future__ import annotations
+
+import pytest
+
+from hfx_blender.devices import configuration
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.errors import InputError
+
+
+def read(stored, content):
+    return load_device(str(stored(content)))
+
+
+@pytest.mark.parametrize(
+    ("rendering", "attribute", "value"),
+    [
+        ({"scheme": "barycentric"}, "law", "log"),  # Schneider et al. 2015: the pad's default
+        ({"scheme": "barycentric", "options": {"law": "power"}}, "law", "power"),
+        ({"scheme": "surface", "options": {"law": "linear"}}, "law", "linear"),
+        ({"scheme": "splat", "options": {"sigma_m": 0.03}}, "sigma_m", 0.03),
+        ({"scheme": "ring"}, "name", "ring"),
+    ],
+)
+def test_schemes_and_their_options_are_read(full, stored, rendering, attribute, value):
+    full["rendering"] = rendering
+    assert getattr(read(stored, full).scheme, attribute) == value
+
+
+@pytest.mark.parametrize(
+    ("rendering", "found"),
+    [
+        ({"scheme": "magic"}, "rendering.scheme"),
+        ({"scheme": "ring", "options": {"law": "log"}}, "law"),
+        ({"scheme": "barycentric", "options": {"law": "square"}}, "rendering.options.law"),
+        ({"scheme": "splat", "options": {"sigma_m": 0}}, "rendering.options.sigma_m"),
+        ({"scheme": "coverage", "options": {"statistic": "mode"}}, "statistic"),
+    ],
+)
+def test_faults_of_a_scheme_name_their_place(full, stored, rendering, found):
+    full["rendering"] = rendering
+    with pytest.raises(InputError, match=found):
+        read(stored, full)
+
+
+def pad(full):
+    """The full example with its first actuator on a pad in front of the chest."""
+    full["mount"] = {"origin_m": [0.0, -0.1, 1.2], "x_axis": [1, 0, 0], "y_axis": [0, 0, 1]}
+    full["actuators"][0]["place"] = {
+        "pad": {"parts": ["torso"], "at_mm": [63.5, -20], "radius_m": 0.02}
+    }
+    return full
+
+
+def test_a_place_on_the_pad_is_put_on_the_body_by_the_mount(full, stored):
+    device = read(stored, pad(full))
+    assert device.actuators[0].place.centre_m == pytest.approx((0.0635, -0.1, 1.18))
+
+
+def test_axes_of_a_mount_become_orthogonal_and_of_unit_length(full, stored):
+    pad(full)["mount"].update(x_axis=[0.5, 0, 0], y_axis=[0.3, 0, 0.3])
+    mount = read(stored, full).mount
+    assert mount.x_axis == pytest.approx((1, 0, 0))
+    assert mount.y_axis == pytest.approx((0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"x_axis": [0, 0, 0]}, "mount.x_axis"),
+        ({"y_axis": [1, 0, 0]}, "mount.y_axis"),
+        ({"origin_m": [0, 0]}, "mount.origin_m"),
+        ({"z_axis": [0, 1, 0]}, "z_axis"),
+    ],
+)
+def test_faults_of_a_mount_name_their_place(full, stored, change, found):
+    pad(full)["mount"].update(change)
+    with pytest.raises(InputError, match=found):
+        read(stored, full)
+
+
+def test_a_pad_without_a_mount_is_refused(full, stored):
+    del pad(full)["mount"]
+    assert any("mount" in fault for fault in configuration.check(stored(full)))
