@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where the shipped data lies: in a checkout, in an installed wheel, in an extension."""
 
+import os
+import sys
 from pathlib import Path
 
 from .errors import HfxError
@@ -27,3 +29,45 @@ def body_models() -> Path:
 def device_configs() -> Path:
     """Folder of the shipped device configurations."""
     return _data_folder("device_configs")
+
+
+def effect_library() -> Path:
+    """Folder of the shipped sensations."""
+    return _data_folder("effect_library")
+
+
+def user_body_models() -> Path:
+    """Folder of the sets of body models that the user has installed; it need not exist.
+
+    The environment variable ``HFX_BODY_MODELS`` names another one.
+    """
+    named = os.environ.get("HFX_BODY_MODELS")
+    return Path(named).expanduser() if named else _user_data() / "body_models"
+
+
+def user_devices() -> Path:
+    """Folder of the user's own device configurations and scripts; it need not exist.
+
+    The environment variable ``HFX_DEVICES`` names another one.
+    """
+    named = os.environ.get("HFX_DEVICES")
+    return Path(named).expanduser() if named else _user_data() / "devices"
+
+
+def approved_scripts() -> Path:
+    """File that remembers which device scripts the user allows; it need not exist."""
+    return _user_data() / "approved_scripts.json"
+
+
+def live_settings() -> Path:
+    """File that remembers how the user's devices are connected; it need not exist."""
+    return _user_data() / "live_devices.json"
+
+
+def _user_data() -> Path:
+    """Where the platform wants a user's data of ours."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming") / "hfx"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Application Support" / "hfx"
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "hfx"

@@ -14,8 +14,19 @@ LEAF_SIZE = 384
 """Vertices in a cluster at most: smaller ones cost more calls, larger ones pose too much."""
 
 
-def clusters_of(model: PerceptualModel, leaf_size: int = LEAF_SIZE) -> list[I32]:
+def clusters_of(
+    model: PerceptualModel,
+    leaf_size: int = LEAF_SIZE,
+    load: npt.NDArray[np.int64] | None = None,
+) -> list[I32]:
     """Split a model into compact clusters, each within one body part and side.
+
+    Parameters
+    ----------
+    leaf_size : int
+        What a cluster may hold at most; one vertex always does.
+    load : (V,) int64, optional
+        How much of that a vertex takes; 1 by default.
 
     Returns
     -------
@@ -24,19 +35,28 @@ def clusters_of(model: PerceptualModel, leaf_size: int = LEAF_SIZE) -> list[I32]
     """
     label = model.part.astype(np.int32) * 4 + model.side
     leaves: list[I32] = []
+    if load is None:
+        load = np.ones(len(model), np.int64)
     for value in np.unique(label):
-        _split(np.flatnonzero(label == value).astype(np.int32), model.vertices, leaf_size, leaves)
+        ids = np.flatnonzero(label == value).astype(np.int32)
+        _split(ids, model.vertices, load, leaf_size, leaves)
     return leaves
 
 
-def _split(ids: I32, vertices: npt.NDArray[np.float32], leaf_size: int, leaves: list[I32]) -> None:
+def _split(
+    ids: I32,
+    vertices: npt.NDArray[np.float32],
+    load: npt.NDArray[np.int64],
+    leaf_size: int,
+    leaves: list[I32],
+) -> None:
     """Halve ``ids`` at the median of its longest axis until every piece is small enough."""
-    if len(ids) <= leaf_size:
+    if len(ids) <= 1 or int(load[ids].sum()) <= leaf_size:
         leaves.append(np.sort(ids))
         return
     points = vertices[ids]
     axis = int(np.argmax(np.ptp(points, axis=0)))
     order = np.argsort(points[:, axis], kind="stable")
     middle = len(ids) // 2
-    _split(ids[order[:middle]], vertices, leaf_size, leaves)
-    _split(ids[order[middle:]], vertices, leaf_size, leaves)
+    _split(ids[order[:middle]], vertices, load, leaf_size, leaves)
+    _split(ids[order[middle:]], vertices, load, leaf_size, leaves)

@@ -22,8 +22,13 @@ import numpy.typing as npt
 from ... import resources
 from ...atomic_files import atomic_file
 from ...errors import InputError
+from . import library
+from .library import manifest as manifest  # the index belongs to what it lists
 
 FORMAT_VERSION = 1
+
+AVATAR_ID = "hfx-avatar-1"
+"""The shipped avatar, whose skeleton is the canonical one."""
 
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
@@ -117,6 +122,7 @@ class WalkCycle:
 
 
 _Stored = TypeVar("_Stored", PerceptualModel, Avatar, WalkCycle)
+_Hashed = TypeVar("_Hashed", PerceptualModel, Avatar)
 
 
 def _arrays(item: Any, prefix: str = "") -> dict[str, npt.NDArray[Any]]:
@@ -201,36 +207,42 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
     return kind(**meta, **arrays)
 
 
-@lru_cache(maxsize=1)
-def manifest() -> dict[str, Any]:
-    """The index of ``body_models/``: for each id its file, hash, source, licence, statistics."""
-    path = resources.body_models() / "manifest.json"
-    try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}).") from error
-    return found
-
-
 @lru_cache(maxsize=8)
 def load_model(model_id: str) -> PerceptualModel:
-    """A shipped perceptual model, by its id (``"hfx-pressure-1"``); loaded once a process.
+    """A perceptual model, shipped or installed by the user, by its id (``"hfx-pressure-1"``).
+
+    Loaded once a process.
 
     Raises
     ------
     InputError
-        No shipped model has this id.
+        There is no model of this id, or its file is not what its manifest says.
     """
-    models = manifest()["models"]
-    if model_id not in models:
-        raise InputError(f"Body model '{model_id}' is unknown; there are: {', '.join(models)}.")
-    return load(PerceptualModel, resources.body_models() / models[model_id]["file"])
+    return _loaded(PerceptualModel, library.find(model_id))
 
 
-@lru_cache(maxsize=1)
-def load_avatar() -> Avatar:
-    """The shipped avatar."""
-    return load(Avatar, resources.body_models() / manifest()["avatar"]["file"])
+@lru_cache(maxsize=4)
+def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
+    """The shipped avatar, or that of an installed variant.
+
+    Raises
+    ------
+    InputError
+        There is no avatar of this id, or its file is not what its manifest says.
+    """
+    return _loaded(Avatar, library.find(avatar_id, "avatar"))
+
+
+def _loaded(kind: type[_Hashed], entry: library.Entry) -> _Hashed:
+    found = load(kind, entry.path)
+    # What is shipped was tested; what a user has copied or mended by hand was not.
+    stated, is_so = entry.content_hash, (found.id, found.content_hash)
+    if not entry.is_shipped and is_so != (entry.id, stated):
+        raise InputError(
+            f"{entry.path}: holds '{found.id}' ({found.content_hash[:12]}...), where the "
+            f"manifest beside it says '{entry.id}' ({stated[:12]}...); build or copy it again."
+        )
+    return found
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,7 @@ to float32 far from the origin.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -41,6 +42,24 @@ class PosableModel(Protocol):
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Positions of a cluster's vertices, (3, n, Vc), target space."""
 
+    def cluster_skin(
+        self, cluster: int, units: int, links: I64, pose: PoseBlock, rows: I64, to_target: F64
+    ) -> tuple[F64, F64]:
+        """Positions of a cluster's vertices, and how far from the first its neighbours can be.
+
+        ``links`` (E, 2) are one of the first ``units`` vertices and a neighbour of it, by their
+        places in the cluster and in this order; they must be the same whenever the cluster is.
+        The positions are (3, n, Vc), the distances (n, units), target space.
+        """
+
+    def cluster_moves(
+        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
+    ) -> F64:
+        """How far a vertex of some clusters can be from where it was, (n, k), target space.
+
+        ``rows`` and ``to_target`` are those before and those after.
+        """
+
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
 
@@ -52,7 +71,9 @@ class SkinnedModel:
     bone's matrix times the box of the vertices that it moves.
     """
 
-    def __init__(self, model: PerceptualModel, binding: SkinBinding) -> None:
+    def __init__(
+        self, model: PerceptualModel, binding: SkinBinding, clusters: list[I32] | None = None
+    ) -> None:
         index = {name: i for i, name in enumerate(binding.bone_names)}
         weights = model.weights
         bone_of = np.array([index.get(name, -1) for name in model.bone_names], np.int64)
@@ -61,31 +82,43 @@ class SkinnedModel:
             raise ValueError(
                 f"bones missing from the pose: {[model.bone_names[b] for b in missing]}"
             )
-        self.clusters = clusters_of(model)
-        self._offsets = weights.offsets.astype(np.int64)
-        self._bones = bone_of[weights.bones]
+        self.clusters = clusters_of(model) if clusters is None else clusters
+        self._still = len(binding.bone_names)
+        owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+        bones = bone_of[weights.bones]
         # Rows sum to 1 only up to float32; in float64 they must, or a body far from the origin
         # of its armature would shrink towards it.
         values = weights.values.astype(np.float64)
-        sums = np.add.reduceat(values, self._offsets[:-1])
-        self._values = values / np.repeat(sums, np.diff(self._offsets))
+        sums = np.bincount(owners, values, len(model))
+        # What no bone moves stays in its rest pose, as in Blender.
+        idle = np.flatnonzero(~(sums > 0.0))
+        if len(idle):
+            moved_too = np.flatnonzero(sums[owners] > 0.0)
+            owners = np.concatenate([owners[moved_too], idle])
+            order = np.argsort(owners, kind="stable")
+            owners = owners[order]
+            bones = np.concatenate([bones[moved_too], np.full(len(idle), self._still)])[order]
+            values = np.concatenate([values[moved_too], np.ones(len(idle))])[order]
+            sums[idle] = 1.0
+        self._bones, self._values = bones, values / sums[owners]
+        self._offsets = np.searchsorted(owners, np.arange(len(model) + 1)).astype(np.int64)
         self._rest = np.hstack([model.vertices.astype(np.float64), np.ones((len(model), 1))])
         self._factors: dict[int, tuple[I64, F64]] = {}
+        self._links: dict[int, _Links] = {}
 
         # A pair is a cluster and a bone that moves some of it, with the box of what it moves.
-        cluster_of = np.zeros(len(model), np.int64)
-        for cluster, ids in enumerate(self.clusters):
-            cluster_of[ids] = cluster
-        owners = np.repeat(np.arange(len(model)), np.diff(self._offsets))
-        pair_of = cluster_of[owners] * len(binding.bone_names) + self._bones
+        members = np.concatenate(self.clusters)
+        cluster_of = np.repeat(np.arange(len(self.clusters)), [len(ids) for ids in self.clusters])
+        entries, owners = self._entries(members)
+        pair_of = cluster_of[owners] * (self._still + 1) + self._bones[entries]
         order = np.argsort(pair_of, kind="stable")
         pairs, firsts = np.unique(pair_of[order], return_index=True)
-        moved = self._rest[owners[order], :3]
+        moved = self._rest[members[owners[order]], :3]
         low = np.minimum.reduceat(moved, firsts, axis=0)
         high = np.maximum.reduceat(moved, firsts, axis=0)
         self._pair_centres = (low + high) / 2
         self._pair_halves = (high - low) / 2
-        pair_clusters, pair_bones = np.divmod(pairs, len(binding.bone_names))
+        pair_clusters, pair_bones = np.divmod(pairs, self._still + 1)
         self._pair_starts = np.searchsorted(pair_clusters, np.arange(len(self.clusters)))
         self._used_bones, self._pair_slots = np.unique(pair_bones, return_inverse=True)
 
@@ -110,7 +143,12 @@ class SkinnedModel:
     def _matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
-        posed = pose.bones[rows[:, None], bones[None, :]]
+        if len(bones) and bones.max() == self._still:
+            posed = np.tile(np.eye(3, 4), (len(rows), len(bones), 1, 1))
+            moving = np.flatnonzero(bones < self._still)
+            posed[:, moving] = pose.bones[rows[:, None], bones[None, moving]]
+        else:
+            posed = pose.bones[rows[:, None], bones[None, :]]
         moved = to_target[:, None, :3, :3] @ posed
         moved[..., 3] += to_target[:, None, :3, 3]
         return moved
@@ -125,15 +163,86 @@ class SkinnedModel:
         return low, high
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        bones, factors = self._cluster_factors(cluster)
-        matrices = self._matrices(pose, rows, to_target, bones)
-        stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(3 * len(rows), -1)
+        bones = self._cluster_factors(cluster)[0]
+        return self._posed(cluster, self._matrices(pose, rows, to_target, bones))
+
+    def _posed(self, cluster: int, matrices: F64) -> F64:
+        """Positions under the matrices (n, B, 3, 4) of a cluster's bones."""
+        factors = self._cluster_factors(cluster)[1]
+        count = len(matrices)
+        stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(3 * count, -1)
         points = np.zeros((len(stacked), len(factors)))
         step = max(1, _UNTHREADED // factors.size)
         for first in range(0, len(stacked), step):
             part = slice(first, first + step)
             np.matmul(stacked[part], factors.T, out=points[part])
-        return points.reshape(3, len(rows), -1)
+        return points.reshape(3, count, -1)
+
+    def cluster_skin(
+        self, cluster: int, units: int, links: I64, pose: PoseBlock, rows: I64, to_target: F64
+    ) -> tuple[F64, F64]:
+        """The distances are upper bounds; see :meth:`PosableModel.cluster_skin`.
+
+        With weights u, v and rest places x, y of two neighbours, and any matrix R,
+        sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y: the first part is at
+        most the largest stretch of a bone times their distance, the second what the bones do
+        to the cluster differently, times how far the weights differ.
+        """
+        matrices = self._matrices(pose, rows, to_target, self._cluster_factors(cluster)[0])
+        if cluster not in self._links:
+            self._links[cluster] = self._made_links(cluster, units, links)
+        known = self._links[cluster]
+        linear = matrices[..., :3]
+        gram = linear @ linear.transpose(0, 1, 3, 2)
+        stretch = np.sqrt(np.abs(gram).sum(axis=-1).max(axis=(1, 2)))  # no less than the 2-norm
+        gaps: F64 = stretch[:, None] * known.distances
+        if matrices.shape[1] > 1:
+            apart = matrices - np.einsum("nbij,b->nij", matrices, known.shares)[:, None]
+            middle = apart[..., :3] @ known.centre + apart[..., 3]
+            turned = np.sqrt(np.square(apart[..., :3]).sum(axis=(2, 3)))
+            moves = np.sqrt(np.square(middle).sum(axis=2)) + known.radius * turned
+            gaps += moves @ known.differences.T
+        return self._posed(cluster, matrices), gaps
+
+    def cluster_moves(
+        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
+    ) -> F64:
+        starts = self._pair_starts[clusters]
+        counts = np.append(self._pair_starts, len(self._pair_slots))[clusters + 1] - starts
+        firsts = np.cumsum(counts) - counts
+        pairs = np.repeat(starts - firsts, counts) + np.arange(int(counts.sum()))
+        bones, slots = np.unique(self._pair_slots[pairs], return_inverse=True)
+        before, after = (
+            self._matrices(pose, row, target, self._used_bones[bones])
+            for row, target in zip(rows, to_target, strict=True)
+        )
+        changes = (after - before)[:, slots]
+        moves = np.abs(
+            np.einsum("npij,pj->npi", changes[..., :3], self._pair_centres[pairs]) + changes[..., 3]
+        )
+        moves += np.einsum("npij,pj->npi", np.abs(changes[..., :3]), self._pair_halves[pairs])
+        squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
+        return np.sqrt(squared)
+
+    def _made_links(self, cluster: int, units: int, links: I64) -> _Links:
+        ids = self.clusters[cluster]
+        bones = self._cluster_factors(cluster)[0]
+        entries, owners = self._entries(ids)
+        weights = np.zeros((len(ids), len(bones)))
+        weights[owners, np.searchsorted(bones, self._bones[entries])] = self._values[entries]
+        rest = self._rest[ids, :3]
+        one, other = links.T
+        gaps = np.sqrt(np.square(rest[one] - rest[other]).sum(axis=1))
+        distances = _largest(gaps, one, units)
+        differences = _largest(np.abs(weights[one] - weights[other]), one, units)
+        low, high = rest.min(axis=0), rest.max(axis=0)
+        return _Links(
+            distances,
+            differences,
+            weights.mean(axis=0),
+            (low + high) / 2,
+            float(np.linalg.norm(high - low)) / 2,
+        )
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         entries, owners = self._entries(vertices)
@@ -144,11 +253,27 @@ class SkinnedModel:
         return np.einsum("vij,vj->iv", blended, self._rest[vertices])
 
 
+@dataclass(frozen=True, eq=False)
+class _Links:
+    """What a cluster's neighbours are like in the rest pose."""
+
+    distances: F64  # (U,) to the farthest neighbour
+    differences: F64  # (U, B) of weights, to the neighbour whose weight differs most
+    shares: F64  # (B,) mean weights of the cluster
+    centre: F64  # (3,) of the cluster's box
+    radius: float  # of the box
+
+
 class SurfaceModel:
     """Vertices ride on the triangles of an avatar's evaluated mesh."""
 
-    def __init__(self, model: PerceptualModel, anchors: SurfaceAnchors) -> None:
-        self.clusters = clusters_of(model)
+    def __init__(
+        self,
+        model: PerceptualModel,
+        anchors: SurfaceAnchors,
+        clusters: list[I32] | None = None,
+    ) -> None:
+        self.clusters = clusters_of(model) if clusters is None else clusters
         self._anchors = anchors
 
     def _on_surface(self, vertices: I32, surface: npt.NDArray[np.float32]) -> F64:
@@ -177,8 +302,37 @@ class SurfaceModel:
         moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         return np.ascontiguousarray(moved.transpose(2, 0, 1))
 
+    def cluster_skin(
+        self, cluster: int, units: int, links: I64, pose: PoseBlock, rows: I64, to_target: F64
+    ) -> tuple[F64, F64]:
+        points = self.cluster_points(cluster, pose, rows, to_target)
+        one, other = points[:, :, links[:, 0]], points[:, :, links[:, 1]]
+        lengths = np.sqrt(np.square(one - other).sum(axis=0)).T
+        return points, np.ascontiguousarray(_largest(lengths, links[:, 0], units).T)
+
+    def cluster_moves(
+        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
+    ) -> F64:
+        moves = np.zeros((len(rows[0]), len(clusters)))
+        for k, cluster in enumerate(clusters.tolist()):
+            before, after = (
+                self.cluster_points(cluster, pose, row, target)
+                for row, target in zip(rows, to_target, strict=True)
+            )
+            moves[:, k] = np.sqrt(np.square(after - before).sum(axis=0).max(axis=1))
+        return moves
+
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         assert pose.surface is not None
         local = self._on_surface(vertices, pose.surface[row : row + 1])[0]
         moved: F64 = to_target[:3, :3] @ local.T + to_target[:3, 3:]
         return moved
+
+
+def _largest(values: F64, owners: I64, count: int) -> F64:
+    """The largest of ``values`` (E, ...) of each owner (E,), ascending; 0 where there is none."""
+    largest = np.zeros((count, *values.shape[1:]))
+    firsts = np.flatnonzero(np.diff(owners, prepend=-1))
+    if len(firsts):
+        largest[owners[firsts]] = np.maximum.reduceat(values, firsts, axis=0)
+    return largest

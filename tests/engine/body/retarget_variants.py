@@ -33,7 +33,31 @@ RIGS = {
 }
 
 _MACRO = "targets/macrodetails/"
+_LOCAL_SHARE = 0.7
+LOCAL = {
+    "fat thighs": ("legs/l-upperleg-fat-incr", "legs/r-upperleg-fat-incr",
+                   "hip/hip-scale-horiz-incr", "buttocks/buttocks-volume-incr"),
+    "muscular": ("legs/l-upperleg-muscle-incr", "legs/r-upperleg-muscle-incr",
+                 "legs/l-lowerleg-muscle-incr", "legs/r-lowerleg-muscle-incr",
+                 "arms/l-upperarm-muscle-incr", "arms/r-upperarm-muscle-incr"),
+    "long legs": ("legs/upperlegs-height-incr", "legs/lowerlegs-height-incr"),
+    "short legs": ("legs/upperlegs-height-decr", "legs/lowerlegs-height-decr"),
+    "pregnant": ("stomach/stomach-pregnant-incr",),
+    "slim waist": ("hip/hip-scale-depth-decr", "stomach/stomach-tone-incr",
+                   "hip/hip-scale-vert-incr"),
+}  # fmt: skip
+"""People shaped by targets of single body parts, of which the shipped shapes know nothing."""
+
+
+def _locally(*targets: str) -> dict[str, float]:
+    return {
+        **source.AVERAGE_ADULT,
+        **{f"targets/{name}.target.gz": _LOCAL_SHARE for name in targets},
+    }
+
+
 SHAPES: Mapping[str, Mapping[str, float]] = {
+    "base": {},
     "average": source.AVERAGE_ADULT,
     "woman": {
         f"{_MACRO}asian-female-young.target.gz": 1.0,
@@ -63,6 +87,7 @@ SHAPES: Mapping[str, Mapping[str, float]] = {
         f"{_MACRO}african-female-child.target.gz": 1.0,
         f"{_MACRO}universal-female-child-averagemuscle-averageweight.target.gz": 1.0,
     },
+    **{name: _locally(*targets) for name, targets in LOCAL.items()},
 }
 
 
@@ -100,6 +125,7 @@ class RigBone:
     parent: str | None
     head: F64
     tail: F64
+    deform: bool = True
 
 
 @dataclass(frozen=True, eq=False)

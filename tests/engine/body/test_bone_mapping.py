@@ -144,6 +144,52 @@ _UE5_HELPERS = [
     ("center_of_mass", "root"),
 ]  # fmt: skip
 
+_MMD = _with_sides(
+    _table(
+        "root=下半身;spine04=上半身;spine02=上半身2;neck01=首;head=頭",
+        "*肩;*腕;*ひじ;*手首;*足;*ひざ;*足首;*足先EX",
+        "-;*人指#;*中指#;*薬指#;*小指#",
+        ("左", "右"),
+    ),
+    ("左", "右"),
+    # Their digits are of full width.
+    **{f"finger1-{joint}": f"*親指{chr(0xFF10 + joint - 1)}" for joint in (1, 2, 3)},
+    eye="*目",
+)
+_MMD_HELPERS: list[tuple[str, str | None]] = [
+    ("全ての親", None), ("センター", "全ての親"), ("グルーブ", "センター"), ("腰", "グルーブ"),
+    ("左足ＩＫ", "全ての親"), ("左つま先ＩＫ", "左足ＩＫ"), ("左つま先", "左足首"), ("両目", "頭"),
+    ("左腕捩", "左腕"), ("左手捩", "左ひじ"), ("左肩P", "上半身2"), ("左ダミー", "左手首"),
+    ("左胸操作", "上半身2"), ("腰キャンセル左", "下半身"), ("右スカート_0_1", "下半身"),
+]  # fmt: skip
+
+_ARP = _with_sides(
+    _table(
+        "root=root.x;spine04=spine_01.x;spine02=spine_02.x;spine01=spine_03.x;neck01=neck.x;"
+        "head=head.x",
+        "shoulder.*;arm_stretch.*;forearm_stretch.*;hand.*;thigh_stretch.*;leg_stretch.*;foot.*;"
+        "toes_01.*",
+        "-;-;-;-;-",
+        _LOW,
+    ),
+    _LOW,
+    **{f"finger1-{j}": f"{'' if j == 1 else 'c_'}thumb{j}.*" for j in (1, 2, 3)},
+    **{
+        f"finger{n}-{j}": f"{'' if j == 1 else 'c_'}{FINGERS[n - 1]}{j}.*"
+        for n in (2, 3, 4, 5) for j in (1, 2, 3)
+    },
+    **{f"metacarpal{n}": f"c_{FINGERS[n]}1_base.*" for n in (1, 2, 3, 4)},
+)  # fmt: skip
+_ARP_CONTROLS: list[tuple[str, str | None]] = [
+    ("c_pos", None), ("c_traj", "c_pos"), ("c_root_master.x", "c_traj"),
+    *((f"{name}.{s}", f"{above}.{s}") for s in _LOW for name, above in (
+        ("arm", "shoulder"), ("forearm", "arm"), ("c_arm_fk", "shoulder"), ("c_hand_ik", "hand"),
+        ("c_hand_fk", "hand"), ("thigh", "hand"), ("leg", "thigh"), ("c_foot_ik", "hand"),
+        ("c_thumb1", "hand"), ("c_index1", "hand"), ("c_pinky1", "hand"), ("c_shoulder", "hand"),
+        ("c_toes_fk", "foot"), ("c_arms_pole", "hand"),
+    )),
+]  # fmt: skip
+
 CONVENTIONS: dict[str, tuple[str, dict[str, str], list[tuple[str, str | None]]]] = {
     "mixamo": (
         "mixamo",
@@ -267,6 +313,150 @@ CONVENTIONS: dict[str, tuple[str, dict[str, str], list[tuple[str, str | None]]]]
             ("Bip01 Ponytail1", "Bip01 Head"),
         ],
     ),
+    "character creator 4": (
+        "character creator",
+        _with_sides(
+            _prefixed(
+                "CC_Base_",
+                _table(
+                    "root=Hip;spine05=Waist;spine03=Spine01;spine01=Spine02;neck01=NeckTwist01;"
+                    "neck02=NeckTwist02;head=Head;jaw=JawRoot",
+                    "*_Clavicle;*_Upperarm;*_Forearm;*_Hand;*_Thigh;*_Calf;*_Foot;-",
+                    "*_Thumb#;*_Index#;*_Mid#;*_Ring#;*_Pinky#",
+                    ("L", "R"),
+                ),
+            ),
+            ("L", "R"),
+            **{"pelvis": "CC_Base_Pelvis", "eye": "CC_Base_*_Eye", "breast": "CC_Base_*_Breast"},
+            **{
+                f"toe{n}-1": f"CC_Base_*_{name}Toe1"
+                for n, name in enumerate(("Big", "Index", "Mid", "Ring", "Pinky"), start=1)
+            },
+        ),
+        [
+            ("CC_Base_BoneRoot", None),
+            *(
+                (f"CC_Base_{s}_{name}", f"CC_Base_{s}_{above}")
+                for s in "LR"
+                for name, above in (
+                    ("UpperarmTwist01", "Upperarm"),
+                    ("UpperarmTwist02", "Upperarm"),
+                    ("ForearmTwist01", "Forearm"),
+                    ("ThighTwist01", "Thigh"),
+                    ("CalfTwist01", "Calf"),
+                    ("ElbowShareBone", "Forearm"),
+                    ("KneeShareBone", "Calf"),
+                    ("ToeBase", "Foot"),
+                    ("ToeBaseShareBone", "Foot"),
+                    ("RibsTwist", "Clavicle"),
+                )
+            ),
+            ("CC_Base_FacialBone", "CC_Base_Head"),
+        ],
+    ),
+    "mikumikudance": ("mmd", _MMD, _MMD_HELPERS),
+    "mikumikudance, sides at the end": (
+        "mmd",
+        {
+            bone: f"{name[1:]}.{ {'左': 'L', '右': 'R'}[name[0]] }" if name[0] in "左右" else name
+            for bone, name in _MMD.items()
+        },
+        [],
+    ),
+    "mikumikudance, english": (
+        "mmd",
+        _with_sides(
+            _table(
+                "root=lower body;spine04=upper body;spine02=upper body2;neck01=neck;head=head",
+                "shoulder_*;arm_*;elbow_*;wrist_*;leg_*;knee_*;ankle_*;-",
+                "-;fore#_*;middle#_*;third#_*;little#_*",
+                ("L", "R"),
+            ),
+            ("L", "R"),
+            eye="eye_*",
+            **{f"finger1-{joint}": f"thumb{joint - 1}_*" for joint in (1, 2, 3)},
+        ),
+        [
+            ("center", None),
+            ("groove", "center"),
+            ("waist", "groove"),
+            ("leg IK_L", None),
+            ("toe IK_L", "leg IK_L"),
+            ("toe_L", "ankle_L"),
+            ("arm twist_L", "arm_L"),
+            ("wrist twist_L", "elbow_L"),
+            ("shoulderP_L", "upper body2"),
+            ("eyes", "head"),
+        ],
+    ),
+    "auto-rig pro": ("auto-rig pro", _ARP, _ARP_CONTROLS),
+    "xsens": (
+        "xsens",
+        _table(
+            "root=Pelvis;spine05=L5;spine03=L3;spine02=T12;spine01=T8;neck01=Neck;head=Head",
+            "*Shoulder;*UpperArm;*ForeArm;*Hand;*UpperLeg;*LowerLeg;*Foot;*Toe",
+            "-;-;-;-;-",
+            _WORDS,
+        ),
+        [],
+    ),
+    "rokoko": (
+        "plain",
+        _table(
+            "root=Hips;spine04=Spine1;spine03=Spine2;spine02=Spine3;spine01=Spine4;neck01=Neck;"
+            "head=Head",
+            "*Shoulder;*Arm;*ForeArm;*Hand;*Thigh;*Shin;*Foot;*Toe",
+            "-;-;-;-;-",
+            _WORDS,
+        ),
+        [("LeftToeTip", "LeftToe"), ("HeadVertex", "Head")],
+    ),
+    "smpl": (
+        "smpl",
+        _table(
+            "root=Pelvis;spine04=Spine1;spine03=Spine2;spine02=Spine3;neck01=Neck;head=Head",
+            "*_Collar;*_Shoulder;*_Elbow;*_Wrist;*_Hip;*_Knee;*_Ankle;*_Foot",
+            "-;-;-;-;-",
+            ("L", "R"),
+        ),
+        [("L_Hand", "L_Wrist"), ("R_Hand", "R_Wrist")],
+    ),
+    "advanced skeleton": (
+        "plain",
+        _table(
+            "root=Root_M;spine04=Spine1_M;spine01=Chest_M;neck01=Neck_M;head=Head_M;jaw=Jaw_M",
+            "Scapula_*;Shoulder_*;Elbow_*;Wrist_*;Hip_*;Knee_*;Ankle_*;Toes_*",
+            "ThumbFinger#_*;IndexFinger#_*;MiddleFinger#_*;RingFinger#_*;PinkyFinger#_*",
+            ("L", "R"),
+        ),
+        [
+            ("ToesEnd_L", "Toes_L"),
+            ("HipPart1_L", "Hip_L"),
+            ("ShoulderPart1_L", "Shoulder_L"),
+            ("Cup_L", "Wrist_L"),
+            ("Head_M_end", "Head_M"),
+        ],
+    ),
+    "second life": (
+        "second life",
+        _table(
+            "root=mPelvis;spine04=mTorso;spine02=mChest;neck01=mNeck;head=mHead",
+            "mCollar*;mShoulder*;mElbow*;mWrist*;mHip*;mKnee*;mAnkle*;mToe*",
+            "mHandThumb#*;mHandIndex#*;mHandMiddle#*;mHandRing#*;mHandPinky#*",
+            _WORDS,
+        ),
+        [("mFootLeft", "mAnkleLeft"), ("mSkull", "mHead"), ("mWingsRoot", "mChest")],
+    ),
+    "vrchat, words": (
+        "plain",
+        _table(
+            "root=Hips;spine04=Spine;spine02=Chest;spine01=Upper Chest;neck01=Neck;head=Head",
+            "Shoulder.*;Upper Arm.*;Lower Arm.*;Hand.*;Upper Leg.*;Lower Leg.*;Foot.*;Toes.*",
+            "Thumb #.*;Index #.*;Middle #.*;Ring #.*;Little #.*",
+            ("L", "R"),
+        ),
+        [("Ear.L", "Head"), ("Tail", "Hips"), ("Butt.L", "Hips"), ("Skirt Front", "Hips")],
+    ),
     "plain, joints named": (
         "plain",
         _table(
@@ -347,7 +537,7 @@ def test_convention_is_mapped_as_by_hand(case: str) -> None:
 
 def test_tables_hold_the_main_bones_and_fingers() -> None:
     for case, (_, table, _more) in CONVENTIONS.items():
-        assert len(table) >= 50 or case == "cmu", case
+        assert len(table) >= 50 or case in ("cmu", "xsens", "rokoko", "smpl"), case
         assert len({bone for bone in table if not bone.startswith("finger")}) >= 20, case
 
 
@@ -425,6 +615,100 @@ def test_rigify_takes_only_bones_that_deform() -> None:
         assert mapping.bones[canonical] == name
     assert mapping.fallbacks["upperarm02.L"] == "DEF-upper_arm.L"
     assert mapping.fallbacks["toe5-3.L"] == "DEF-toe.L"
+
+
+def test_controls_do_not_win_over_bones_that_deform() -> None:
+    _, table, _ = CONVENTIONS["plain, glued"]
+    bones = _rig(table)
+    controls = [  # of the same names but for their separators, and higher up
+        replace(bone, name=bone.name.replace("left", "left_"), parent=None, deform=False)
+        for bone in bones
+        if bone.name.startswith("left")
+    ]
+    assert bone_mapping.map_bones([*controls, *bones]).bones == table
+
+
+def test_a_rig_none_of_whose_bones_deform_is_still_mapped() -> None:
+    bones = [replace(bone, deform=False) for bone in _rig(_MIXAMO)]
+    assert bone_mapping.map_bones(bones).bones == _MIXAMO
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_left_of_another_rig_is_not_taken(seed: int) -> None:
+    names = ("upperarm01", "lowerarm01", "upperleg01", "wrist", "foot")
+    left_over = [(f"{name}.{side}", "Hips") for name in names for side in "LR"]
+    bones = _rig(_MIXAMO, [*left_over, ("spine01", "Hips"), ("root", None)])
+    random.Random(seed).shuffle(bones)
+    mapping = bone_mapping.map_bones(bones)
+    main = [f"{bone}.{side}" for bone in LIMBS[1:7] for side in "LR"]
+    assert {name: mapping.bones[name] for name in main} == {n: _MIXAMO[n] for n in main}
+
+
+def test_the_skin_bone_of_two_at_one_joint_is_taken() -> None:
+    legs = ("足", "ひざ", "足首")
+    copies: list[tuple[str, str | None]] = []
+    for side in "左右":
+        above = "下半身"
+        for name in legs:
+            copies.append((f"{side}{name}D", above))
+            above = f"{side}{name}D"
+    table = dict(_MMD)
+    for bone, name in _MMD.items():
+        if name[1:] in legs:
+            table[bone] = f"{name}D"
+    bones = _rig(_MMD, copies)
+    places = {bone.name: (bone.head, bone.tail) for bone in bones}
+    bones = [
+        replace(bone, head=places[bone.name[:-1]][0], tail=places[bone.name[:-1]][1])
+        if bone.name.endswith("D")
+        else bone
+        for bone in bones
+    ]
+    assert bone_mapping.map_bones(bones).bones == table
+
+
+def test_a_limb_whose_first_half_is_named_a_twist_bone_begins_there() -> None:
+    bones = {bone.name: bone for bone in _rig(_ARP)}
+    table = dict(_ARP)
+    for side in _LOW:
+        for stem, after in (("arm", "forearm_stretch"), ("thigh", "leg_stretch")):
+            whole, end = bones[f"{stem}_stretch.{side}"], bones[f"{after}.{side}"]
+            middle = tuple((np.array(whole.head) + np.array(end.head)) / 2)
+            bones[f"{stem}_twist.{side}"] = replace(whole, name=f"{stem}_twist.{side}")
+            bones[whole.name] = replace(whole, head=middle)
+            first, second = ("upperarm01", "upperarm02") if stem == "arm" else (
+                "upperleg01", "upperleg02")  # fmt: skip
+            table[f"{first}.{side.upper()}"] = f"{stem}_twist.{side}"
+            table[f"{second}.{side.upper()}"] = whole.name
+    assert bone_mapping.map_bones(list(bones.values())).bones == table
+
+
+def test_a_thumb_of_two_bones_begins_where_its_first_lies() -> None:
+    for joints in ((1, 2), (2, 3)):
+        table = {
+            bone: name
+            for bone, name in CONVENTIONS["plain, glued"][1].items()
+            if not bone.startswith("finger1") or int(bone[8]) in joints
+        }
+        assert bone_mapping.map_bones(_rig(table)).bones == table
+
+
+def test_a_misspelt_joint_is_the_only_child_of_the_one_above() -> None:
+    table = {
+        bone: name.replace("foot", "foor") for bone, name in CONVENTIONS["plain, glued"][1].items()
+    }
+    assert bone_mapping.map_bones(_rig(table)).bones == table
+    bones = [bone for bone in _rig(table) if bone.name != "leftfoor"]
+    one_sided = bone_mapping.map_bones(bones)  # of which nothing can be told
+    assert {"foot.L", "foot.R"} <= one_sided.fallbacks.keys()
+
+
+def test_the_trunk_never_follows_a_limb() -> None:
+    table = {bone: name for bone, name in _MIXAMO.items() if bone != "root"}
+    bones = [replace(b, parent=None) if b.parent == "Hips" else b for b in _rig(table)]
+    mapping = bone_mapping.map_bones(bones)
+    assert mapping.fallbacks["root"] == "Spine"
+    assert mapping.fallbacks["spine05"] == "Spine"
 
 
 def test_a_twist_bone_beside_the_limb_is_no_part_of_it() -> None:

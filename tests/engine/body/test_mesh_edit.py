@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body import mesh_edit, nearest
-from hfx_blender.engine.body.building import fit
 
 
 def cloud(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -105,20 +104,6 @@ def test_splits_keep_area_topology_and_orientation(seed: int, count: int) -> Non
     area = mesh_edit.triangle_normals(all_points, finer)[:, 2]
     assert (area > 0.0).all()
     assert area.sum() == pytest.approx(mesh_edit.triangle_normals(points, triangles)[:, 2].sum())
-
-
-def test_crossings_are_found_and_neighbours_are_none() -> None:
-    floor = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]
-    through = [[0.2, 0.2, -0.5], [0.2, 0.2, 0.5], [2.0, 2.0, 0.5]]
-    points = np.array(floor + through)
-    triangles = np.array([[0, 1, 2], [3, 4, 5]])
-    found = fit.crossings(points, triangles)
-    # The cut starts where 3-4 goes through the floor and ends where the floor's 1-2 goes out.
-    rows = [sorted(row[:2]) + sorted(row[2:]) for row in found.tolist()]
-    assert sorted(rows) == [[1, 2, 3, 4, 5], [3, 4, 0, 1, 2]]
-    assert not len(
-        fit.crossings(points + np.repeat([[0, 0, 0], [0, 0, 0.6]], 3, axis=0), triangles)
-    )
 
 
 def test_the_nearest_place_is_found_as_by_trying_everything() -> None:

@@ -5,47 +5,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+import skin_ball
+from skin_ball import SPACING_M, spacings
 
-from hfx_blender.engine.body.building import assemble, left_skin, remesh, skin
-from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
-
-SPACING_M = (0.016, 0.025)  # upper half, lower half
+from hfx_blender.engine.body.building import assemble, left_skin, remesh
 
 
 @pytest.fixture(scope="module")
 def ball() -> left_skin.LeftSkin:
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    faces = np.array(
-        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]],
-        np.int32,
-    )
-    mirror = np.array([4, 5, 6, 7, 0, 1, 2, 3], np.int32)
-    medium = faces
-    for _ in range(5):
-        medium = faces
-        operator, faces, mirror = skin.subdivide(faces, mirror)
-        corners = operator @ corners
-    corners *= 0.15 / np.linalg.norm(corners, axis=1, keepdims=True)
-    corners[mirror == np.arange(len(mirror)), 0] = 0.0
-    dense = skin.Skin(corners, faces, csr_array((len(corners), 1)), mirror)
-    side = np.where(corners[:, 0] > 0.0, LEFT, RIGHT).astype(np.uint8)
-    side[corners[:, 0] == 0.0] = CENTRE
-    part = (corners[:, 2] < 0.0).astype(np.uint8)
-    no_uv = np.zeros((0, 4, 2))
-    skins = skin.Skins(dense, dense, medium, no_uv, np.zeros(0, np.int32), 1.0, 0.0)
-    return left_skin.left_of(skins, part, side)
+    return skin_ball.ball()
 
 
 @pytest.fixture(scope="module")
 def meshed(ball: left_skin.LeftSkin) -> remesh.Remesher:
     return remesh.remesh(ball, spacings(), lambda _share, _text: None)
-
-
-def spacings() -> np.ndarray:
-    table = np.full(len(PARTS), 0.02)
-    table[:2] = SPACING_M
-    return table
 
 
 def test_samples_cover_the_half_ball(ball: left_skin.LeftSkin) -> None:

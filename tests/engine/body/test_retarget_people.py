@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import retarget_report as report
 import retarget_variants as variants
@@ -12,7 +11,7 @@ from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError
 
 FLOORS_MM = {"fingers": 2.0, "hand_palm": 3.0, "head": 5.0, "torso": 14.0}
-"""Medians that a feasibility study reached on adult bodies."""
+"""Medians that a feasibility study reached over adult bodies; here each of them must."""
 
 ELSEWHERE_MM = 15.0
 
@@ -27,21 +26,31 @@ def measured() -> dict[str, report.Measured]:
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_adults_median_error(measured: dict[str, report.Measured], part: str) -> None:
+def test_every_adult_meets_the_goals(measured: dict[str, report.Measured], part: str) -> None:
     errors = [
         row.parts[part]
         for name, row in measured.items()
         if name.split(",")[0] in report.ADULTS and "same mesh" not in name
     ]
     assert len(errors) == 7
-    assert np.median(errors) <= FLOORS_MM.get(part, ELSEWHERE_MM), errors
-    assert max(errors) <= 2.0 * FLOORS_MM.get(part, ELSEWHERE_MM), errors
+    assert max(errors) <= FLOORS_MM.get(part, ELSEWHERE_MM), errors
 
 
 def test_the_base_mesh_with_any_rig_is_nearly_exact(measured: dict[str, report.Measured]) -> None:
     row = measured["woman, game_engine, same mesh"]
     # What is left is the smoothing of the shipped avatar.
     assert max(row.parts.values()) < 2.5
+
+
+@pytest.mark.parametrize("shape", ["long legs", "fat thighs"])
+def test_shapes_that_the_fields_know_nothing_of(shape: str) -> None:
+    try:
+        variants.folder()
+    except InputError as error:
+        pytest.skip(f"the source of the body models is not installed: {error}")
+    row = report.measure(variants.shuffled(variants.rigged(shape, "cmu")))
+    for part, error in row.parts.items():
+        assert error <= FLOORS_MM.get(part, ELSEWHERE_MM), (part, error)
 
 
 def test_landmarks(measured: dict[str, report.Measured]) -> None:

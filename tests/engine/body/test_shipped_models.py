@@ -8,7 +8,8 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import fit, stats, thresholds
+from hfx_blender.engine.body.building import stats, thresholds
+from hfx_blender.engine.body.building.crossings import crossings
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
 
 IDS = ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1")
@@ -87,11 +88,9 @@ def test_it_faces_outward_and_holds_the_volume_of_a_person(
     assert np.linalg.norm(shipped.normals, axis=1) == pytest.approx(1.0, abs=1e-5)
 
 
-@pytest.mark.parametrize("identity", FINE)
-def test_it_does_not_cross_itself(identity: str) -> None:
-    shipped = model.load_model(identity)
+def test_it_does_not_cross_itself(shipped: model.PerceptualModel) -> None:
     vertices, triangles = shipped.vertices.astype(float), shipped.triangles.astype(np.int64)
-    assert not len(fit.crossings(vertices, triangles))
+    assert not len(crossings(vertices, triangles))
 
 
 def test_no_triangle_is_degenerate(shipped: model.PerceptualModel) -> None:

@@ -56,17 +56,6 @@ def test_the_shipped_table_agrees_with_the_manifest() -> None:
         assert (row.vertices, row.mean_mm) == (stored["vertices"], stored["mean_mm"])
 
 
-def test_even_cells_are_more_even_than_quadric_decimation_everywhere() -> None:
-    for entry in model.manifest()["models"].values():
-        for part, cells in entry["statistics"].items():
-            quadric = entry["quadric"][part]
-            if cells["sd_mm"]:
-                assert cells["sd_mm"] / cells["mean_mm"] < quadric["sd_mm"] / quadric["mean_mm"]
-            assert cells["gap_mm"] < quadric["gap_mm"]
-    text = stats.comparison_as_text(model.manifest())
-    assert len(text.splitlines()) == 3 * (len(PARTS) + 1) + 2
-
-
 def test_a_model_corresponds_to_itself_and_to_a_coarser_one_within_its_cells() -> None:
     coarse, fine = model.load_model("hfx-temperature-1"), model.load_model("hfx-pressure-1")
     own = correspondence.nearest_ids(coarse, coarse)

@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from hfx_blender.engine.body.building import thresholds
+from hfx_blender.engine.body import model
+from hfx_blender.engine.body.building import correspondence, thresholds
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError
 
@@ -69,3 +72,18 @@ def test_a_faulty_file_says_what_is_wrong(tmp_path: Path, content: str, message:
     with pytest.raises(InputError) as caught:
         thresholds.read(str(path))
     assert message in str(caught.value) and "table.json" in str(caught.value)
+
+
+def test_a_model_of_other_thresholds_leads_to_the_canonical_ids_and_back(tmp_path: Path) -> None:
+    canonical = model.load_model("hfx-temperature-1")
+    other = replace(
+        canonical,
+        id=thresholds.model_id("temperature", thresholds.TABLE_1_MM["temperature"]),
+        vertices=canonical.vertices + np.float32(1e-3),
+    )
+    correspondence.save(other, canonical, tmp_path / "temperature-map.npz")
+    with np.load(tmp_path / "temperature-map.npz") as stored:
+        assert stored["model"].tolist() == [other.id, other.content_hash]
+        assert stored["canonical"].tolist() == [canonical.id, canonical.content_hash]
+        for name in ("to_canonical", "from_canonical"):
+            assert np.array_equal(stored[name], np.arange(len(canonical)))

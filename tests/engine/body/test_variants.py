@@ -14,9 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import skin, source, stats, variant
+from hfx_blender.engine.body.building import skin, source, stats, variant, variant_models
 from hfx_blender.engine.body.building.assemble import mirrored_bones, triangles_of
-from hfx_blender.engine.body.building.variant import Person, Variant
+from hfx_blender.engine.body.building.variant import Variant
+from hfx_blender.engine.body.building.variant_models import Person
 from hfx_blender.engine.body.parts import CENTRE, PARTS, RIGHT
 from hfx_blender.errors import UsageError
 
@@ -40,14 +41,14 @@ def folder() -> Path:
 
 @pytest.fixture(scope="module")
 def people(folder: Path) -> dict[str, Person]:
-    adult = variant.original(folder)
-    return {name: variant.person(adult, who) for name, who in PEOPLE.items()}
+    adult = variant_models.original(folder)
+    return {name: variant_models.person(adult, who) for name, who in PEOPLE.items()}
 
 
 @pytest.fixture(scope="module")
 def models(people: dict[str, Person]) -> dict[str, model.PerceptualModel]:
     canonical = model.load_model("hfx-pressure-1")
-    return {name: variant.model(canonical, who) for name, who in people.items()}
+    return {name: variant_models.model(canonical, who) for name, who in people.items()}
 
 
 def cage(folder: Path, who: Variant) -> source.F64:
@@ -138,7 +139,7 @@ def test_a_variant_does_not_replace_the_canonical_models() -> None:
     from hfx_blender import resources
 
     with pytest.raises(UsageError, match="holds the canonical models"):
-        variant.build(None, resources.body_models(), Variant())
+        variant_models.build(None, resources.body_models(), Variant())
 
 
 @pytest.mark.parametrize(
@@ -245,7 +246,7 @@ def test_the_model_lies_on_the_person(
     assert volumes[0] == pytest.approx(volumes[1], rel=0.02)
 
 
-def _area_m2(half: variant.LeftSkin) -> float:
+def _area_m2(half: variant_models.LeftSkin) -> float:
     corners = half.points[half.triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return float(0.5 * np.linalg.norm(across, axis=1).sum())
@@ -328,7 +329,7 @@ def test_height_only_scales(folder: Path) -> None:
 
 
 def test_a_variant_is_stored_and_tabled(people: dict[str, Person], tmp_path: Path) -> None:
-    made = variant.model(model.load_model("hfx-temperature-1"), people["child"])
+    made = variant_models.model(model.load_model("hfx-temperature-1"), people["child"])
     model.save(made, tmp_path / "temperature.npz")
     back = model.load(model.PerceptualModel, tmp_path / "temperature.npz")
     assert (back.id, back.content_hash) == (made.id, made.content_hash)

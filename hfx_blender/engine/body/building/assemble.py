@@ -123,6 +123,11 @@ def vertex_normals(points: F64, triangles: I64) -> F64:
     total = np.zeros_like(points)
     for corner in range(3):
         np.add.at(total, triangles[:, corner], facing)
+    flat = np.flatnonzero(np.linalg.norm(total, axis=1) == 0.0)
+    for vertex in flat:  # triangles back to back: decimation leaves some
+        around = facing[(triangles == vertex).any(axis=1)]
+        sizes = np.linalg.norm(around, axis=1)
+        total[vertex] = around[sizes.argmax()] if sizes.any() else (0.0, 0.0, 1.0)
     found: F64 = total / np.linalg.norm(total, axis=1, keepdims=True)
     return found
 

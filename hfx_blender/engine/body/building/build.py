@@ -3,25 +3,30 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from .... import resources
-from ....atomic_files import atomic_file
-from ....errors import OutputError, UsageError
-from ..model import Avatar, PerceptualModel, WalkCycle, load_model, save
+from ..cells import CELLS_FILE
+from ..library import read_manifest
+from ..mesh_edit import F64
+from ..model import AVATAR_ID, Avatar, PerceptualModel, WalkCycle, load, load_model, save
 from ..parts import PARTS
 from . import (
     assemble,
     correspondence,
+    geodesic,
     left_skin,
+    levels,
+    measure,
+    model_set,
     quadric,
     remesh,
     segmentation,
+    shapes,
     skeleton,
     skin,
     stats,
@@ -29,22 +34,19 @@ from . import (
     walk,
 )
 from . import source as source_data
+from .left_skin import Half, LeftSkin
+from .progress import Progress, quiet
 
-Progress = Callable[[float, str], None]
+WALK_ID: Final = "hfx-walk-1"
 
-AVATAR_ID = "hfx-avatar-1"
-WALK_ID = "hfx-walk-1"
-MANIFEST_VERSION = 1
+METHODS: Final = ("cells", "quadric")
+"""Even cells, and the paper's own decimation."""
 
-_SOURCE = {
+_SOURCE: Final = {
     "source": "MakeHuman base mesh hm08, default rig and weights, from the package "
     f"{source_data.PACKAGE} {source_data.VERSION} on PyPI",
     "licence": source_data.LICENCE,
 }
-
-
-def quiet(_share: float, _text: str) -> None:
-    """Progress that nobody watches."""
 
 
 def build(
@@ -52,8 +54,9 @@ def build(
     destination: Path,
     targets: thresholds.Targets = thresholds.LITERATURE_MM,
     progress: Progress = quiet,
+    method: str = "cells",
 ) -> dict[str, Any]:
-    """Make the avatar, the walk cycle and one perceptual model for each modality.
+    """Make one perceptual model for each modality; with the canonical ones avatar and walk cycle.
 
     Parameters
     ----------
@@ -63,10 +66,13 @@ def build(
         Folder; files of the same names are replaced, each when it is complete, the manifest
         last.
     targets : dict
-        From :func:`.thresholds.read`. A model of other spacings than the literature's gets an
-        id of its own, and ``<modality>-map.npz`` leads to and from the canonical vertex ids.
+        From :func:`.thresholds.read`. A model of other spacings than the literature's, or of
+        another method, gets an id of its own, and ``<modality>-map.npz`` leads to and from the
+        canonical vertex ids.
     progress : callable
         Given the share that is done, 0..1, and what is being done.
+    method : str
+        One of :data:`METHODS`.
 
     Returns
     -------
@@ -80,17 +86,12 @@ def build(
     OutputError
         The folder or a file in it cannot be written.
     UsageError
-        Other targets for the folder of the canonical models.
+        Other targets or another method for the folder of the canonical models.
     """
-    is_canonical = targets == thresholds.LITERATURE_MM
-    if not is_canonical and destination.resolve() == resources.body_models().resolve():
-        raise UsageError(
-            f"{destination}: holds the canonical models; name another folder for other targets."
-        )
-    try:
-        destination.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{destination}: cannot be made a folder ({error.strerror}).") from error
+    if method not in METHODS:
+        raise ValueError(f"method: expected one of {METHODS}, got '{method}'")
+    is_canonical = targets == thresholds.LITERATURE_MM and method == "cells"
+    model_set.prepare(destination, None if is_canonical else "other targets or another method")
     progress(0.0, "reading the source")
     data = source_data.read(source_data.locate(source))
     names = skeleton.bone_order(data.rig)
@@ -99,14 +100,14 @@ def build(
     progress(0.02, "labelling body parts")
     part, side = segmentation.label(skins.dense, bones)
     avatar = _avatar(skins, bones, part, side)
-    cycle = walk.make(avatar)
 
     left = left_skin.left_of(skins, part, side)
     dense = (left.points, left.triangles, skins.dense.weights[left.kept])
-    models: list[PerceptualModel] = []
-    decimated: list[dict[str, Any]] = []
+    made: list[PerceptualModel] = []
+    compared: dict[str, Any] = {}
+    seconds: dict[str, Any] = {}
     for number, (modality, spacings_mm) in enumerate(targets.items()):
-        start, share = 0.05 + 0.95 * number / len(targets), 0.95 / len(targets)
+        start, share = 0.05 + 0.9 * number / len(targets), 0.9 / len(targets)
 
         def part_of_it(
             done: float, text: str, at: float = start, by: float = share, what: str = modality
@@ -114,36 +115,112 @@ def build(
             progress(at + by * 0.9 * done, f"{what}: {text}")
 
         spacing_m = np.array(spacings_mm) / 1000.0
-        mesh = remesh.remesh(left, spacing_m, part_of_it)
-        progress(start + 0.92 * share, f"{modality}: quadric decimation, to compare")
-        decimated.append(stats.decimated(quadric.decimate(left, spacing_m)))
-        progress(start + 0.96 * share, f"{modality}: weights")
-        provenance = {**_SOURCE, "method": remesh.METHOD, "targets_mm": _by_part(spacings_mm)}
-        made = assemble.model(
-            thresholds.model_id(modality, spacings_mm),
-            modality,
-            mesh.result(),
-            mesh.areas_m2(),
-            avatar,
-            dense,
-            provenance,
+        thinned = {method: _THIN[method](left, spacing_m, part_of_it)}
+        if method == "cells":
+            part_of_it(1.0, "quadric decimation, to compare")
+            other = thinned["quadric"] = _quadric(left, spacing_m, quiet)
+            compared[modality] = stats.decimated(other.half, other.gaps_m, other.errors_m)
+        seconds[modality] = {f"{way}_s": each.seconds for way, each in thinned.items()}
+        ours = thinned[method]
+        provenance = {
+            **_SOURCE,
+            "method": ours.method,
+            "targets_mm": dict(zip(PARTS, spacings_mm, strict=True)),
+        }
+        identity = thresholds.model_id(modality, spacings_mm, method)
+        model = assemble.model(
+            identity, modality, ours.half, ours.areas_m2, avatar, dense, provenance
         )
-        made.provenance["statistics"] = stats.statistics(
-            made, mesh.largest_gaps_m(), mesh.errors_m()
-        )
-        models.append(made)
-    for model in models:
-        canonical_id = f"hfx-{model.modality}-1"
-        if model.id != canonical_id:
-            canonical = load_model(canonical_id)
-            correspondence.save(model, canonical, destination / f"{model.modality}-map.npz")
-    manifest = _write(destination, avatar, cycle, models, decimated)
+        model.provenance["statistics"] = stats.statistics(model, ours.gaps_m, ours.errors_m)
+        made.append(model)
+    progress(0.95, "levels of detail")
+    manifest: dict[str, Any] = {"version": model_set.MANIFEST_VERSION}
+    if is_canonical:
+        manifest |= _write_avatar(destination, avatar, walk.make(avatar))
+        progress(0.96, "how people differ in shape")
+        shapes.write(data, source_data.locate(source), avatar, destination)
+    manifest["models"] = {
+        model.id: model_set.model_entry(model)
+        | ({"quadric": compared[model.modality]} if compared else {})
+        for model in made
+    }
+    _write_models(destination, made, is_canonical)
+    model_set.write_json(destination / stats.TIMES_FILE, seconds)
+    model_set.write_manifest(destination, manifest)
     progress(1.0, "done")
     return manifest
 
 
-def _by_part(values: tuple[float, ...]) -> dict[str, float]:
-    return dict(zip(PARTS, values, strict=True))
+def make_levels(folder: Path, progress: Progress = quiet) -> dict[str, int]:
+    """Make the levels of detail of the models of a folder anew; needs no source.
+
+    Returns
+    -------
+    dict
+        Modality to the number of levels.
+
+    Raises
+    ------
+    InputError
+        The folder holds no models.
+    OutputError
+        A file cannot be written.
+    """
+    index = read_manifest(folder)
+    found: dict[str, int] = {}
+    for number, entry in enumerate(index["models"].values()):
+        progress(number / len(index["models"]), f"{entry['modality']}: levels of detail")
+        found[entry["modality"]] = levels.save(
+            load(PerceptualModel, folder / entry["file"]), folder
+        )
+    progress(1.0, "done")
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Thinned:
+    """The left half of a mesh, and how it stands for the skin."""
+
+    method: str
+    half: Half
+    areas_m2: F64  # (V,) skin of each vertex
+    gaps_m: F64  # (parts,)
+    errors_m: F64  # (parts,)
+    seconds: float  # processor time
+
+
+def _cells(left: LeftSkin, spacing_m: F64, progress: Progress) -> _Thinned:
+    began = time.process_time()
+    mesh = remesh.remesh(left, spacing_m, progress)
+    seconds = round(time.process_time() - began, 1)
+    return _Thinned(
+        remesh.METHOD,
+        mesh.result(),
+        mesh.areas_m2(),
+        mesh.largest_gaps_m(),
+        mesh.errors_m(),
+        seconds,
+    )
+
+
+def _quadric(left: LeftSkin, spacing_m: F64, progress: Progress) -> _Thinned:
+    progress(0.0, "quadric decimation")
+    began = time.process_time()
+    half = quadric.decimate(left, spacing_m)
+    seconds = round(time.process_time() - began, 1)
+    samples = left_skin.sample(left, spacing_m)
+    both = np.concatenate((half.points, half.points * (-1.0, 1.0, 1.0)))
+    return _Thinned(
+        quadric.METHOD,
+        half,
+        quadric.areas_m2(half, samples),
+        measure.gaps_m(samples, both),
+        measure.errors_m(samples, half.points, half.triangles),
+        seconds,
+    )
+
+
+_THIN: Final = {"cells": _cells, "quadric": _quadric}
 
 
 def _avatar(skins: skin.Skins, bones: Any, part: Any, side: Any) -> Avatar:
@@ -173,49 +250,33 @@ def _ranges(ascending: Any) -> list[list[int]]:
     return np.column_stack((first, last)).tolist()  # type: ignore[no-any-return]
 
 
-def _write(
-    destination: Path,
-    avatar: Avatar,
-    cycle: WalkCycle,
-    models: list[PerceptualModel],
-    decimated: list[dict[str, Any]],
-) -> dict[str, Any]:
-    common = {"source": _SOURCE["source"], "licence": _SOURCE["licence"]}
-    manifest: dict[str, Any] = {
-        "version": MANIFEST_VERSION,
-        "avatar": {
-            "id": avatar.id,
-            "file": "avatar.npz",
-            "hash": avatar.content_hash,
-            "vertices": len(avatar.vertices),
-            "bones": len(avatar.skeleton.bone_names),
-            **common,
-        },
-        "walk": {
-            "id": WALK_ID,
-            "file": "walk.npz",
-            "rate_hz": cycle.rate_hz,
-            "stride_m": cycle.stride_m,
-            "source": "made for this project",
-            "licence": "CC0-1.0",
-        },
-        "models": {
-            model.id: {
-                "file": f"{model.modality}.npz",
-                "hash": model.content_hash,
-                "modality": model.modality,
-                "vertices": len(model),
-                **common,
-                "statistics": model.provenance["statistics"],
-                "quadric": by_quadrics,
-            }
-            for model, by_quadrics in zip(models, decimated, strict=True)
-        },
+def _write_avatar(folder: Path, avatar: Avatar, cycle: WalkCycle) -> dict[str, Any]:
+    """Write avatar and walk cycle; what the manifest says of them."""
+    save(avatar, folder / model_set.AVATAR_FILE)
+    save(cycle, folder / "walk.npz")
+    walk_entry = {
+        "id": WALK_ID,
+        "file": "walk.npz",
+        "rate_hz": cycle.rate_hz,
+        "stride_m": cycle.stride_m,
+        "source": "made for this project",
+        "licence": "CC0-1.0",
     }
-    save(avatar, destination / "avatar.npz")
-    save(cycle, destination / "walk.npz")
+    return {"avatar": model_set.avatar_entry(avatar), "walk": walk_entry}
+
+
+def _write_models(folder: Path, models: list[PerceptualModel], is_canonical: bool) -> None:
+    """Write the models and what goes with them: levels of detail, cells of skin, and the ways
+    to and from the canonical ids."""
+    pressure = next((model for model in models if model.modality == "pressure"), None)
     for model in models:
-        save(model, destination / f"{model.modality}.npz")
-    with atomic_file(destination / "manifest.json") as file:
-        file.write((json.dumps(manifest, indent=1) + "\n").encode())
-    return manifest
+        save(model, folder / f"{model.modality}.npz")
+        levels.save(model, folder)
+        canonical_id = thresholds.canonical_id(model.modality)
+        if model.id != canonical_id:
+            canonical = load_model(canonical_id)
+            correspondence.save(model, canonical, folder / f"{model.modality}-map.npz")
+        if model.modality == "temperature":
+            if not is_canonical or pressure is None:
+                pressure = load_model(thresholds.canonical_id("pressure"))
+            geodesic.save(model, pressure, folder / CELLS_FILE)

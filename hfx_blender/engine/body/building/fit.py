@@ -3,7 +3,7 @@
 
 Even cells make a good grid but know nothing of the chords between their centres. Here the
 vertices of finely spaced parts are raised by the little that the chords lie too deep, diagonals
-that cut through a coarse limb are exchanged, and triangles that cross are smoothed apart.
+that cut through a coarse limb are exchanged, and triangles that cross are drawn apart.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import mesh_edit
 from ..mesh_edit import F64, I64, Bool
 from ..nearest import locate
+from .crossings import crossings
+from .uncross import COARSE_M, uncross
 
 if TYPE_CHECKING:
     from .remesh import Remesher
 
-_COARSE_M: Final = 0.1  # spacing from which a limb is thinner than its cells
 _FLIP_GAIN: Final = 0.02  # of the spacing: what an exchanged diagonal must win
 _SMALLEST_ANGLE: Final = np.radians(12.0)
 _RAISED_UP_TO_M: Final = 0.0315  # spacing
@@ -31,7 +31,6 @@ _RAISE_DAMPING: Final = 0.005
 _UNTANGLE_ROUNDS: Final = 30
 _UNTANGLE_LIMIT: Final = 0.25  # of the spacing
 _CONNECT_ROUNDS: Final = 10
-_NEIGHBOURHOOD: Final = 40  # triangles around an edge that it is tested against
 
 
 def fit(mesh: Remesher) -> None:
@@ -40,6 +39,7 @@ def fit(mesh: Remesher) -> None:
     _exchange_diagonals(mesh)
     mesh.points = raised(mesh)
     _untangle(mesh)
+    uncross(mesh)
 
 
 def _connect(mesh: Remesher) -> None:
@@ -90,7 +90,7 @@ def _exchange_diagonals(mesh: Remesher) -> None:
     """Flip an edge of a coarse part where the other diagonal's middle is nearer to the skin."""
     from scipy.spatial import cKDTree
 
-    if (mesh.spacing_m < _COARSE_M).all():
+    if (mesh.spacing_m < COARSE_M).all():
         return
     skin = cKDTree(mesh.samples.points)
 
@@ -106,7 +106,7 @@ def _exchange_diagonals(mesh: Remesher) -> None:
         spacing = mesh.spacing_m[mesh.part]
         coarsest = np.max((spacing[a], spacing[b], spacing[c], spacing[d]), axis=0)
         wanted = depth(a, b) - depth(c, d) > _FLIP_GAIN * coarsest
-        wanted &= coarsest >= _COARSE_M
+        wanted &= coarsest >= COARSE_M
         wanted &= _smallest_angle(mesh.points, a, b, c, d) > _SMALLEST_ANGLE
         mesh.triangles, done = mesh_edit.flip(
             mesh.points, mesh.triangles, edges, index[wanted], mesh.is_midline, turn, mesh.normals
@@ -134,7 +134,7 @@ def raised(mesh: Remesher) -> F64:
     from scipy.sparse import coo_array, csr_array, diags_array
     from scipy.sparse.linalg import spsolve
 
-    if (mesh.spacing_m >= _COARSE_M).any():
+    if (mesh.spacing_m >= COARSE_M).any():
         return mesh.points  # chords through whole limbs: nothing that a millimetre could mend
     spacing = mesh.spacing_m[mesh.samples.part]
     chosen = np.flatnonzero((spacing >= _RAISED_FROM_M) & (spacing <= _RAISED_UP_TO_M))
@@ -159,39 +159,6 @@ def raised(mesh: Remesher) -> F64:
     return points
 
 
-def crossings(points: F64, triangles: I64) -> npt.NDArray[np.int64]:
-    """Pairs of an edge and a triangle that it runs through.
-
-    Returns
-    -------
-    (N, 5) int64
-        The ends of the edge, then the corners of the triangle; they share no vertex.
-    """
-    from scipy.spatial import cKDTree
-
-    ends = mesh_edit.edges_of(triangles, len(points)).ends
-    centres = points[triangles].mean(axis=1)
-    count = min(_NEIGHBOURHOOD, len(triangles))
-    near = cKDTree(centres).query(points[ends].mean(axis=1), k=count)[1]
-    edge = np.repeat(np.arange(len(ends)), count)
-    corners = triangles[near.ravel()]
-    apart = (corners[:, :, None] != ends[edge][:, None, :]).all(axis=(1, 2))
-    edge, corners = edge[apart], corners[apart]
-    start, end = points[ends[edge, 0]], points[ends[edge, 1]]
-    a, b, c = (points[corners[:, k]] for k in range(3))
-    through = _volume(start, a, b, c) * _volume(end, a, b, c) < 0.0
-    sides = np.column_stack(
-        [_volume(start, end, one, other) for one, other in ((a, b), (b, c), (c, a))]
-    )
-    through &= (sides > 0.0).all(axis=1) | (sides < 0.0).all(axis=1)
-    return np.column_stack((ends[edge[through]], corners[through]))
-
-
-def _volume(a: F64, b: F64, c: F64, d: F64) -> F64:
-    found: F64 = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
-    return found
-
-
 def _untangle(mesh: Remesher) -> None:
     """Draw the vertices of crossing triangles toward the middle of their neighbours."""
     from scipy.sparse import coo_array, csr_array
@@ -203,7 +170,7 @@ def _untangle(mesh: Remesher) -> None:
     graph = graph + graph.T
     mean = csr_array(graph / np.asarray(graph.sum(axis=1))[:, None])
     start = mesh.points.copy()
-    movable: Bool = mesh.spacing_m[mesh.part] < _COARSE_M
+    movable: Bool = mesh.spacing_m[mesh.part] < COARSE_M
     for _ in range(_UNTANGLE_ROUNDS):
         crossing = np.unique(crossings(mesh.points, mesh.triangles))
         crossing = crossing[movable[crossing]]

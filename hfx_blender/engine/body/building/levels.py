@@ -1,60 +1,92 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels of detail: a perceptual model with fewer vertices, for quick previews."""
+"""Making levels of detail: the same model with fewer of its vertices, for quick previews."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ....atomic_files import atomic_file
+from ..levels import LEVELS_FILE, Level
+from ..mesh_edit import F64, I64
 from ..model import PerceptualModel
+from ..parts import RIGHT
 
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
+SHARES: Final = (4, 16)
+"""One vertex in so many stays at level 1, 2 ..."""
 
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """A coarse stand-in for a model, for display only: nothing refers to its vertex ids."""
-
-    vertices: F32  # (C, 3) rest space, metres
-    triangles: I32  # (F, 3)
-    coarse_of: I32  # (V,) coarse vertex that stands for each vertex of the model
-    nearest: I32  # (C,) vertex of the model whose weights and values a coarse vertex takes
+FEWEST: Final = 1000
+"""A model with fewer vertices is coarse enough by itself: it gets no levels."""
 
 
 def coarser(model: PerceptualModel, vertices: int) -> Level:
     """Decimate a model by quadrics, keeping where each vertex went.
 
+    The left half is decimated and mirrored, so that the level is as symmetric as the model.
+    Each coarse vertex is one of the vertices that were merged into it, the nearest to the best
+    place: whatever poses, fits or binds the model does so for its levels too.
     Source: Garland and Heckbert, SIGGRAPH 1997, in fast-simplification.
 
     Parameters
     ----------
     vertices : int
-        How many to keep, about; at least 4.
+        How many to keep, about; at least 8.
 
     Raises
     ------
     ValueError
-        ``vertices`` is under 4, or not fewer than the model has.
+        ``vertices`` is under 8, or not fewer than the model has.
     """
     import fast_simplification
-    from scipy.spatial import cKDTree
 
-    if not 4 <= vertices < len(model):
-        raise ValueError(f"vertices: expected 4 to {len(model) - 1}, got {vertices}")
-    points = np.ascontiguousarray(model.vertices)
+    if not 8 <= vertices < len(model):
+        raise ValueError(f"vertices: expected 8 to {len(model) - 1}, got {vertices}")
+    half = np.flatnonzero(model.side != RIGHT)
+    inside = model.triangles[(model.side[model.triangles] != RIGHT).all(axis=1)]
+    points = np.ascontiguousarray(model.vertices[half])
+    faces = np.searchsorted(half, inside).astype(np.int32)
+    wanted = max(4, round(len(faces) * vertices / len(model)))
     _, _, collapses = fast_simplification.simplify(
-        points, model.triangles, target_count=2 * vertices - 4, return_collapses=True
+        points, faces, target_count=wanted, return_collapses=True
     )
-    coarse, triangles, coarse_of = fast_simplification.replay_simplification(
-        points, model.triangles, collapses
+    places, triangles, coarse_of = fast_simplification.replay_simplification(
+        points, faces, collapses
     )
-    nearest = cKDTree(points).query(coarse)[1]
+    vertex_of = half[_nearest_members(points.astype(np.float64), places, coarse_of)]
+    stands_in = np.zeros(len(model), np.int64)  # fine vertex to the one that stands for it
+    stands_in[half] = vertex_of[coarse_of]
+    right = np.flatnonzero(model.side == RIGHT)
+    stands_in[right] = model.mirror[stands_in[model.mirror[right]]]
+    on_left = vertex_of[triangles.astype(np.int64)]
+    every = np.concatenate((on_left, model.mirror[on_left][:, ::-1]))
+    kept = np.unique(stands_in)
     return Level(
-        vertices=coarse.astype(np.float32),
-        triangles=triangles.astype(np.int32),
-        coarse_of=coarse_of.astype(np.int32),
-        nearest=nearest.astype(np.int32),
+        vertices=kept.astype(np.int32),
+        triangles=np.searchsorted(kept, every).astype(np.int32),
+        coarse_of=np.searchsorted(kept, stands_in).astype(np.int32),
     )
+
+
+def _nearest_members(points: F64, places: F64, coarse_of: I64) -> I64:
+    """For each coarse place the nearest of the points that were merged into it."""
+    distance = np.linalg.norm(points - places[coarse_of], axis=1)
+    order = np.lexsort((distance, coarse_of))
+    first = np.flatnonzero(np.diff(coarse_of[order], prepend=-1))
+    found: I64 = order[first]
+    return found
+
+
+def save(model: PerceptualModel, folder: Path) -> int:
+    """Make and write all levels of a model, and tell how many; none for a coarse one."""
+    if len(model) < FEWEST:
+        return 0
+    arrays = {}
+    for number, share in enumerate(SHARES, start=1):
+        level = coarser(model, len(model) // share)
+        for name in ("vertices", "triangles", "coarse_of"):
+            arrays[f"{number}.{name}"] = getattr(level, name)
+    with atomic_file(folder / LEVELS_FILE.format(modality=model.modality)) as file:
+        np.savez_compressed(file, model=np.array([model.id, model.content_hash]), **arrays)
+    return len(SHARES)

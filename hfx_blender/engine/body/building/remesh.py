@@ -10,19 +10,16 @@ and without handles however coarse it becomes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
 from .. import mesh_edit
 from ..mesh_edit import F64, I64
-from ..nearest import locate
 from ..parts import PARTS
-from . import fit
+from . import fit, measure
 from .left_skin import Half, LeftSkin, sample
-
-Progress = Callable[[float, str], None]
+from .progress import Progress
 
 METHOD: Final = "centroidal Voronoi cells of the skin, each within its part, mirrored"
 
@@ -233,24 +230,12 @@ class Remesher:
 
     def largest_gaps_m(self) -> F64:
         """Distance from the farthest skin of each part to the nearest vertex of all."""
-        from scipy.spatial import cKDTree
-
         mirrored = self.points * (-1.0, 1.0, 1.0)
-        tree = cKDTree(np.concatenate((self.points, mirrored)))
-        distance = tree.query(self.samples.points)[0]
-        gaps = np.zeros(len(PARTS))
-        np.maximum.at(gaps, self.samples.part, distance)
-        return gaps
+        return measure.gaps_m(self.samples, np.concatenate((self.points, mirrored)))
 
     def errors_m(self) -> F64:
         """Mean distance of the skin from the mesh, for each part."""
-        chosen = np.arange(0, len(self.samples.points), _ERROR_STRIDE)
-        triangle, shares, _ = locate(self.samples.points[chosen], self.points, self.triangles)
-        nearest = np.einsum("ij,ijk->ik", shares, self.points[self.triangles[triangle]])
-        distance = np.linalg.norm(self.samples.points[chosen] - nearest, axis=1)
-        weight, part = self.samples.areas_m2[chosen], self.samples.part[chosen]
-        total = np.bincount(part, weight, minlength=len(PARTS))
-        return np.bincount(part, weight * distance, minlength=len(PARTS)) / total
+        return measure.errors_m(self.samples, self.points, self.triangles, _ERROR_STRIDE)
 
     def mean_spacing(self, points: F64) -> F64:
         """Mean distance between neighbours of the same part, for each part, metres.

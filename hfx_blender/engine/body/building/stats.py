@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +13,11 @@ import numpy.typing as npt
 from ..mesh_edit import edges_of
 from ..model import PerceptualModel
 from ..parts import PARTS
-from .quadric import Decimated
+from .left_skin import Half
 from .thresholds import TABLE_1_MM, TABLE_1_SD_MM
+
+TIMES_FILE: Final = "build-times.json"
+"""Processor time that a build took: beside the models, since it differs from build to build."""
 
 F64 = npt.NDArray[np.float64]
 
@@ -80,18 +83,22 @@ def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, 
     return result
 
 
-def decimated(rows: Iterable[Decimated]) -> dict[str, Any]:
+def decimated(half: Half, gaps_m: F64, errors_m: F64) -> dict[str, Any]:
     """What the manifest says of the paper's own way, for each part of the left half."""
-    return {
-        row.part: {
-            "vertices": row.vertices,
-            "mean_mm": _rounded(row.mean_m),
-            "sd_mm": _rounded(row.sd_m),
-            "gap_mm": _rounded(row.gap_m),
-            "error_mm": _rounded(row.error_m),
-        }
-        for row in rows
-    }
+    ends = edges_of(half.triangles, len(half.points)).ends
+    lengths = np.linalg.norm(half.points[ends[:, 0]] - half.points[ends[:, 1]], axis=1)
+    result: dict[str, Any] = {}
+    for number, part in enumerate(PARTS):
+        own = lengths[half.part[ends[:, 0]] == number]  # parts share no edge
+        if len(own):
+            result[part] = {
+                "vertices": int((half.part == number).sum()),
+                "mean_mm": _rounded(own.mean()),
+                "sd_mm": _rounded(own.std()),
+                "gap_mm": _rounded(gaps_m[number]),
+                "error_mm": _rounded(errors_m[number]),
+            }
+    return result
 
 
 def _rounded(metres: float) -> float | None:
@@ -146,27 +153,55 @@ def as_text(rows: Iterable[Row]) -> str:
     return "\n".join(lines[1:]) + "\n"
 
 
-def comparison_as_text(manifest: Mapping[str, Any]) -> str:
+def comparison_as_text(manifest: Mapping[str, Any], times: Mapping[str, Any]) -> str:
     """The even cells of the shipped models beside the paper's quadric decimation.
 
-    Both are stored in the manifest when the models are built; the decimated parts are those of
-    the left half of the body (Danieau et al. 2018, section 3.1).
+    Both are measured when the models are built, on the left half of the body (Danieau et al.
+    2018, section 3.1). Below the parts of a model stand all its vertices, what is even about the
+    spacing (SD / mean, the mean of the parts), the worst gap as a share of its target, the error
+    by area, and the processor time that it took.
+
+    Parameters
+    ----------
+    times : mapping
+        Modality to ``cells_s`` and ``quadric_s``; may be empty.
     """
-    lines: list[str] = []
+    lines = [
+        "Left half of the body, millimetres. cells: even cells (shipped). quadric: decimation of",
+        "each part by itself, the paper's own way ('hfx body build --method quadric').",
+    ]
     for model in manifest["models"].values():
+        modality, rows = model["modality"], model["statistics"]
         lines += [
             "",
-            f"{model['modality']:<14}{'target':>8} |{'cells':>8}{'mean':>8}{'SD/mean':>8}"
+            f"{modality:<14}{'target':>8} |{'cells':>8}{'mean':>8}{'SD/mean':>8}"
             f"{'gap':>8}{'error':>7} |{'quadric':>8}{'mean':>8}{'SD/mean':>8}"
             f"{'gap':>8}{'error':>7}",
         ]
-        for part, cells in model["statistics"].items():
+        for part, cells in rows.items():
             quadric = model["quadric"][part]
             lines.append(
                 f"{part:<14}{cells['target_mm']:>8.1f} |{_columns(cells, 2)} |"
                 f"{_columns(quadric, 1)}"
             )
-    return "\n".join(lines[1:]) + "\n"
+        taken = times.get(modality, {})
+        both = ((rows, 2, "cells_s"), (model["quadric"], 1, "quadric_s"))
+        summaries = (_summary(each, rows, sides) for each, sides, _ in both)
+        lines.append(f"{'all':<14}{'':>8} |{' |'.join(summaries)}")
+        if taken:
+            spent = " |".join(f"{f'{taken[key]:.0f} s':>39}" for _, _, key in both)
+            lines.append(f"{'processor time':<22} |{spent}")
+    return "\n".join(lines) + "\n"
+
+
+def _summary(rows: Mapping[str, Any], cells: Mapping[str, Any], sides: int) -> str:
+    """Vertices, evenness, gap and error of a whole model."""
+    count = sum(row["vertices"] for row in rows.values()) // sides
+    spread = np.mean([row["sd_mm"] / row["mean_mm"] for row in rows.values() if row["mean_mm"]])
+    gap = max(row["gap_mm"] / cells[part]["target_mm"] for part, row in rows.items())
+    areas = [cells[part]["area_cm2"] for part in rows]
+    error = np.average([row["error_mm"] for row in rows.values()], weights=areas)
+    return f"{count:>8}{'':>8}{spread:>8.3f}{f'x {gap:.2f}':>8}{error:>7.2f}"
 
 
 def _columns(facts: Mapping[str, Any], sides: int) -> str:

@@ -94,9 +94,18 @@ def _row(name: str, modality: str, parts: object) -> tuple[float, ...]:
     return tuple(row[part] for part in PARTS)
 
 
-def model_id(modality: str, spacings_mm: tuple[float, ...]) -> str:
-    """Id of the model of these spacings: the canonical one, or one named after the numbers."""
-    if spacings_mm == LITERATURE_MM[modality]:
-        return f"hfx-{modality}-1"
-    digest = hashlib.sha256(",".join(f"{value:.4f}" for value in spacings_mm).encode())
-    return f"hfx-{modality}-1-{digest.hexdigest()[:8]}"
+def canonical_id(modality: str) -> str:
+    """Id of the shipped model of a modality."""
+    return f"hfx-{modality}-1"
+
+
+def model_id(modality: str, spacings_mm: tuple[float, ...], method: str = "cells") -> str:
+    """Id of the model of these spacings: the canonical one, or one named after the numbers.
+
+    Decimated models end in the method's name.
+    """
+    identity = canonical_id(modality)
+    if spacings_mm != LITERATURE_MM[modality]:
+        digest = hashlib.sha256(",".join(f"{value:.4f}" for value in spacings_mm).encode())
+        identity = f"{identity}-{digest.hexdigest()[:8]}"
+    return identity if method == "cells" else f"{identity}-{method}"

@@ -48,6 +48,26 @@ def pose(avatar: Avatar, bodies: Skeletons) -> F64:
     InputError
         Joints that need a direction between them lie at one place.
     """
+    return posed(avatar, matrices(avatar, bodies))
+
+
+def posed(avatar: Avatar, matrices: F64) -> F64:
+    """Vertices moved by a matrix each, (V, 3)."""
+    found: F64 = (
+        np.einsum("vij,vj->vi", matrices[..., :3], avatar.vertices.astype(np.float64))
+        + matrices[..., 3]
+    )
+    return found
+
+
+def matrices(avatar: Avatar, bodies: Skeletons) -> F64:
+    """What brings each vertex of the canonical avatar into the target's rest pose, (V, 3, 4).
+
+    Raises
+    ------
+    InputError
+        Joints that need a direction between them lie at one place.
+    """
     segments = _Segments(avatar, bodies)
     bones = np.stack([segments.matrix_of_bone(name) for name in avatar.skeleton.bone_names])
     weights = avatar.weights
@@ -57,14 +77,9 @@ def pose(avatar: Avatar, bodies: Skeletons) -> F64:
         blended[:, entry] = np.bincount(
             owners, weights.values * bones[weights.bones].reshape(-1, 16)[:, entry]
         )
-    matrices = blended.reshape(-1, 3, 4)
-    posed: F64 = (
-        np.einsum("vij,vj->vi", matrices[..., :3], avatar.vertices.astype(np.float64))
-        + matrices[..., 3]
-    )
-    if not np.isfinite(posed).all():
+    if not np.isfinite(blended).all():
         raise InputError("Two joints of the armature lie at one place, so a limb has no direction.")
-    return posed
+    return blended.reshape(-1, 3, 4)
 
 
 class _Segments:

@@ -46,7 +46,7 @@ _REGIONS_OF: Final = {
 
 @dataclass(frozen=True)
 class PartQuality:
-    """One body part of one model on one avatar."""
+    """One body part of one model on one avatar; lengths as if it were 1.8 m tall."""
 
     part: str
     distance_mean_mm: float  # to the avatar's skin, before landing on it

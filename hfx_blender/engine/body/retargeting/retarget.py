@@ -17,8 +17,9 @@ import numpy.typing as npt
 from ...scene import FittedModel, SurfaceAnchors
 from ..model import Avatar, PerceptualModel, SkinWeights
 from .joints import Skeletons, skeletons_of
-from .pose import pose
+from .pose import matrices, posed
 from .quality import Quality, judge
+from .shapes import fields_for, shape
 from .surface import Places, TargetSurface, pull, vertex_normals
 from .target import RigMapping, TargetAvatar
 
@@ -67,9 +68,18 @@ def warp(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Warp:
     if same is not None:
         vertices = bodies.points[same]
     else:
-        vertices = pull(pose(avatar, bodies), triangles, bodies.avatar_shares, surface)
+        vertices = pull(
+            _shaped(avatar, bodies, triangles, surface), triangles, bodies.avatar_shares, surface
+        )
     normals = vertex_normals(vertices, triangles)
     return Warp(target, mapping, bodies, surface, vertices, normals, same)
+
+
+def _shaped(avatar: Avatar, bodies: Skeletons, triangles: I64, surface: TargetSurface) -> F64:
+    """The canonical avatar in the target's pose and, as far as people differ alike, shape."""
+    moved = matrices(avatar, bodies)
+    start, fields = posed(avatar, moved), fields_for(avatar)
+    return start if fields is None else shape(fields, moved, start, triangles, bodies, surface)
 
 
 def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
@@ -102,7 +112,8 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
         anchors=anchors,
     )
     shares = warped.bodies.target_shares[warped.target.triangles[places.triangle]].mean(axis=1)
-    distance = np.linalg.norm(places.points - before, axis=1) * scale * warped.target.metres
+    # At the canonical size: an avatar in another unit, or of a giant, is judged alike.
+    distance = np.linalg.norm(places.points - before, axis=1)
     return fitted, judge(model, places, shares, distance, warped.bodies.feet_forward)
 
 

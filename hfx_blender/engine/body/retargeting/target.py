@@ -16,11 +16,17 @@ from ..model import SkinWeights
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
-_LARGEST_PIECE: Final = 0.5
-"""Share of the skin that one connected piece must have: hair, eyes and clothes may be pieces."""
+_LARGE_PIECE: Final = 0.01
+"""Share of the skin from which a connected piece counts: a hand, a shoe, a sleeve."""
+
+_LARGE_PIECES: Final = 0.5
+"""Share of the skin that such pieces must have together: eyes, lashes, buttons may be the rest."""
 
 _PINCHED_EDGES: Final = 0.01
 """Share of edges that may have more than two triangles."""
+
+_DOUBLED_FACES: Final = 0.1
+"""Share of faces that may lie there twice: both sides of lashes and eyelids."""
 
 _UNSKINNED: Final = 0.2
 """Share of vertices that may have no weight of any bone."""
@@ -90,13 +96,17 @@ def check(target: TargetAvatar, name: str) -> None:
     welded = weld(target.vertices)[target.triangles]
     pieces = _pieces(welded)
     shares = np.bincount(pieces, areas) / areas.sum()
-    if shares.max() < _LARGEST_PIECE:
+    large = shares[shares >= _LARGE_PIECE].sum()
+    if large < _LARGE_PIECES:
         raise InputError(
             f"Avatar '{name}' is in {len(shares)} pieces, of which the largest is only "
-            f"{100 * shares.max():.0f} % of the surface; join or merge them to one skin "
-            f"({100 * _LARGEST_PIECE:.0f} % at least)."
+            f"{100 * shares.max():.2g} % of the surface; join or merge them to one skin (pieces "
+            f"of {100 * _LARGE_PIECE:.0f} % must make {100 * _LARGE_PIECES:.0f} % at least)."
         )
-    ends = np.sort(np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]]))
+    single = np.unique(np.sort(welded, axis=1), axis=0)
+    if len(single) < (1.0 - _DOUBLED_FACES) * len(welded):
+        single = welded
+    ends = np.sort(np.concatenate([single[:, [0, 1]], single[:, [1, 2]], single[:, [2, 0]]]))
     ends = ends[ends[:, 0] != ends[:, 1]]
     counts = np.unique(ends, axis=0, return_counts=True)[1]
     pinched = int(np.count_nonzero(counts > 2))

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from itertools import combinations, pairwise, product
 from typing import Final
 
 import numpy as np
 
-from .names import FINGERS, read_names
+from .digits import Digits
 from .rig import F64, Rig, canonical_heads, canonical_parents
 
 _SPINE: Final = ("spine05", "spine04", "spine03", "spine02", "spine01")  # from the hips up
@@ -23,6 +23,21 @@ _SPLIT: Final = (
     ("lowerleg01", "lowerleg02", "foot", "shin"),
 )
 _SPLIT_TOLERANCE: Final = 0.15  # of the limb's length; beyond, a second part is no counterpart
+_NEXT: Final = (
+    ("upperarm01", "lowerarm01"),
+    ("lowerarm01", "wrist"),
+    ("upperleg01", "lowerleg01"),
+    ("lowerleg01", "foot"),
+)
+_TRIED: Final = 4  # bones with the same joint's name
+_MAIN: Final = frozenset(
+    ["head"]
+    + [
+        f"{bone}.{side}"
+        for side in "LR"
+        for bone in ("upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
+    ]
+)
 
 
 def assigned_by_name(rig: Rig) -> dict[str, str]:
@@ -33,10 +48,12 @@ def assigned_by_name(rig: Rig) -> dict[str, str]:
     dict
         Canonical bone to avatar bone; empty if no name is understood.
     """
-    own = _canonical_names(rig.bones)
+    own, read = _canonical_names(rig.bones), _Assignment(rig).found
     if {"upperarm01.L", "upperarm01.R", "upperleg01.L", "upperleg01.R", "spine01"} <= own.keys():
-        return own  # MakeHuman's default rig, with or without toes
-    return _Assignment(rig).found
+        # MakeHuman's default rig, with or without toes; not what is left of it in another rig.
+        if _MAIN.intersection(own) >= _MAIN.intersection(read):
+            return own
+    return read
 
 
 def _canonical_names(names: Iterable[str]) -> dict[str, str]:
@@ -49,49 +66,33 @@ def _canonical_names(names: Iterable[str]) -> dict[str, str]:
     return {canonical[key(name)]: name for name in names if key(name) in canonical}
 
 
-class _Assignment:
-    """The steps share what was read: slots by side, and what is found so far."""
+class _Assignment(Digits):
+    """The steps share what was read, and what is found so far."""
 
     def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self.names = read_names(rig.bones)
-        self.slots: dict[tuple[str, str], list[str]] = {}
-        for name in sorted(self.names, key=self._order):
-            said = self.names[name]
-            self.slots.setdefault((said.slot, said.side), []).append(name)
-        self.found: dict[str, str] = {}
+        super().__init__(rig)
         for side in "LR":
             self._arm(side)
             self._leg(side)
+        self._complete()
+        for side in "LR":
             self._fingers(side)
             self._toes(side)
             for slot in ("breast", "eye"):
                 self._put(f"{slot}.{side}", self._take(slot, side))
+            self._split_limbs(side)
         self._trunk()
         self._put("jaw", self._take("jaw", ""))
-        for side in "LR":
-            self._split_limbs(side)
-
-    def _order(self, name: str) -> tuple[int, list[int], str]:
-        return self.rig.depth(name), [int(n) for n in self.names[name].numbers], name
-
-    def _take(self, slot: str, side: str) -> list[str]:
-        return self.slots.get((slot, side), [])
-
-    def _put(self, canonical: str, candidates: Sequence[str]) -> None:
-        if candidates:
-            self.found[canonical] = candidates[0]
 
     def _arm(self, side: str) -> None:
         clavicle = self._take("clavicle", side)
         shoulder = self._take("shoulder", side)
-        upper = self._take("upper_arm", side) or self._take("arm", side)
+        upper = self._either(self._take("upper_arm", side), self._take("arm", side))
         if not upper:  # joints are named, not bones: shoulder, elbow, wrist
             upper, shoulder = shoulder, []
         self._put(f"clavicle.{side}", clavicle or shoulder)
-        self._put(f"upperarm01.{side}", upper)
-        self._put(f"lowerarm01.{side}", self._take("forearm", side))
-        self._put(f"wrist.{side}", self._take("hand", side))
+        bones = ("upperarm01", "lowerarm01", "wrist")
+        self._put_chain(side, bones, (upper, self._take("forearm", side), self._take("hand", side)))
 
     def _leg(self, side: str) -> None:
         thigh, hip = self._take("thigh", side), self._take("hip", side)
@@ -104,9 +105,40 @@ class _Assignment:
         elif shin:  # leg and knee
             thigh, leg = leg, []
         self._put(f"pelvis.{side}", half)
-        self._put(f"upperleg01.{side}", thigh)
-        self._put(f"lowerleg01.{side}", shin or leg)
-        self._put(f"foot.{side}", self._take("foot", side))
+        bones = ("upperleg01", "lowerleg01", "foot")
+        below = self._either(shin, leg)
+        self._put_chain(side, bones, (thigh, below, self._take("foot", side)))
+
+    def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
+        """Bones that are clearly a joint's, then those whose name could be another's."""
+        marked = bool(clear) and self.names[clear[0]].rank < 0
+        return clear if marked else [*clear, *doubtful]
+
+    def _put_chain(
+        self, side: str, bones: Sequence[str], candidates: Sequence[Sequence[str]]
+    ) -> None:
+        """Bones of one limb that hang on each other: what is left of another rig does not."""
+        known = [(bone, names) for bone, names in zip(bones, candidates, strict=True) if names]
+        choices = product(*(names[:_TRIED] for _, names in known))
+        best = max(choices, key=lambda chain: self._links(chain))  # the first of the best
+        self.found |= {f"{bone}.{side}": name for (bone, _), name in zip(known, best, strict=True)}
+
+    def _complete(self) -> None:
+        """A joint whose bones have names of their own: the only children of those above them."""
+        for above, below in _NEXT:
+            added = {}
+            for side in "LR":
+                name = self.found.get(f"{above}.{side}")
+                children = [] if name is None else self.rig.children[name]
+                if f"{below}.{side}" not in self.found and len(children) == 1 and name is not None:
+                    way = self.rig.head(children[0]) - self.rig.head(name)
+                    if children[0] not in self.names and np.linalg.norm(way) > 0.0:
+                        added[f"{below}.{side}"] = children[0]
+            if all(f"{below}.{side}" in {**self.found, **added} for side in "LR"):
+                self.found |= added
+
+    def _links(self, chain: Sequence[str]) -> int:
+        return sum(above in self.rig.ancestors(name) for above, name in pairwise(chain))
 
     def _split_limbs(self, side: str) -> None:
         """Second parts of limb bones that lie in the limb and are split at about our place."""
@@ -114,6 +146,11 @@ class _Assignment:
             main = self.found.get(f"{first}.{side}")
             following = self.found.get(f"{after}.{side}")
             if main is None or following is None:
+                continue
+            twists = self._take(f"{slot}_twist", side)
+            if twists and self._begins_before(twists[0], main, following):
+                # Auto-Rig Pro: the first half of a limb twists, the second is the bone proper.
+                self.found |= {f"{first}.{side}": twists[0], f"{second}.{side}": main}
                 continue
             above = set(self.rig.ancestors(following))
             parts = [
@@ -128,84 +165,20 @@ class _Assignment:
             close = [part for part in parts if misses[part] <= _SPLIT_TOLERANCE]
             self._put(f"{second}.{side}", sorted(close, key=misses.__getitem__))
 
-    def _fingers(self, side: str) -> None:
-        joints = {finger: list(self._take(f"finger {finger}", side)) for finger in FINGERS}
-        palm = {finger: self._take(f"metacarpal {finger}", side) for finger in FINGERS}
-        self._numbered_fingers(side, joints)
-        numbered_palm = [n for n in self._take("metacarpal", side) if self.names[n].numbers]
-        for name in numbered_palm:
-            number = int(self.names[name].numbers[0])
-            if 1 <= number <= 4:
-                palm[FINGERS[number]] = [*palm[FINGERS[number]], name]
-        if not any(palm.values()):
-            palm["index"] = self._take("finger_base", side)
-        hand = self.found.get(f"wrist.{side}")
-        for number, finger in enumerate(FINGERS, start=1):
-            chain = joints[finger]
-            if number > 1:
-                if len(chain) > 3 and hand and not palm[finger] and self._from_wrist(hand, chain):
-                    palm[finger] = chain[:1]
-                if palm[finger][:1] == chain[:1]:
-                    chain = chain[1:]
-                self._put(f"metacarpal{number - 1}.{side}", palm[finger])
-            for joint, name in enumerate(chain[:3], start=1):
-                self._put(f"finger{number}-{joint}.{side}", [name])
-
-    def _from_wrist(self, hand: str, chain: Sequence[str]) -> bool:
-        """Whether the first of four joints is a metacarpal (else the last is a fingertip)."""
-        wrist, first, second = (self.rig.head(name) for name in (hand, *chain[:2]))
-        return bool(np.linalg.norm(first - wrist) < np.linalg.norm(second - first))
-
-    def _numbered_fingers(self, side: str, joints: dict[str, list[str]]) -> None:
-        """Fingers with a number for a name: ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman."""
-        bones = self._take("finger", side)
-        numbers = {name: self.names[name].numbers for name in bones}
-        from_zero = any(own[:1] == ("0",) for own in numbers.values())
-        fingers: dict[int, list[str]] = {}
-        for name, own in numbers.items():
-            if own:
-                digits = own[0] if from_zero or len(own) > 1 else own[0].lstrip("0")
-                first = int(digits[:1] or "0") if from_zero or len(own) == 1 else int(digits)
-                fingers.setdefault(first + from_zero, []).append(name)
-        if joints["thumb"]:  # the numbered ones are a mitten beside a named thumb
-            if bones and not joints["index"]:
-                joints["index"] = bones
-            return
-        for number, chain in fingers.items():
-            if 1 <= number <= 5 and not joints[FINGERS[number - 1]]:
-                joints[FINGERS[number - 1]] = chain
-        if bones and not fingers:
-            joints["middle"] = joints["middle"] or bones
-
-    def _toes(self, side: str) -> None:
-        chains = {number: list(self._take(f"toe {number}", side)) for number in range(1, 6)}
-        for name in self._take("small_toe", side):
-            own = self.names[name].numbers
-            if own and 1 <= int(own[0]) <= 4:
-                chains[int(own[0]) + 1].append(name)
-        general = self._take("toe", side)
-        paired = [name for name in general if len(self.names[name].numbers) == 2]
-        for name in paired:
-            number = int(self.names[name].numbers[0])
-            if number in chains:
-                chains[number].append(name)
-        base = [name for name in general if name not in paired]
-        if not any(chains.values()):
-            starts: dict[str, list[str]] = {}
-            for name in base:
-                starts.setdefault("".join(self.names[name].numbers)[:1], []).append(name)
-            if len(starts) == 5:  # a Biped with all toes, the big one first
-                chains = dict(zip(range(1, 6), (starts[k] for k in sorted(starts)), strict=True))
-            else:
-                # One bone for all toes lies between the first and the second.
-                self._put(f"toe2-1.{side}", base)
-        for number, chain in chains.items():
-            for joint, name in enumerate(chain[: 2 if number == 1 else 3], start=1):
-                self._put(f"toe{number}-{joint}.{side}", [name])
+    def _begins_before(self, twist: str, main: str, following: str) -> bool:
+        """Whether a twist bone is nearer to a limb's beginning than the limb's named bone."""
+        end = self.rig.head(following)
+        length, own = (float(np.linalg.norm(self.rig.head(n) - end)) for n in (twist, main))
+        return length > (1.0 + 2.0 * _SPLIT_TOLERANCE) * own
 
     def _trunk(self) -> None:
-        hips, spine = list(self._take("hips", "")), list(self._take("spine", ""))
+        hips = list(self._take("lower_body", "") or self._take("hips", ""))
+        spine = list(self._take("spine", ""))
         neck, head = list(self._take("neck", "")), self._take("head", "")
+        if (ends := [*neck, *head]) and hips:
+            # What holds the hips, or nothing, is no spine (nor what is left of another rig).
+            carrying = set(self.rig.ancestors(ends[0])) - set(self.rig.ancestors(hips[0]))
+            spine = [name for name in spine if name in carrying] or spine
         if not neck and not head:  # Rigify: one chain called spine, from hips to head
             collar = self._attached("clavicle.L", spine) or self._attached("upperarm01.L", spine)
             if collar is not None and spine[-1] != collar:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from ....errors import InputError
@@ -38,6 +38,7 @@ FORMAT_VERSION: Final = 1
 _ARM: Final = ("upperarm01", "lowerarm01")
 _LEG: Final = ("upperleg01", "lowerleg01")
 _SIDE_NAMES: Final = {"L": "left", "R": "right"}
+_SIDES: Final = (".L", ".R")
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,10 @@ def map_bones(bones: Sequence[RigBone]) -> BoneMapping:
     rig = Rig(bones)
     notes: list[str] = []
     found = assigned_by_name(rig)
+    if not _is_human(found) and len(rig.bones) < len(rig.by_name):
+        every = Rig([replace(bone, deform=True) for bone in bones])
+        if _is_human(assigned_by_name(every)):
+            rig, found = every, assigned_by_name(every)
     convention = convention_of(rig.bones)
     if not _is_human(found):
         by_geometry = assigned_by_geometry(rig)
@@ -231,6 +236,11 @@ def _followed(canonical: str, bones: Mapping[str, str]) -> str:
             reached = [n for n in joints if n[8] <= canonical[8]]
             if reached:
                 return bones[max(reached)]
+    if not canonical.endswith(_SIDES) and "root" not in bones:
+        # The middle of the body never follows a limb.
+        trunk = [name for name in canonical_parents() if name in bones and name[-2:] not in _SIDES]
+        if trunk:
+            return bones[trunk[0]]
     ancestor = canonical_parents()[canonical]
     while ancestor is not None:
         if ancestor in bones:

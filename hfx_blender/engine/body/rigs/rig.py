@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,9 @@ F64 = npt.NDArray[np.float64]
 
 Point = tuple[float, float, float]
 
+_ENOUGH: Final = 10
+"""Bones with a joint's name that a body has at least."""
+
 
 @dataclass(frozen=True)
 class RigBone:
@@ -26,20 +30,25 @@ class RigBone:
     parent: str | None
     head: Point
     tail: Point
+    deform: bool = True  # whether skin may hang on it; controls do not
 
 
 class Rig:
     """Bones by name, with the hierarchy of those that deform.
 
-    Where bones carry Blender's "DEF-" mark only they count, and a parent that does not deform
-    stands for the bone that deforms in its place (Rigify hangs ``DEF-thigh.L`` on ``ORG-spine``).
+    Where bones carry Blender's "DEF-" mark only they count, else those that are said to deform, if
+    they are enough for a body. A parent that does not deform stands for the bone that deforms in
+    its place (Rigify hangs ``DEF-thigh.L`` on ``ORG-spine``).
     """
 
     def __init__(self, bones: Sequence[RigBone]) -> None:
         every = {bone.name: bone for bone in bones}
         marked = {name: bone for name, bone in every.items() if is_deform(name)}
         self.by_name = every
-        self.bones = marked if len(read_names(marked)) >= 10 else every
+        deform = {name: bone for name, bone in every.items() if bone.deform}
+        self.bones = next(
+            (some for some in (marked, deform) if len(read_names(some)) >= _ENOUGH), every
+        )
         deforming = {without_role(name): name for name in self.bones}
         self.parent: dict[str, str | None] = {}
         for name in self.bones:

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far a build is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[float, str], None]
+"""Given the share that is done, 0..1, and what is being done."""
+
+
+def quiet(_share: float, _text: str) -> None:
+    """Progress that nobody watches."""

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cells of skin: which patch a vertex of the temperature model stands for.
+
+150 mm do not fit around a limb, so there a temperature vertex stands for a piece of skin that
+is measured along the surface. The skin is sampled by the vertices of the pressure model.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from . import library
+from .model import PerceptualModel
+
+I32 = npt.NDArray[np.int32]
+
+CELLS_FILE: Final = "cells.npz"
+
+
+def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
+    """The geodesic cell that each place of the skin lies in.
+
+    Parameters
+    ----------
+    model : PerceptualModel
+        A temperature model: the canonical one, as it was fitted to an avatar, a variant, or one
+        of other thresholds.
+
+    Returns
+    -------
+    fine : str
+        Id of the pressure model whose vertices sample the skin; a variant's is its own.
+    owner : (V,) int32, read-only
+        For each vertex of the fine model the vertex of ``model`` whose cell it lies in, of the
+        same body part. Every cell has at least one. The cells on hands, head and torso are
+        small: only those of the limbs are sampled by dozens of vertices.
+
+    Raises
+    ------
+    InputError
+        No cells are stored for this model, or they are of another edition of it.
+    """
+    origin = library.owner_of_ids(model)
+    path = origin.folder / CELLS_FILE
+    stored, fine, owner = _read(path) if path.is_file() else (("", ""), "", None)
+    if owner is None or stored[0] != origin.id:
+        raise InputError(f"Body model '{model.id}' has no cells of skin: temperature has them.")
+    if stored[1] != origin.content_hash:
+        raise InputError(
+            f"{path}: the cells are of another '{origin.id}' ({stored[1][:12]}...); build the "
+            "body models anew."
+        )
+    return fine + model.id.removeprefix(origin.id), owner
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path) -> tuple[tuple[str, str], str, I32]:
+    """Id and hash of the model, id of the finer one, owners."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            owner = stored["owner"].astype(np.int32)
+            identity, content_hash = (str(value) for value in stored["model"])
+            fine = str(stored["fine"][0])
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: not readable as cells of skin ({error}).") from error
+    owner.flags.writeable = False
+    return (identity, content_hash), fine, owner

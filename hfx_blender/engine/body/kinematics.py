@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Forward kinematics over blocks of times: channels of bones and objects to matrices.
+
+Conventions are Blender's: column vectors, quaternions (w, x, y, z), angles in radians, and an
+order such as ``XYZ`` turns about X first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+def from_quaternions(quaternions: F64) -> F64:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length but 0.
+
+    A quaternion of length 0 is half a turn about X, as in Blender.
+    """
+    lengths = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    unit = np.where(lengths > 0.0, quaternions, [0.0, 1.0, 0.0, 0.0])
+    unit = unit / np.where(lengths > 0.0, lengths, 1.0)
+    w, x, y, z = np.moveaxis(unit, -1, 0)
+    turned = np.empty((3, 3, *w.shape))  # elements first: each is one contiguous array
+    turned[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    turned[0, 1] = 2.0 * (x * y - w * z)
+    turned[0, 2] = 2.0 * (x * z + w * y)
+    turned[1, 0] = 2.0 * (x * y + w * z)
+    turned[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    turned[1, 2] = 2.0 * (y * z - w * x)
+    turned[2, 0] = 2.0 * (x * z - w * y)
+    turned[2, 1] = 2.0 * (y * z + w * x)
+    turned[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return np.moveaxis(turned, (0, 1), (-2, -1))
+
+
+def from_eulers(angles: F64, order: str) -> F64:
+    """Rotation matrices (..., 3, 3) of Euler angles (..., 3) about X, Y, Z, in an order."""
+    turned: F64 | None = None
+    for name in order:
+        axis = "XYZ".index(name)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        cos, sin = np.cos(angles[..., axis]), np.sin(angles[..., axis])
+        single = np.zeros((*cos.shape, 3, 3))
+        single[..., axis, axis] = 1.0
+        single[..., i, i] = single[..., j, j] = cos
+        single[..., i, j] = -sin
+        single[..., j, i] = sin
+        turned = single if turned is None else single @ turned
+    assert turned is not None
+    return turned
+
+
+def from_axis_angles(values: F64) -> F64:
+    """Rotation matrices (..., 3, 3) of (angle, x, y, z); without an axis there is no turn."""
+    half = values[..., :1] / 2
+    lengths = np.linalg.norm(values[..., 1:], axis=-1, keepdims=True)
+    axis = values[..., 1:] / np.where(lengths > 0.0, lengths, 1.0)
+    unit = np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1)
+    return from_quaternions(np.where(lengths > 0.0, unit, [1.0, 0.0, 0.0, 0.0]))
+
+
+def rotations(values: F64, mode: str) -> F64:
+    """Rotation matrices of channels in one of Blender's rotation modes."""
+    if mode == "QUATERNION":
+        return from_quaternions(values)
+    if mode == "AXIS_ANGLE":
+        return from_axis_angles(values)
+    return from_eulers(values, mode)
+
+
+def transforms(locations: F64, turned: F64, scales: F64) -> F64:
+    """Location @ rotation @ scale: (..., 4, 4) of (..., 3), (..., 3, 3) and (..., 3)."""
+    matrices = np.zeros((*locations.shape[:-1], 4, 4))
+    matrices[..., :3, :3] = turned * scales[..., None, :]
+    matrices[..., :3, 3] = locations
+    matrices[..., 3, 3] = 1.0
+    return matrices
+
+
+class Rig:
+    """Bones that follow their parents and nothing else.
+
+    Parameters
+    ----------
+    parents : sequence of int
+        (B,) Parent of each bone, -1 for a root; in any order.
+    rest : (B, 4, 4) float64
+        Bone to armature space in the rest pose.
+    local_location : sequence of bool
+        (B,) Whether a bone's location is along its own rest axes; else it is along its
+        parent's, or the armature's without one.
+    """
+
+    def __init__(self, parents: Sequence[int], rest: F64, local_location: Sequence[bool]) -> None:
+        self._rest = _elements(rest)
+        self._inverse = _elements(np.linalg.inv(rest))
+        self._other_axes = [
+            (bone, rest[parents[bone], :3, :3] if parents[bone] >= 0 else np.eye(3))
+            for bone in np.flatnonzero(~np.asarray(local_location, np.bool_)).tolist()
+        ]
+        depth = np.zeros(len(parents), np.int64)
+        for bone in range(len(parents)):
+            above = parents[bone]
+            while above >= 0:
+                depth[bone] += 1
+                above = parents[above]
+        # Bones in order of their depth, so that each level is one slice.
+        self._order = np.argsort(depth, kind="stable")
+        place = np.argsort(self._order)
+        firsts = np.searchsorted(depth[self._order], np.arange(1, depth.max(initial=0) + 2))
+        self._levels = [
+            (slice(first, last), place[[parents[bone] for bone in self._order[first:last]]])
+            for first, last in pairwise(firsts.tolist())
+        ]
+
+    def pose(self, locations: F64, turned: F64, scales: F64) -> F64:
+        """Skinning matrices: rest to posed armature space.
+
+        With R a bone's rest matrix, B its channels and S the result, S = S_parent R B R^-1;
+        that is Blender's pose matrix (parent's pose, offset, channels) times R^-1.
+
+        Parameters
+        ----------
+        locations, scales : (T, B, 3) float64
+        turned : (T, B, 3, 3) float64
+            Rotation of each bone.
+
+        Returns
+        -------
+        (T, B, 3, 4) float64
+        """
+        channels = np.empty((3, 4, *locations.shape[:2]))
+        channels[:, :3] = turned.transpose(2, 3, 0, 1) * scales.transpose(2, 0, 1)
+        channels[:, 3] = locations.transpose(2, 0, 1)
+        for bone, _ in self._other_axes:
+            channels[:, 3, :, bone] = 0.0
+        moved = _product(_product(self._rest, channels), self._inverse)
+        for bone, axes in self._other_axes:
+            moved[:, 3, :, bone] += axes @ locations[:, bone].T
+        posed = moved[..., self._order]
+        for level, above in self._levels:
+            posed[..., level] = _product(posed[..., above], posed[..., level])
+        skinning = np.empty((*locations.shape[:2], 3, 4))
+        skinning[:, self._order] = posed.transpose(2, 3, 0, 1)
+        return skinning
+
+
+def _elements(matrices: F64) -> F64:
+    """(B, 4, 4) -> (3, 4, 1, B): elements first, so that each is one contiguous array."""
+    return np.ascontiguousarray(matrices[:, :3].transpose(1, 2, 0))[:, :, None]
+
+
+def _product(first: F64, second: F64) -> F64:
+    """Products of affine matrices with their elements first, (3, 4, T, B)."""
+    shape = np.broadcast_shapes(first.shape, second.shape)
+    product = np.empty(shape)
+    for row in range(3):
+        product[row] = first[row, 0] * second[0]
+        product[row] += first[row, 1] * second[1]
+        product[row] += first[row, 2] * second[2]
+        product[row, 3] += first[row, 3]
+    return product

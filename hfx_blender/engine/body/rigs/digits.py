@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fingers and toes among understood bone names: which rig's joint is which of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .names import FINGERS, read_names
+from .rig import Rig, canonical_heads
+
+
+class Digits:
+    """What was read of a rig, slots by side; what is found so far; and the steps for digits."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.names = read_names(rig.bones)
+        self.slots: dict[tuple[str, str], list[str]] = {}
+        for name in sorted(self.names, key=self._order):
+            said = self.names[name]
+            self.slots.setdefault((said.slot, said.side), []).append(name)
+        self.found: dict[str, str] = {}
+
+    def _order(self, name: str) -> tuple[int, int, list[int], str]:
+        said = self.names[name]
+        return said.rank, self.rig.depth(name), [int(n) for n in said.numbers], name
+
+    def _take(self, slot: str, side: str) -> list[str]:
+        return self.slots.get((slot, side), [])
+
+    def _put(self, canonical: str, candidates: Sequence[str]) -> None:
+        if candidates:
+            self.found[canonical] = candidates[0]
+
+    def _fingers(self, side: str) -> None:
+        joints = {finger: self._once(self._take(f"finger {finger}", side)) for finger in FINGERS}
+        palm = {finger: self._take(f"metacarpal {finger}", side) for finger in FINGERS}
+        self._numbered_fingers(side, joints)
+        numbered_palm = [n for n in self._take("metacarpal", side) if self.names[n].numbers]
+        for name in numbered_palm:
+            number = int(self.names[name].numbers[0])
+            if 1 <= number <= 4:
+                palm[FINGERS[number]] = [*palm[FINGERS[number]], name]
+        if not any(palm.values()):
+            palm["index"] = self._take("finger_base", side)
+        hand = self.found.get(f"wrist.{side}")
+        for number, finger in enumerate(FINGERS, start=1):
+            chain = joints[finger]
+            if number > 1:
+                if len(chain) > 3 and hand and not palm[finger] and self._from_wrist(hand, chain):
+                    palm[finger] = chain[:1]
+                if palm[finger][:1] == chain[:1]:
+                    chain = chain[1:]
+                self._put(f"metacarpal{number - 1}.{side}", palm[finger])
+            start = 2 if number == 1 and self._is_thumb_without_base(hand, chain, joints) else 1
+            for joint, name in enumerate(chain[:3], start=start):
+                self._put(f"finger{number}-{joint}.{side}", [name])
+
+    def _once(self, chain: Sequence[str]) -> list[str]:
+        """One bone for each number, the one of the lowest rank."""
+        by_number: dict[tuple[str, ...], str] = {}
+        for name in chain:  # in order of rank
+            by_number.setdefault(self.names[name].numbers, name)
+        unnumbered = not any(by_number)
+        kept = list(chain) if unnumbered else list(by_number.values())
+        return sorted(kept, key=lambda name: self._order(name)[1:])
+
+    def _is_thumb_without_base(
+        self, hand: str | None, chain: Sequence[str], joints: dict[str, list[str]]
+    ) -> bool:
+        """Whether a thumb of two bones begins at its knuckle, as in MikuMikuDance."""
+        if hand is None or len(chain) != 2 or not joints["index"]:
+            return False
+        wrist, thumb, index = (self.rig.head(n) for n in (hand, chain[0], joints["index"][-1]))
+        own = canonical_heads()
+        shares = [
+            np.linalg.norm(own[f"finger1-{joint}.L"] - own["wrist.L"])
+            / np.linalg.norm(own[f"finger2-{min(3, len(joints['index']))}.L"] - own["wrist.L"])
+            for joint in (1, 2)
+        ]
+        reach = float(np.linalg.norm(index - wrist))
+        share = float(np.linalg.norm(thumb - wrist)) / reach if reach > 0.0 else 0.0
+        return bool(abs(share - shares[1]) < abs(share - shares[0]))
+
+    def _from_wrist(self, hand: str, chain: Sequence[str]) -> bool:
+        """Whether the first of four joints is a metacarpal (else the last is a fingertip)."""
+        wrist, first, second = (self.rig.head(name) for name in (hand, *chain[:2]))
+        return bool(np.linalg.norm(first - wrist) < np.linalg.norm(second - first))
+
+    def _numbered_fingers(self, side: str, joints: dict[str, list[str]]) -> None:
+        """Fingers with a number for a name: ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman."""
+        bones = self._take("finger", side)
+        numbers = {name: self.names[name].numbers for name in bones}
+        from_zero = any(own[:1] == ("0",) for own in numbers.values())
+        fingers: dict[int, list[str]] = {}
+        for name, own in numbers.items():
+            if own:
+                digits = own[0] if from_zero or len(own) > 1 else own[0].lstrip("0")
+                first = int(digits[:1] or "0") if from_zero or len(own) == 1 else int(digits)
+                fingers.setdefault(first + from_zero, []).append(name)
+        if joints["thumb"]:  # the numbered ones are a mitten beside a named thumb
+            if bones and not joints["index"]:
+                joints["index"] = bones
+            return
+        for number, chain in fingers.items():
+            if 1 <= number <= 5 and not joints[FINGERS[number - 1]]:
+                joints[FINGERS[number - 1]] = chain
+        if bones and not fingers:
+            joints["middle"] = joints["middle"] or bones
+
+    def _toes(self, side: str) -> None:
+        chains = {number: list(self._take(f"toe {number}", side)) for number in range(1, 6)}
+        for name in self._take("small_toe", side):
+            own = self.names[name].numbers
+            if own and 1 <= int(own[0]) <= 4:
+                chains[int(own[0]) + 1].append(name)
+        general = self._take("toe", side)
+        paired = [name for name in general if len(self.names[name].numbers) == 2]
+        for name in paired:
+            number = int(self.names[name].numbers[0])
+            if number in chains:
+                chains[number].append(name)
+        base = [name for name in general if name not in paired]
+        if self._take("lower_body", ""):  # the "toe" of MikuMikuDance is the toes' tip
+            base = [name for name in base if self.names[name].rank < 0]
+        feet = self._take("foot", side)
+        if not base and len(feet) == 2 and feet[0] in self.rig.ancestors(feet[1]):
+            base = feet[1:]  # SMPL: ankle and foot are joints, the foot's is the ball's
+        if not any(chains.values()):
+            starts: dict[str, list[str]] = {}
+            for name in base:
+                starts.setdefault("".join(self.names[name].numbers)[:1], []).append(name)
+            if len(starts) == 5:  # a Biped with all toes, the big one first
+                chains = dict(zip(range(1, 6), (starts[k] for k in sorted(starts)), strict=True))
+            else:
+                # One bone for all toes lies between the first and the second.
+                self._put(f"toe2-1.{side}", base)
+        for number, chain in chains.items():
+            for joint, name in enumerate(chain[: 2 if number == 1 else 3], start=1):
+                self._put(f"toe{number}-{joint}.{side}", [name])

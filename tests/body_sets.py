@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sets of body models for tests that need no source: the shipped ones, made smaller or larger."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hfx_blender.engine.body import model
+from hfx_blender.engine.body.building import model_set
+
+
+def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
+    """Write a set as ``hfx body build --variant`` does: a person of another height."""
+    folder.mkdir(parents=True, exist_ok=True)
+    by = np.float32(scale)
+    shipped = model.load_avatar()
+    rest = shipped.skeleton.rest.copy()
+    rest[:, :3, 3] *= by
+    skeleton = replace(shipped.skeleton, rest=rest, lengths_m=by * shipped.skeleton.lengths_m)
+    avatar = replace(
+        shipped,
+        id=shipped.id + suffix,
+        vertices=by * shipped.vertices,
+        skeleton=skeleton,
+        provenance={**shipped.provenance, **_origin(shipped)},
+    )
+    model.save(avatar, folder / model_set.AVATAR_FILE)
+    index = {
+        "version": model_set.MANIFEST_VERSION,
+        "variant": {"height": 1.8 * scale},
+        "avatar": model_set.avatar_entry(avatar),
+        "models": {},
+    }
+    for identity in model.manifest()["models"]:
+        one = model.load_model(identity)
+        made = replace(
+            one,
+            id=one.id + suffix,
+            vertices=by * one.vertices,
+            areas_m2=by * by * one.areas_m2,
+            avatar_offset_m=by * one.avatar_offset_m,
+            provenance={**one.provenance, **_origin(one)},
+        )
+        model.save(made, folder / f"{made.modality}.npz")
+        index["models"][made.id] = model_set.model_entry(made)
+    model_set.write_manifest(folder, index)
+    return folder
+
+
+def _origin(item: model.PerceptualModel | model.Avatar) -> dict[str, dict[str, str]]:
+    return {"canonical": {"id": item.id, "hash": item.content_hash}}

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Editing painted areas, on the shipped models and by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.engine.body import areas
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+
+MODEL = load_model("hfx-pressure-1")
+FINE = load_model("hfx-vibration-1")
+COARSE = load_model("hfx-temperature-1")
+
+
+def on_part(model, part: str) -> np.ndarray:
+    return (model.part == PARTS.index(part)).astype(np.float64)
+
+
+def neighbours(model, vertex: int) -> set[int]:
+    return {int(v) for t in model.triangles if vertex in t for v in t}
+
+
+def test_growing_a_vertex_reaches_exactly_its_neighbours():
+    weights = np.zeros(len(MODEL))
+    weights[4000] = 0.7
+    grown = areas.grow(MODEL, weights)
+    assert set(np.flatnonzero(grown).tolist()) == neighbours(MODEL, 4000)
+    assert set(grown[grown > 0]) == {0.7}
+
+
+@given(seed=st.integers(0, 2**31), steps=st.integers(1, 3))
+@settings(max_examples=15, deadline=None)
+def test_shrinking_undoes_no_more_than_growing_did(seed, steps):
+    weights = np.round(np.random.default_rng(seed).random(len(COARSE)))
+    closed = areas.shrink(COARSE, areas.grow(COARSE, weights, steps), steps)
+    opened = areas.grow(COARSE, areas.shrink(COARSE, weights, steps), steps)
+    assert (closed >= weights).all() and (opened <= weights).all()
+
+
+def test_smoothing_keeps_what_is_even_and_softens_an_edge():
+    even = np.full(len(MODEL), 0.4)
+    assert areas.smooth(MODEL, even, 3) == pytest.approx(even)
+    hand = on_part(MODEL, "hand_palm")
+    soft = areas.smooth(MODEL, hand, 4)
+    assert soft.min() >= 0.0 and soft.max() <= 1.0
+    one, other = MODEL.triangles[:, 0], MODEL.triangles[:, 1]
+    assert np.abs(soft[one] - soft[other]).max() < np.abs(hand[one] - hand[other]).max()
+
+
+def test_mirroring_twice_is_nothing_and_sides_change():
+    weights = on_part(MODEL, "forearm") * (MODEL.side == LEFT)
+    flipped = areas.mirrored(MODEL, weights)
+    assert np.array_equal(
+        np.flatnonzero(flipped), np.flatnonzero(on_part(MODEL, "forearm") * (MODEL.side == RIGHT))
+    )
+    assert np.array_equal(areas.mirrored(MODEL, flipped), weights)
+
+
+def test_symmetrising_copies_one_side_and_keeps_the_middle():
+    rng = np.random.default_rng(0)
+    weights = rng.random(len(MODEL))
+    found = areas.symmetric(MODEL, weights, LEFT)
+    own = MODEL.side != RIGHT
+    assert np.array_equal(found[own], weights[own])
+    assert np.array_equal(found, found[MODEL.mirror])
+
+
+def test_blends_by_hand():
+    one, other = np.array([0.0, 0.5, 0.9]), np.array([0.3, 0.5, 0.9])
+    assert areas.blended(one, other, "replace").tolist() == [0.3, 0.5, 0.9]
+    assert areas.blended(one, other, "add") == pytest.approx([0.3, 1.0, 1.0])
+    assert areas.blended(one, other, "subtract") == pytest.approx([0.0, 0.0, 0.0])
+    assert areas.blended(one, other, "multiply") == pytest.approx([0.0, 0.25, 0.81])
+    with pytest.raises(ValueError, match="replace, add"):
+        areas.blended(one, other, "xor")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("target", [MODEL, COARSE, FINE], ids=["same", "coarse", "fine"])
+def test_a_whole_part_stays_whole_on_another_model(target):
+    for part in ("torso", "hand_palm", "forearm"):
+        found = areas.transferred(MODEL, on_part(MODEL, part), target)
+        assert found == pytest.approx(on_part(target, part))
+
+
+def test_a_patch_keeps_its_place_and_roughly_its_area():
+    centre = np.array([0.0, 0.03, 1.2])
+    weights = (np.linalg.norm(MODEL.vertices - centre, axis=1) < 0.1).astype(float)
+    found = areas.transferred(MODEL, weights, FINE)
+    area = weights @ MODEL.areas_m2
+    assert found @ FINE.areas_m2 == pytest.approx(area, rel=0.1)
+    middle = (found * FINE.areas_m2) @ FINE.vertices / (found @ FINE.areas_m2)
+    expected = (weights * MODEL.areas_m2) @ MODEL.vertices / area
+    assert np.linalg.norm(middle - expected) < 0.005
+
+
+def test_an_image_is_read_between_its_pixels_by_hand():
+    pixels = np.array([[0.0, 1.0], [0.5, 0.25]])
+    uv = np.array([[0.25, 0.25], [0.75, 0.25], [0.5, 0.25], [0.25, 0.5], [1.25, 0.25], [np.nan, 0]])
+    # The last column repeats into the first: half way over the edge is half of both.
+    assert areas.from_image(pixels, uv) == pytest.approx([0.0, 1.0, 0.5, 0.25, 0.0, 0.0])
+    assert areas.from_image(pixels, np.array([[1.0, 0.25]])) == pytest.approx([0.5])
