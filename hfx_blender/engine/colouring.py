@@ -19,12 +19,32 @@ from .samples import Sample
 
 F64 = npt.NDArray[np.float64]
 
-COLOURS: Final[Mapping[str, tuple[float, float, float]]] = {
+Colour = tuple[float, float, float]
+
+COLD: Final = "cold"
+"""Temperature below neutral, which a palette may tell from warmth."""
+
+COLOURS: Final[Mapping[str, Colour]] = {
     "vibration": (0.9, 0.05, 0.05),
     "pressure": (0.05, 0.65, 0.08),
     "temperature": (0.08, 0.2, 0.95),
+    COLD: (0.08, 0.2, 0.95),
     "wind": (0.1, 0.7, 0.75),  # not in the paper
 }
+
+PALETTES: Final[Mapping[str, Mapping[str, Colour]]] = {
+    "PAPER": COLOURS,
+    "WARM_COLD": {**COLOURS, "temperature": (1.0, 0.45, 0.0), COLD: (0.1, 0.45, 1.0)},
+    # Okabe and Ito, Color Universal Design (2008): told apart by all common kinds of vision.
+    "COLOUR_BLIND": {
+        "vibration": (0.835, 0.369, 0.0),
+        "pressure": (0.0, 0.620, 0.451),
+        "temperature": (0.902, 0.624, 0.0),
+        COLD: (0.0, 0.447, 0.698),
+        "wind": (0.337, 0.706, 0.914),
+    },
+}
+"""Colours by modality, and of cold."""
 
 FULL_COLOUR: Final[Mapping[str, float]] = {
     "vibration": 8.0,  # m/s^2
@@ -72,6 +92,44 @@ def strengths(
     return share
 
 
+def felt_shares(
+    samples: Iterable[Sample],
+    spreads: Mapping[str, Spread],
+    vertex_counts: Mapping[str, int],
+    contact_effects: frozenset[str] = frozenset(),
+) -> dict[str, F64]:
+    """How strongly each vertex of an avatar feels each modality, (A,) in 0..1 as it is seen.
+
+    Keys are those of a palette. The root makes the lower half of the strengths visible.
+    """
+    count = len(next(iter(spreads.values())).nearest)
+    felt = {name: np.zeros(count) for name in (*MODALITIES, COLD)}
+    for sample in samples:
+        stream = sample.stream
+        is_contact = stream.effect_id in contact_effects
+        at_model = strengths(sample, vertex_counts[stream.model_id], is_contact)
+        is_cold = stream.modality == "temperature" and float(
+            sample.parameters[0]
+        ) < neutral_temperature_c(is_contact)
+        spread = spreads[stream.model_id]
+        felt[COLD if is_cold else stream.modality] += (
+            at_model[spread.nearest] * spread.shares
+        ).sum(axis=1)
+    return {name: np.sqrt(np.clip(share, 0.0, 1.0)) for name, share in felt.items()}
+
+
+def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
+    """Colour and opacity to lay over an avatar, (A, 4) in 0..1; clear where nothing is felt."""
+    count = len(next(iter(shares.values())))
+    found = np.zeros((count, 4))
+    for name, share in shares.items():
+        found[:, :3] += share[:, None] * palette[name]
+        found[:, 3] = np.maximum(found[:, 3], share)
+    shown = found[:, 3] > 0.0
+    found[shown, :3] /= found[shown, 3:]  # straight alpha: the strongest is in full colour
+    return np.clip(found, 0.0, 1.0)
+
+
 def avatar_colours(
     samples: Iterable[Sample],
     spreads: Mapping[str, Spread],
@@ -79,22 +137,9 @@ def avatar_colours(
     contact_effects: frozenset[str] = frozenset(),
 ) -> F64:
     """Colours of an avatar's vertices at one time, (A, 3) linear RGB in 0..1."""
-    count = len(next(iter(spreads.values())).nearest)
-    felt = {name: np.zeros(count) for name in MODALITIES}
-    for sample in samples:
-        stream = sample.stream
-        at_model = strengths(
-            sample, vertex_counts[stream.model_id], stream.effect_id in contact_effects
-        )
-        spread = spreads[stream.model_id]
-        felt[stream.modality] += (at_model[spread.nearest] * spread.shares).sum(axis=1)
-    colour = np.zeros((count, 3))
-    most = np.zeros(count)
-    for name, share in felt.items():
-        # The eye sees little of the first half of a linear ramp.
-        shown = np.sqrt(np.clip(share, 0.0, 1.0))
-        colour += shown[:, None] * COLOURS[name]
-        most = np.maximum(most, shown)
+    shares = felt_shares(samples, spreads, vertex_counts, contact_effects)
+    colour = sum(share[:, None] * np.array(COLOURS[name]) for name, share in shares.items())
+    most = np.max(list(shares.values()), axis=0)
     skin = (1.0 - most)[:, None] * np.array(SKIN)
     colours: F64 = np.clip(skin + colour, 0.0, 1.0)
     return colours

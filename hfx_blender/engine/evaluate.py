@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -13,8 +13,10 @@ from . import contact
 from .body.model import PerceptualModel, load_model
 from .body.posing import PosableModel, SkinnedModel, SurfaceModel
 from .counters import Counters
+from .coverage import BodySkin, Skin, finer_id
 from .modality import MODALITIES
-from .samples import SampleRun, Stream
+from .narrow import Details
+from .samples import Impact, SampleRun, Stream
 from .scene import (
     AnimationBlock,
     BodyDescription,
@@ -25,14 +27,28 @@ from .scene import (
     PoseBlock,
     SceneDescription,
     SkinBinding,
+    SurfaceBinding,
+    TimeBase,
 )
+from .tolerance import STANDARD, Tolerance
+from .volume.nearest_surface import boundary_normals, nearest_surface
+from .volume.shape import Shape
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
 
 ON_DEMAND = frozenset({"positions", "velocities", "depth"})
+"""What samples carry only if they are asked to, and a track can hold."""
+
+ON_DEMAND_HERE = frozenset({"surface", "impact"})
+"""What samples carry only if they are asked to, and no track holds."""
+
+
+_FARTHEST = 1e12
+"""Metres, and entries of bone matrices: a pose beyond it is none, and its speed no float32."""
 
 
 class Engine:
@@ -42,9 +58,12 @@ class Engine:
     ----------
     scene : SceneDescription
     record : iterable of str
-        What samples carry besides vertices and weights: any of ``ON_DEMAND``.
+        What samples carry besides vertices and weights: any of ``ON_DEMAND`` and
+        ``ON_DEMAND_HERE``.
     models : callable
         Loads a perceptual model by its id; called at the first moment it is needed.
+    tolerance : Tolerance
+        The error that is accepted; ``PAPER`` tests vertices, all others sample their skin.
     """
 
     def __init__(
@@ -53,15 +72,19 @@ class Engine:
         *,
         record: Iterable[str] = (),
         models: Callable[[str], PerceptualModel] = load_model,
+        tolerance: Tolerance = STANDARD,
     ) -> None:
         self.scene = scene
         self.counters = Counters()
         self._record = frozenset(record)
-        if not self._record <= ON_DEMAND:
-            raise ValueError(f"record: expected some of {sorted(ON_DEMAND)}, got {record}")
+        known = ON_DEMAND | ON_DEMAND_HERE
+        if not self._record <= known:
+            raise ValueError(f"record: expected some of {sorted(known)}, got {record}")
         self._load = models
         self._models: dict[str, PerceptualModel] = {}
-        self._bound: dict[tuple[str, str], PosableModel] = {}
+        self._tolerance = tolerance
+        self._skins: dict[tuple[str, str | None], Skin] = {}
+        self._bound: dict[tuple[str, str], BodySkin] = {}
         self._body_index = {body.id: i for i, body in enumerate(scene.bodies)}
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
@@ -115,17 +138,33 @@ class Engine:
             )
         return rows[known]
 
-    def _posable(self, body: BodyDescription, model_id: str) -> PosableModel:
+    def _skin(self, body: BodyDescription, model_id: str) -> BodySkin:
         key = (body.id, model_id)
         if key not in self._bound:
-            model = self._model(model_id)
-            if isinstance(body.binding, SkinBinding):
-                fitted = body.binding.fitted.get(model_id)
-                placed = model if fitted is None else fitted.of(model)
-                self._bound[key] = SkinnedModel(placed, body.binding)
-            else:
-                self._bound[key] = SurfaceModel(model, body.binding.anchors[model_id])
+            binding = body.binding
+
+            def bind(model: PerceptualModel, clusters: list[I32]) -> PosableModel:
+                if isinstance(binding, SkinBinding):
+                    fitted = binding.fitted.get(model.id)
+                    placed = model if fitted is None else fitted.of(model)
+                    return SkinnedModel(placed, binding, clusters)
+                return SurfaceModel(model, binding.anchors[model.id], clusters)
+
+            self._bound[key] = BodySkin(self._skin_of(model_id, binding), bind)
         return self._bound[key]
+
+    def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> Skin:
+        """One for all bodies whose binding can pose the same models."""
+        model = self._model(model_id)
+        fine = finer_id(model, self._tolerance)
+        if isinstance(binding, SurfaceBinding):
+            fine = fine if fine in binding.anchors else None
+        elif model_id in binding.fitted:
+            fine = fine if fine in binding.fitted else None
+        if (model_id, fine) not in self._skins:
+            finer = None if fine is None else self._model(fine)
+            self._skins[model_id, fine] = Skin(model, self._tolerance, finer)
+        return self._skins[model_id, fine]
 
     def _model(self, model_id: str) -> PerceptualModel:
         if model_id not in self._models:
@@ -152,7 +191,7 @@ class Engine:
             if not len(rows):
                 return None
             positions, velocities = self._motion(
-                self._posable(body, effect.model_id),
+                self._skin(body, effect.model_id).vertices,
                 pose,
                 rows,
                 [area.vertices] * len(rows),
@@ -190,28 +229,41 @@ class Engine:
         rows = self._with_pose(rows, posed, body)
         if not len(rows):
             return None
-        model = self._posable(body, effect.model_id)
+        rows, heard, follows = _followed(rows, posed, animated, block)
+        skin = self._skin(body, effect.model_id)
         key = (body.id, effect.model_id)
         if key not in bounds:
-            bounds[key] = contact.bounds_of(model, pose, posed)
+            bounds[key] = contact.bounds_of(skin, pose, posed)
         hits = contact.find(
             animated,
             volume.falloff,
             rows,
-            model,
+            skin,
             pose,
             bounds[key],
             self.counters,
-            with_points=bool(self._record),
+            follows=follows,
+            heard=heard,
+            own_sets=bool(self._record),
+            with_details=bool(self._record & {"depth", "surface"}),
+            with_impact="impact" in self._record,
         )
         if not len(hits.rows):
             return None
-        positions = velocities = depth = None
+        positions = velocities = None
         if self._record & {"positions", "velocities"}:
             touched = [hits.vertices[a:b] for a, b in pairwise(hits.offsets)]
-            positions, velocities = self._motion(model, pose, hits.rows, touched, block.indices)
-        if "depth" in self._record and hits.points is not None:
-            depth = _depths(animated, hits.rows, hits.offsets, hits.points)
+            positions, velocities = self._motion(
+                skin.vertices, pose, hits.rows, touched, block.indices
+            )
+        depth = surface = normals = impact = None
+        if hits.details is not None:
+            if "depth" in self._record:
+                depth = _depths(animated, hits)
+            if "surface" in self._record:
+                surface, normals = _surface(animated, hits)
+            if "impact" in self._record:
+                impact = _impact(animated, hits, block.indices, self.scene.time)
         return self._run(
             effect,
             body.id,
@@ -225,6 +277,9 @@ class Engine:
             positions=positions,
             velocities=velocities,
             depth_m=depth,
+            surface=surface,
+            surface_normals=normals,
+            impact=impact,
         )
 
     def _run(
@@ -242,6 +297,9 @@ class Engine:
         positions: F32 | None,
         velocities: F32 | None,
         depth_m: F32 | None = None,
+        surface: F32 | None = None,
+        surface_normals: F32 | None = None,
+        impact: Impact | None = None,
     ) -> SampleRun:
         indices = block.indices[rows]
         parameters = MODALITIES[effect.modality].parameters
@@ -262,6 +320,9 @@ class Engine:
             positions=positions if "positions" in self._record else None,
             velocities=velocities if "velocities" in self._record else None,
             depth_m=depth_m,
+            surface=surface,
+            surface_normals=surface_normals,
+            impact=impact,
         )
 
     def _motion(
@@ -296,19 +357,73 @@ class Engine:
 
 
 def _posed_rows(pose: PoseBlock) -> I64:
-    """Rows that were read and hold nothing but numbers."""
-    finite = pose.valid & np.isfinite(pose.to_world).all(axis=(1, 2))
-    for values in (pose.bones, pose.surface):
+    """Rows that were read and hold nothing but numbers that a place can have."""
+    finite = pose.valid.copy()
+    for values in (pose.to_world, pose.bones, pose.surface):
         if values is not None:
-            finite &= np.isfinite(values).reshape(len(values), -1).all(axis=1)
+            # NaN compares as false, too.
+            finite &= (np.abs(values) <= _FARTHEST).reshape(len(values), -1).all(axis=1)
     return np.flatnonzero(finite)
 
 
-def _depths(animated: EffectBlock, rows: I64, offsets: I64, points: F64) -> F32:
-    assert animated.matrices is not None
-    depths = np.zeros(points.shape[1], np.float32)
-    for k, row in enumerate(rows):
-        part = slice(int(offsets[k]), int(offsets[k + 1]))
+def _followed(
+    rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
+) -> tuple[I64, Bool, Bool]:
+    """Rows with those that they follow; which are heard; which follow the row before them.
+
+    A row follows the sample before its own if the effect was on then and the pose is known.
+    """
+    before = rows[rows > 0] - 1
+    levels = animated.levels[before]
+    before = before[
+        (levels > 0.0)
+        & np.isfinite(levels)
+        & (block.indices[before] == block.indices[before + 1] - 1)
+        & np.isin(before, posed)
+    ]
+    together = np.union1d(rows, before)
+    return together, np.isin(together, rows), np.isin(together - 1, before)
+
+
+def _by_row(
+    animated: EffectBlock, hits: contact.Contacts
+) -> Iterator[tuple[slice, Shape, F64, Details]]:
+    """Where each row's contacts are, with the volume's shape and matrix."""
+    assert animated.matrices is not None and hits.details is not None
+    for k, row in enumerate(hits.rows):
+        part = slice(int(hits.offsets[k]), int(hits.offsets[k + 1]))
         which = 0 if animated.shape_index is None else int(animated.shape_index[row])
-        depths[part] = animated.shapes[which].depth_m(points[:, part], animated.matrices[row])
+        yield part, animated.shapes[which], animated.matrices[row], hits.details
+
+
+def _depths(animated: EffectBlock, hits: contact.Contacts) -> F32:
+    depths = np.zeros(len(hits.vertices), np.float32)
+    for part, shape, matrix, details in _by_row(animated, hits):
+        depths[part] = shape.depth_m(details.places[:, part], matrix)
     return depths
+
+
+def _surface(animated: EffectBlock, hits: contact.Contacts) -> tuple[F32, F32]:
+    places = np.zeros((len(hits.vertices), 3), np.float32)
+    normals = np.zeros_like(places)
+    for part, shape, matrix, details in _by_row(animated, hits):
+        place, normal = nearest_surface(shape, details.places[:, part], matrix)
+        places[part], normals[part] = place.T, normal.T
+    return places, normals
+
+
+def _impact(animated: EffectBlock, hits: contact.Contacts, indices: I64, time: TimeBase) -> Impact:
+    count = len(hits.vertices)
+    times, speeds = np.full(count, np.nan), np.full(count, np.nan, np.float32)
+    normals = np.full((count, 3), np.nan, np.float32)
+    rate = float(time.rate_hz)
+    ends = time.times_s(indices[hits.rows])
+    for end, (part, shape, matrix, details) in zip(ends, _by_row(animated, hits), strict=True):
+        began = np.flatnonzero(~np.isnan(details.since[part])) + part.start
+        if len(began):
+            normal = boundary_normals(shape, details.entries[:, began], matrix)
+            way = matrix[:3, :3] @ details.ways[:, began]
+            times[began] = end + (details.since[began] - 1.0) / rate
+            speeds[began] = np.maximum(-np.einsum("in,in->n", way, normal) * rate, 0.0)
+            normals[began] = normal.T
+    return Impact(times, speeds, normals)

@@ -26,6 +26,19 @@ class Stream:
 
 
 @dataclass(frozen=True, eq=False)
+class Impact:
+    """How contacts began; what did not begin since the sample before is NaN."""
+
+    times_s: F64  # (n,)
+    speeds_m_s: F32  # (n,) of skin and volume towards each other, along the normal
+    normals: F32  # (n, 3) of the volume, outwards, world space
+
+    def part(self, chosen: slice) -> Impact:
+        """That of some vertices."""
+        return Impact(self.times_s[chosen], self.speeds_m_s[chosen], self.normals[chosen])
+
+
+@dataclass(frozen=True, eq=False)
 class Sample:
     """One effect on one body at one time."""
 
@@ -38,6 +51,9 @@ class Sample:
     positions: F32 | None = None  # (n, 3) world space, metres
     velocities: F32 | None = None  # (n, 3) world space, m/s
     depth_m: F32 | None = None  # (n,) distance to the volume's boundary
+    surface: F32 | None = None  # (n, 3) nearest place on that boundary, world space, metres
+    surface_normals: F32 | None = None  # (n, 3) outwards there
+    impact: Impact | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +77,9 @@ class SampleRun:
     positions: F32 | None = None  # (total, 3); only where each sample has a set of its own
     velocities: F32 | None = None  # (total, 3)
     depth_m: F32 | None = None  # (total,)
+    surface: F32 | None = None  # (total, 3)
+    surface_normals: F32 | None = None  # (total, 3)
+    impact: Impact | None = None  # (total,)
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -89,4 +108,9 @@ class SampleRun:
                 positions=None if self.positions is None else self.positions[part],
                 velocities=None if self.velocities is None else self.velocities[part],
                 depth_m=None if self.depth_m is None else self.depth_m[part],
+                surface=None if self.surface is None else self.surface[part],
+                surface_normals=(
+                    None if self.surface_normals is None else self.surface_normals[part]
+                ),
+                impact=None if self.impact is None else self.impact.part(part),
             )

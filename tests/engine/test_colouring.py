@@ -99,3 +99,40 @@ def test_spread_weighs_the_nearest_by_inverse_distance() -> None:
     assert spread.shares[0].tolist() == pytest.approx([2 / 3, 1 / 3])
     assert spread.shares[1].tolist() == pytest.approx([1.0, 0.0], abs=1e-5)
     assert spread.shares.sum(axis=1).tolist() == pytest.approx([1.0, 1.0])
+
+
+def test_an_overlay_is_clear_where_nothing_is_felt_and_full_at_full_strength() -> None:
+    shares = colouring.felt_shares(
+        [_sample("pressure", FULL_COLOUR["pressure"])], SPREADS, COUNTS, frozenset()
+    )
+    felt, bare = colouring.overlay(shares)
+    assert felt.tolist() == pytest.approx([*COLOURS["pressure"], 1.0])
+    assert bare.tolist() == [0.0, 0.0, 0.0, 0.0]
+
+
+def test_a_weak_effect_is_more_clear_but_of_the_same_colour() -> None:
+    """A quarter of the strength is half the opacity: the root of it."""
+    quarter = FULL_COLOUR["pressure"] / 4
+    shares = colouring.felt_shares([_sample("pressure", quarter)], SPREADS, COUNTS)
+    assert colouring.overlay(shares)[0].tolist() == pytest.approx([*COLOURS["pressure"], 0.5])
+
+
+def test_effects_that_overlap_combine_their_colours() -> None:
+    samples = [_sample(m, FULL_COLOUR[m]) for m in ("vibration", "pressure")]
+    mixed = colouring.overlay(colouring.felt_shares(samples, SPREADS, COUNTS))[0]
+    assert mixed[0] > 0.8 and mixed[1] > 0.6 and mixed[3] == 1.0
+
+
+@pytest.mark.parametrize("palette", ["WARM_COLD", "COLOUR_BLIND"])
+def test_warm_and_cold_are_told_apart(palette: str) -> None:
+    colours = colouring.PALETTES[palette]
+    for degrees, name in ((30.0, "temperature"), (18.0, colouring.COLD)):
+        shares = colouring.felt_shares([_sample("temperature", degrees)], SPREADS, COUNTS)
+        found = colouring.overlay(shares, colours)[0]
+        assert found.tolist() == pytest.approx([*colours[name], 1.0])
+
+
+def test_every_palette_has_a_colour_of_its_own_for_each_modality() -> None:
+    for name, palette in colouring.PALETTES.items():
+        assert set(palette) == {*MODALITIES, colouring.COLD}
+        assert len({palette[m] for m in MODALITIES}) == len(MODALITIES), name

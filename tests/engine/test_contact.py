@@ -12,14 +12,17 @@ from engine_synthetic import BONES, affine, model, pose, skinned
 from hfx_blender.engine import contact
 from hfx_blender.engine.body.posing import SkinnedModel
 from hfx_blender.engine.counters import Counters
+from hfx_blender.engine.coverage import BodySkin, Skin
 from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding
+from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
 
 TIMES = 6
 BODY, POSE = model(), pose(TIMES)
-BOUND = SkinnedModel(BODY, SkinBinding(BONES))
+SKIN = Skin(BODY, PAPER)
+BOUND = BodySkin(SKIN, lambda body, clusters: SkinnedModel(body, SkinBinding(BONES), clusters))
 WORLD = np.stack([skinned(BODY, POSE, row) for row in range(TIMES)])
 
 
@@ -121,19 +124,19 @@ def test_large_volumes_enclose_whole_clusters(name: str) -> None:
     matrices[:, :3, :3] *= 12.0
     counters, looked = Counters(), Counters()
     short = _dense(_find(matrices, (shape,), Falloff(), counters=counters))
-    full = _dense(_find(matrices, (shape,), Falloff(), counters=looked, with_points=True))
+    full = _dense(_find(matrices, (shape,), Falloff(), counters=looked, with_details=True))
     assert (short == full).all() and short.any()
     assert counters.vertices_posed < 0.8 * looked.vertices_posed
 
 
 def test_points_are_in_shape_space() -> None:
     matrices = _placed(2)
-    found = _find(matrices, (Sphere(),), Falloff(), with_points=True)
+    found = _find(matrices, (Sphere(),), Falloff(), own_sets=True, with_details=True)
     assert found.sets.tolist() == list(range(len(found.rows)))
-    assert found.points.shape == (3, len(found.vertices))
+    assert found.details.places.shape == (3, len(found.vertices))
     for row, j in zip(found.rows, found.sets, strict=True):
         part = slice(found.offsets[j], found.offsets[j + 1])
-        world = matrices[row, :3, :3] @ found.points[:, part] + matrices[row, :3, 3:]
+        world = matrices[row, :3, :3] @ found.details.places[:, part] + matrices[row, :3, 3:]
         assert np.abs(world.T - WORLD[row, found.vertices[part]]).max() < 1e-12
 
 
@@ -166,7 +169,7 @@ def test_times_without_contact_are_left_out() -> None:
     found = _find(matrices, (Sphere(),), Falloff(), counters=counters)
     assert found.rows.tolist() == [1, 2, 4, 5]
     assert counters.volume_tests == TIMES
-    assert counters.clusters_tested == TIMES * len(BOUND.clusters)
+    assert counters.clusters_tested == TIMES * len(SKIN.clusters)
     matrices[:, 2, 3] += 100.0
     away = Counters()
     nothing = _find(matrices, (Sphere(),), Falloff(), counters=away)

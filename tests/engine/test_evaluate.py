@@ -24,6 +24,7 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
+from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.volume.analytic import Sphere
 from hfx_blender.engine.volume.shape import Falloff
 
@@ -98,7 +99,7 @@ def test_a_painted_effect_yields_its_area() -> None:
 def test_a_volume_is_felt_by_every_body_where_it_is() -> None:
     effect, loader = _ball(), _Loader()
     poses = [pose(TIMES, seed=2), pose(TIMES, seed=3)]
-    engine = Engine(_scene(effect, bodies=("anna", "bert")), models=loader)
+    engine = Engine(_scene(effect, bodies=("anna", "bert")), models=loader, tolerance=PAPER)
     runs = engine.evaluate(_block([_animated(effect)], *poses))
     assert [run.stream.body_id for run in runs] == ["anna", "bert"]
     assert loader.asked == ["test-pressure"], "one model, loaded once, for both"
@@ -206,7 +207,7 @@ def test_the_first_of_a_stretch_has_no_velocity() -> None:
 
 def test_depth_in_a_ball() -> None:
     effect = _ball()
-    engine = Engine(_scene(effect), record=("depth",), models=_Loader())
+    engine = Engine(_scene(effect), record=("depth",), models=_Loader(), tolerance=PAPER)
     animated, posed = _animated(effect), pose(TIMES)
     (run,) = engine.evaluate(_block([animated], posed))
     assert run.positions is None and run.velocities is None
@@ -219,8 +220,9 @@ def test_depth_in_a_ball() -> None:
 def test_blocks_may_be_cut_anywhere() -> None:
     effects, posed = [_painted(), _ball()], pose(TIMES)
     animated = [_animated(e) for e in effects]
-    whole = Engine(_scene(*effects), models=_Loader()).evaluate(_block(animated, posed))
-    engine = Engine(_scene(*effects), models=_Loader())
+    engine = Engine(_scene(*effects), models=_Loader(), tolerance=PAPER)
+    whole = engine.evaluate(_block(animated, posed))
+    engine = Engine(_scene(*effects), models=_Loader(), tolerance=PAPER)
     pieces = []
     for part in (slice(0, 2), slice(2, 5)):
         cut = [

@@ -8,11 +8,13 @@ and Mango's hardware configuration file (Schneider et al., UIST 2015).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from ..modality import MODALITIES
+from .device_output import OutputConfig
 from .panning.laws import Law
 
 Statistic = Literal["strongest", "mean"]
@@ -42,6 +44,9 @@ class ActuatorType:
     controls: tuple[Control, ...]
     latency_ms: float
     update_interval_ms: float
+    slew_per_s: float = math.inf  # fastest rise of the strength, live
+    maximum_on_s: float = math.inf  # longest that it is on without a rest, live
+    rest_s: float = 1.0
 
     @property
     def strength(self) -> Control:
@@ -159,6 +164,7 @@ class DeviceConfig:
     height_m: float | None = None
     side: str | None = None  # of the body that it is worn on, if it can change sides
     is_mirrored: bool = False  # places are written for the other side
+    output: OutputConfig | None = None  # how it is driven live; None: not at all
 
     @property
     def modalities(self) -> tuple[str, ...]:

@@ -137,6 +137,17 @@ class Renderer:
         self._values = np.tile(self._neutral, (header.time.sample_count, 1))
         self._next_row = 0
 
+    @property
+    def body_id(self) -> str:
+        """Who wears the device."""
+        return self._body_id
+
+    def restart(self) -> None:
+        """Begin again, as if nothing had been added; what was worked out of models is kept."""
+        self._tallies = {stream: _Tally() for stream in self._tallies}
+        self._values = np.tile(self._neutral, (self._header.time.sample_count, 1))
+        self._next_row = 0
+
     def add(self, runs: Iterable[SampleRun]) -> None:
         """Render one block: all runs of its times; blocks follow each other in time.
 

@@ -69,7 +69,9 @@ def _panned(
     if device.scheme.name == "surface":
         anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
         found = surface_gains(model, anchors, device.scheme.law)
-        vertices, gains = found.vertices, found.gains
+        # The fade beyond the layout must not reach parts on which the device is not worn.
+        own = np.isin(found.vertices, _candidates(actuators, rows, model))
+        vertices, gains = found.vertices[own], found.gains[own]
     else:
         vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
         points = model.vertices[vertices].astype(np.float64)

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +13,9 @@ import numpy.typing as npt
 from ...errors import InputError
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
+from .mesh_topology import closed_surface, merged
 
 F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 Bool = npt.NDArray[np.bool_]
 
@@ -31,7 +30,8 @@ _SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as 
 class MeshVolume:
     """A closed triangle mesh; inside is where its winding number is not zero.
 
-    So a hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
+    Small holes are closed (see :func:`mesh_topology.closed_surface`), and ``note`` tells so.
+    A hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
     a mirrored or inside-out mesh is as good as any. Points nearer to the surface than rounding
     may be taken for either side.
 
@@ -46,7 +46,7 @@ class MeshVolume:
     Raises
     ------
     InputError
-        The mesh is empty, flat, not finite, not closed, or faces both ways.
+        The mesh is empty, flat, not finite, wide open, or faces both ways.
     """
 
     is_convex: ClassVar[bool] = False
@@ -54,6 +54,7 @@ class MeshVolume:
     vertices: F64
     triangles: I32
     name: str
+    note: str = field(init=False, default="")  # what a user should know, or nothing
     _vertices: F64 = field(init=False, repr=False)  # merged
     _triangles: I32 = field(init=False, repr=False)  # of merged vertices, facing one way
 
@@ -73,11 +74,13 @@ class MeshVolume:
             raise InputError(
                 f"'{self.name}' has {broken} vertices whose coordinates are not finite numbers."
             )
-        merged, triangles = _merge(vertices, triangles)
-        if not (len(triangles) and _is_solid(np.ptp(merged, axis=0))):
+        vertices, triangles = merged(vertices, triangles)
+        if not (len(triangles) and _is_solid(np.ptp(vertices, axis=0))):
             raise InputError(f"'{self.name}' is flat, so it has no inside to be felt in.")
-        object.__setattr__(self, "_vertices", merged)
-        object.__setattr__(self, "_triangles", _facing_one_way(triangles, self.name))
+        vertices, triangles, note = closed_surface(vertices, triangles, self.name)
+        object.__setattr__(self, "_vertices", vertices)
+        object.__setattr__(self, "_triangles", triangles)
+        object.__setattr__(self, "note", note)
 
     @cached_property
     def bounds(self) -> F64:
@@ -172,84 +175,3 @@ class MeshVolume:
 
 def _is_solid(extent: F64) -> bool:
     return bool(extent.min() > _FLATTEST * extent.max())
-
-
-def _merge(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
-    """Make coincident vertices one; drop unused vertices and triangles without three corners."""
-    used, corners = np.unique(triangles, return_inverse=True)
-    vertices = vertices[used]
-    order = np.lexsort(vertices.T)
-    new = np.ones(len(vertices), np.bool_)
-    new[1:] = np.any(vertices[order[1:]] != vertices[order[:-1]], axis=1)
-    group = np.zeros(len(vertices), np.int64)
-    group[order] = np.cumsum(new) - 1
-    corners = group[corners.reshape(-1, 3)]
-    a, b, c = corners.T
-    corners = corners[(a != b) & (b != c) & (c != a)]
-    used, corners = np.unique(corners, return_inverse=True)
-    return vertices[order][new][used], corners.reshape(-1, 3).astype(np.int32)
-
-
-def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
-    """The edge of each of the 3 F corners, the triangles' uses of it, and whether it is upwards.
-
-    Corner ``k`` belongs to triangle ``k // 3``.
-    """
-    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    up = starts < ends
-    keys = np.minimum(starts, ends).astype(np.int64) * (triangles.max() + 1) + np.maximum(
-        starts, ends
-    )
-    _, edge, uses = np.unique(keys, return_inverse=True, return_counts=True)
-    return edge.ravel(), uses, up
-
-
-def _facing_one_way(triangles: I32, name: str) -> I32:
-    """Check that a mesh is closed, and turn round the few triangles that face the other way."""
-    edge, uses, up = _edges(triangles)
-    open_edges = int(np.count_nonzero(uses % 2))
-    if open_edges:
-        raise InputError(
-            f"'{name}' is not closed: {open_edges} of its {len(uses)} edges lack a face on one "
-            f"side; fill the holes or merge the vertices there."
-        )
-    if not np.bincount(edge, np.where(up, 1, -1)).any():
-        return triangles
-    turned = _turns(len(triangles), edge, uses, up)
-    triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)
-    edge, _, up = _edges(triangles)
-    if np.bincount(edge, np.where(up, 1, -1)).any():
-        raise InputError(
-            f"'{name}' has faces whose normals cannot be made to agree, so its inside is not "
-            f"defined; recalculate its normals or remove its inner faces."
-        )
-    return triangles
-
-
-def _turns(count: int, edge: I64, uses: I64, up: Bool) -> Bool:
-    """Which triangles to turn so that neighbours agree, the fewest of each connected piece."""
-    corners = np.argsort(edge, kind="stable")
-    corners = corners[uses[edge[corners]] == 2].reshape(-1, 2)
-    disagree = up[corners[:, 0]] == up[corners[:, 1]]
-    neighbours: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
-    for (one, other), differs in zip((corners // 3).tolist(), disagree.tolist(), strict=True):
-        neighbours[one].append((other, differs))
-        neighbours[other].append((one, differs))
-    turned = np.zeros(count, np.bool_)
-    seen = np.zeros(count, np.bool_)
-    for seed in range(count):
-        if seen[seed]:
-            continue
-        seen[seed] = True
-        piece, queue = [seed], deque([seed])
-        while queue:
-            current = queue.popleft()
-            for other, differs in neighbours[current]:
-                if not seen[other]:
-                    seen[other] = True
-                    turned[other] = turned[current] ^ differs
-                    piece.append(other)
-                    queue.append(other)
-        if 2 * np.count_nonzero(turned[piece]) > len(piece):
-            turned[piece] = ~turned[piece]
-    return turned

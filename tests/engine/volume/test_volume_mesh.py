@@ -302,8 +302,50 @@ CUBE = box((0, 0, 0), (1, 1, 1))
 
 
 def test_an_open_mesh_says_how_open_it_is():
-    with pytest.raises(InputError, match=r"^'Vase' is not closed: 3 of its 18 edges lack a face"):
-        MeshVolume(CUBE[0], CUBE[1][:-1], "Vase")
+    with pytest.raises(InputError, match=r"^'Vase' is not closed: 4 of its 8 edges lack a face"):
+        MeshVolume(*bowl(), "Vase")
+
+
+def bowl():
+    """The lower half of an octahedron: its opening is 0.58 of its own area."""
+    vertices = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1.0]])
+    return vertices, np.array([[1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]], np.int32)
+
+
+def test_small_holes_are_closed_and_told(rng):
+    points = rng.uniform(-0.2, 1.2, (3, 4000))
+    inside = np.all((points > 0.0) & (points < 1.0), axis=0)
+    for missing in range(12):
+        volume = MeshVolume(CUBE[0], np.delete(CUBE[1], missing, axis=0), "Vase")
+        assert volume.note == "'Vase' is open at 3 edges: 1 holes were closed for it"
+        np.testing.assert_array_equal(volume.contains(points), inside)
+    lid = np.all(np.isclose(CUBE[0][CUBE[1]][:, :, 2], 1.0), axis=1)
+    without_lid = MeshVolume(CUBE[0], CUBE[1][~lid], "Box")
+    assert np.count_nonzero(lid) == 2 and "4 edges" in without_lid.note
+    np.testing.assert_array_equal(without_lid.contains(points), inside)
+    assert MeshVolume(*CUBE, "Whole").note == ""
+
+
+def test_bent_holes_are_closed_too(rng):
+    """Away from a hole nothing changes; a mesh with hundreds of holes has an inside again."""
+    vertices, triangles = mesh("sphere, 5120", rng)
+    kept = rng.random(len(triangles)) < 0.97
+    volume = MeshVolume(vertices, triangles[kept], "Sieve")
+    assert 50 < int(volume.note.split("edges: ")[1].split()[0]) <= np.count_nonzero(~kept)
+    points = rng.uniform(-1.1, 1.1, (3, 5000))
+    far = np.abs(np.linalg.norm(points, axis=0) - 1.0) > 0.01
+    expected = np.linalg.norm(points, axis=0) < 1.0
+    np.testing.assert_array_equal(volume.contains(points)[far], expected[far])
+
+
+def test_holes_of_a_mesh_with_turned_faces_are_closed(rng):
+    vertices, triangles = mesh("sphere, 5120", rng)
+    triangles = np.where((rng.random(len(triangles)) < 0.3)[:, None], triangles[:, ::-1], triangles)
+    volume = MeshVolume(vertices, triangles[5:], "Turned")
+    points = rng.uniform(-1.1, 1.1, (3, 2000))
+    far = np.abs(np.linalg.norm(points, axis=0) - 1.0) > 0.01
+    expected = np.linalg.norm(points, axis=0) < 1.0
+    np.testing.assert_array_equal(volume.contains(points)[far], expected[far])
 
 
 def test_an_empty_mesh_is_refused():

@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The covered share of each cell of skin, against areas known by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from coverage_synthetic import SIDE_M, ball, evaluated, moved_along, placed, rigid, sheet
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.engine.body.cells import cell_of_skin
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.coverage import Skin, finer_id, sample_distance_m, spacing_m
+from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance
+from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from hfx_blender.engine.volume.shape import Falloff, FalloffKind
+
+MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
+
+
+def _rotation(seed: int) -> np.ndarray:
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return turn * np.sign(np.linalg.det(turn))
+
+
+# Samples
+
+
+def _skin(model_id: str, tolerance: Tolerance) -> Skin:
+    model = load_model(model_id)
+    fine = finer_id(model, tolerance)
+    return Skin(model, tolerance, None if fine is None else load_model(fine))
+
+
+@pytest.mark.parametrize("model_id", MODELS)
+@pytest.mark.parametrize("tolerance", [STANDARD, PREVIEW, PAPER], ids=lambda t: t.name)
+def test_the_shares_of_a_cell_add_up(model_id: str, tolerance: Tolerance) -> None:
+    skin = _skin(model_id, tolerance)
+    assert np.sort(np.concatenate(skin.clusters)).tolist() == list(range(len(skin.model)))
+    for cluster in range(0, len(skin.clusters), 7):
+        patch = skin.patch(cluster)
+        assert patch.cells.tolist() == skin.clusters[cluster].tolist()
+        units = patch.vertex_shares + np.bincount(patch.unit_of, patch.wholes, patch.units)
+        assert np.abs(units - patch.unit_shares).max() < 1e-12
+        cells = np.add.reduceat(patch.unit_shares, patch.cell_starts)
+        assert np.abs(cells - 1.0).max() < 1e-12
+        assert ((patch.areas[0] > 0.0) == (patch.steps[patch.unit_of] > 0)).all()
+        assert (patch.vertex_shares > 0.0).all()
+        if tolerance is not STANDARD:
+            assert not skin.is_split and patch.steps.max() == 0
+
+
+@pytest.mark.parametrize("model_id", MODELS[:2])
+def test_samples_divide_the_skin_as_the_cells_of_the_model_do(model_id: str) -> None:
+    """The models' own areas come from elsewhere: from nearest places on the fine skin."""
+    skin = _skin(model_id, STANDARD)
+    model = skin.model
+    ratios = []
+    for cluster in range(len(skin.clusters)):
+        patch = skin.patch(cluster)
+        corners = model.vertices[patch.vertices].astype(np.float64)
+        one = corners[patch.around[:, 0]] - corners[patch.unit_of]
+        other = corners[patch.around[:, 1]] - corners[patch.unit_of]
+        doubled = np.linalg.norm(np.cross(one, other), axis=1)
+        edge, side, inner, inner_2 = patch.places
+        # A quad from the corner over both edge places: two triangles over the inner place.
+        share = 0.5 * (edge * inner_2 + side * inner)
+        ratios.append(
+            np.bincount(patch.unit_of, share * doubled, patch.units) / model.areas_m2[patch.cells]
+        )
+    found = np.concatenate(ratios)
+    assert np.percentile(found, [1, 99]) == pytest.approx([0.8, 1.25], abs=0.05)
+    assert np.median(found) == pytest.approx(1.0, abs=0.01)
+
+
+def test_samples_are_as_near_as_the_tolerance_asks() -> None:
+    spacing = np.array([0.002, 0.012, 0.15])
+    assert sample_distance_m(PREVIEW, spacing) == pytest.approx(spacing)
+    assert sample_distance_m(STANDARD, spacing) == pytest.approx([0.001, 0.005, 0.005])
+    assert sample_distance_m(EXACT, spacing) == pytest.approx([0.00025, 0.001, 0.001])
+    assert np.isinf(sample_distance_m(PAPER, spacing)).all()
+    skin = _skin("hfx-pressure-1", STANDARD)
+    model = skin.model
+    for cluster in range(0, len(skin.clusters), 9):
+        patch = skin.patch(cluster)
+        numbers = 1 + np.diff(patch.offsets) * patch.steps**2
+        area = model.areas_m2[patch.cells] / numbers
+        wanted = sample_distance_m(STANDARD, spacing_m(model.areas_m2[patch.cells]))
+        assert (np.sqrt(area) < 1.1 * wanted).all()
+
+
+def test_a_temperature_cell_is_sampled_by_its_geodesic_cell_of_the_finer_skin() -> None:
+    skin = _skin("hfx-temperature-1", STANDARD)
+    model = skin.model
+    fine, owner = cell_of_skin(model)
+    assert skin.surface.id == fine
+    for cluster, cells in enumerate(skin.clusters):
+        patch = skin.patch(cluster)
+        units = patch.cells_of(np.arange(patch.units))
+        assert (owner[patch.vertices[: patch.units]] == cells[units]).all()
+
+
+# Coverage
+
+
+@pytest.mark.parametrize("x", [0.0, 0.0017, 0.0101, 0.0249])
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_a_straight_edge_covers_the_area_on_its_side(x: float, turn: float) -> None:
+    """A large cuboid, its face across the sheet: cells beyond it 0, before it 1."""
+    body = sheet()
+    c, s = np.cos(turn), np.sin(turn)
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    matrix = placed(1.0, turned @ [x - 1.0, 0.0, 0.0], turned)
+    weights, _, _ = evaluated(body, Cuboid(), matrix[None], tolerance=EXACT)
+    along = body.vertices[:, :2] @ turned[:2, 0]
+    pitch = SIDE_M / 12
+    assert (weights[0, along < x - pitch] == 1.0).all()
+    assert (weights[0, along > x + pitch] == 0.0).all()
+    assert ((weights[0] > 0.0) & (weights[0] < 1.0)).any() or x == 0.0
+    covered = float(weights[0] @ body.areas_m2)
+    ticks = (np.arange(2000) + 0.5) / 2000 * SIDE_M - SIDE_M / 2
+    grid = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1)
+    expected = SIDE_M**2 * np.mean(grid @ turned[:2, 0] <= x)
+    assert covered == pytest.approx(expected, rel=0.002)
+
+
+def test_coverage_converges_to_the_share_of_the_area() -> None:
+    """Discs anywhere on the sheet, smaller and larger than a cell."""
+    body, rng = sheet(), np.random.default_rng(5)
+    errors = {}
+    for distance in (0.02, 0.01, 0.005, 0.0025):
+        tolerance = Tolerance("x", 0.0, 1.0, distance, 0.0)
+        found = []
+        for radius in (0.011, 0.03, 0.07):
+            matrices = np.stack(
+                [placed(radius, (*rng.uniform(-0.06, 0.06, 2), 0.0)) for _ in range(12)]
+            )
+            levels = np.ones(12)
+            levels[1::2] = 0.0  # so that nothing is followed from one to the next
+            weights, _, _ = evaluated(body, Sphere(), matrices, tolerance=tolerance, levels=levels)
+            found.append(np.abs(weights[::2] @ body.areas_m2 / (np.pi * radius**2) - 1.0).max())
+        errors[distance] = np.array(found)
+    assert (errors[0.0025] < [0.08, 0.02, 0.01]).all()
+    assert (errors[0.0025] < 0.5 * errors[0.02]).all()
+
+
+@pytest.mark.parametrize("model_id", MODELS)
+def test_what_the_vertex_test_feels_is_felt(model_id: str) -> None:
+    body = load_model(model_id)
+    rng = np.random.default_rng(6)
+    at = body.vertices[rng.choice(len(body), 6)].astype(float)
+    for shape, size in ((Sphere(), 0.08), (Cuboid(), (0.2, 0.05, 0.1))):
+        matrices = np.stack([placed(size, place, _rotation(k)) for k, place in enumerate(at)])
+        levels = np.array([1.0, 0.0] * 3)
+        options = {"bones": body.bone_names, "models": load_model, "levels": levels}
+        posed = rigid(6)
+        posed = replace(posed, bones=np.tile(np.eye(4)[:3], (6, len(body.bone_names), 1, 1)))
+        paper, _, _ = evaluated(body, shape, matrices, tolerance=PAPER, posed=posed, **options)
+        cells, _, _ = evaluated(body, shape, matrices, posed=posed, **options)
+        assert set(np.unique(paper).tolist()) == {0.0, 1.0}
+        if model_id != "hfx-temperature-1":  # whose skin is sampled at other vertices
+            assert (cells[paper > 0.0] > 0.0).all()
+        assert np.count_nonzero(cells) > np.count_nonzero(paper) > 0
+        assert abs(cells - paper).max() < 1.0 or model_id == "hfx-temperature-1"
+
+
+def _on_the_forearm(body_id: str) -> tuple[np.ndarray, np.ndarray]:
+    """A place of the forearm's skin, far from every temperature vertex, and its normal."""
+    fine, coarse = load_model("hfx-vibration-1"), load_model("hfx-temperature-1")
+    ids = np.flatnonzero((fine.part == PARTS.index("forearm")) & (fine.side == 1))
+    gaps = np.linalg.norm(fine.vertices[ids, None] - coarse.vertices[None], axis=2).min(axis=1)
+    at = ids[int(gaps.argmax())]
+    assert gaps.max() > 0.05
+    return fine.vertices[at].astype(float), fine.normals[at].astype(float)
+
+
+def _frame(normal: np.ndarray) -> np.ndarray:
+    one = np.cross(normal, [0.3, 0.5, 0.8])
+    one /= np.linalg.norm(one)
+    return np.stack([one, np.cross(normal, one), normal], axis=1)
+
+
+@pytest.mark.parametrize("model_id", MODELS)
+def test_a_hot_coin_on_the_forearm_is_felt(model_id: str) -> None:
+    """12 mm radius, 2 mm thick, lying on the skin; temperature vertices are 150 mm apart."""
+    body = load_model(model_id)
+    place, normal = _on_the_forearm(model_id)
+    matrix = placed((0.012, 0.012, 0.002), place, _frame(normal))
+    posed = replace(rigid(1), bones=np.tile(np.eye(4)[:3], (1, len(body.bone_names), 1, 1)))
+    options = {"bones": body.bone_names, "models": load_model, "posed": posed}
+    weights, _, _ = evaluated(body, Cylinder(), matrix[None], **options)
+    assert float(weights[0] @ body.areas_m2) == pytest.approx(np.pi * 0.012**2, rel=0.35)
+    paper, _, _ = evaluated(body, Cylinder(), matrix[None], tolerance=PAPER, **options)
+    if model_id == "hfx-temperature-1":
+        assert not paper.any()
+
+
+@pytest.mark.parametrize("model_id", MODELS)
+def test_a_ball_that_glides_along_the_skin_covers_an_even_area(model_id: str) -> None:
+    """No jumps as it crosses vertices: it is a ball of 30 mm on a back that is nearly flat."""
+    body, fine = load_model(model_id), load_model("hfx-vibration-1")
+    path = np.linspace((0.06, 0.3, 1.20), (0.10, 0.3, 1.30), 40)
+    near = np.linalg.norm(fine.vertices[None, :, [0, 2]] - path[:, None, [0, 2]], axis=2)
+    near = np.where(fine.normals[:, 1] > 0.5, near, np.inf)
+    # Onto the plane of the nearest vertex, along y.
+    at = near.argmin(axis=1)
+    places, normals = fine.vertices[at].astype(float), fine.normals[at].astype(float)
+    aside = ((path - places)[:, [0, 2]] * normals[:, [0, 2]]).sum(axis=1)
+    path[:, 1] = places[:, 1] - aside / normals[:, 1]
+    matrices = np.stack([placed(0.03, place) for place in path])
+    posed = replace(rigid(40), bones=np.tile(np.eye(4)[:3], (40, len(body.bone_names), 1, 1)))
+    weights, _, _ = evaluated(
+        body, Sphere(), matrices, posed=posed, bones=body.bone_names, models=load_model
+    )
+    covered = weights @ body.areas_m2
+    assert covered == pytest.approx(np.full(40, np.pi * 0.03**2), rel=0.08)
+    assert np.abs(np.diff(covered)).max() < 0.07 * np.pi * 0.03**2
+
+
+def test_a_chord_is_not_taken_for_the_curve() -> None:
+    """A ball of skin in a slightly smaller ball of volume: no sample of it is inside.
+
+    Flat triangles would dip into it in their middles, by up to 0.7 mm.
+    """
+    body = ball(0.1, 2)
+    corners = body.vertices[body.triangles]
+    sagitta = 0.1 - np.linalg.norm(corners.mean(axis=1), axis=1).min()
+    assert sagitta > 0.0006
+    inside, _, _ = evaluated(body, Sphere(), placed(0.1 - 0.05 * sagitta, (0, 0, 0))[None])
+    assert not inside.any()
+    around, _, _ = evaluated(body, Sphere(), placed(0.1 + 0.05 * sagitta, (0, 0, 0))[None])
+    assert (around == 1.0).all()
+
+
+def test_falloff_is_averaged_over_the_cell() -> None:
+    """Linear from the face inwards: in a cell it has the mean of its own places."""
+    body = sheet()
+    matrix = placed((0.2, 0.5, 0.5), (0.0, 0.0, 0.0))
+    falloff = Falloff(FalloffKind.LINEAR)
+    weights, _, _ = evaluated(body, Cuboid(), matrix[None], tolerance=EXACT, falloff=falloff)
+    x = np.abs(body.vertices[:, 0].astype(float))
+    inner = (x > 0.03) & (x < 0.11) & (np.abs(body.vertices[:, 1]) < 0.11)
+    assert weights[0, inner] == pytest.approx(1.0 - x[inner] / 0.2, abs=0.005)
+    ridge = (x < 1e-9) & (np.abs(body.vertices[:, 1]) < 0.14)
+    assert (weights[0, ridge] < 0.99).all(), "the ridge of strength is a line, no area"
+
+
+# Invariance
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10_000), far=st.sampled_from([0.0, 1.0, 1e4]))
+def test_moving_everything_changes_nothing(seed: int, far: float) -> None:
+    rng = np.random.default_rng(seed)
+    body, shape = ball(0.1, 2), (Sphere(), Cuboid(), Cylinder(), Capsule(0.5))[seed % 4]
+    matrices = moved_along(
+        placed(rng.uniform(0.02, 0.1, 3), rng.normal(0.0, 0.06, 3), _rotation(seed)),
+        rng.normal(0.0, 0.03, 3),
+        3,
+    )
+    here, _, _ = evaluated(body, shape, matrices)
+    move = placed(1.0, far * rng.normal(size=3), _rotation(seed + 1))
+    there, _, _ = evaluated(body, shape, move @ matrices, posed=rigid(3, move))
+    different = np.abs(here - there) > 1e-4
+    # A sample that lies on the boundary but for rounding may fall on either side.
+    assert np.count_nonzero(different) <= (2 if far > 1.0 else 1)
+    assert np.abs(here - there).max() < 0.2
+
+
+@pytest.mark.parametrize("model_id", MODELS)
+def test_the_mirrored_volume_covers_the_mirrored_cells(model_id: str) -> None:
+    body, rng = load_model(model_id), np.random.default_rng(8)
+    at = body.vertices[rng.choice(len(body), 4)].astype(float)
+    matrices = np.stack([placed((0.1, 0.06, 0.15), p, _rotation(k)) for k, p in enumerate(at)])
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    posed = replace(rigid(4), bones=np.tile(np.eye(4)[:3], (4, len(body.bone_names), 1, 1)))
+    options = {
+        "posed": posed,
+        "bones": body.bone_names,
+        "models": load_model,
+        "levels": np.array([1.0, 0.0, 1.0, 0.0]),
+    }
+    one, _, _ = evaluated(body, Cuboid(), matrices, **options)
+    other, _, _ = evaluated(body, Cuboid(), mirror @ matrices, **options)
+    assert np.count_nonzero(one) > 8
+    # Skin on the middle line itself belongs to a temperature cell of one side.
+    assert np.abs(one - other[:, body.mirror]).max() < (5e-3 if "temperature" in model_id else 1e-4)
+
+
+def test_a_mirrored_body_bulges_outwards_too() -> None:
+    body = ball(0.1, 2)
+    mirror = rigid(1, np.diag([-1.0, 1.0, 1.0, 1.0]))
+    radius = 0.1 - 0.00005
+    inside, _, _ = evaluated(body, Sphere(), placed(radius, (0, 0, 0))[None], posed=mirror)
+    assert not inside.any()
+
+
+# Only what is needed
+
+
+def test_only_units_near_the_boundary_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    from hfx_blender.engine import narrow
+
+    looked = []
+    real = narrow.sampled
+
+    def sampled(*arguments):
+        for samples in real(*arguments):
+            looked.append(len(samples.rows))
+            yield samples
+
+    monkeypatch.setattr(narrow, "sampled", sampled)
+    body = sheet(60)
+    weights, _, _ = evaluated(body, Sphere(), placed(0.1, (0.0, 0.0, 0.0))[None])
+    # The circle's circumference crosses about 2 pi 0.1 / 0.005 cells.
+    partly = np.count_nonzero((weights > 0.0) & (weights < 1.0))
+    assert 60 < partly < 350
+    assert sum(looked) < 6 * 3 * partly
+
+
+def test_what_is_not_reached_costs_nothing() -> None:
+    body = sheet()
+    _, runs, engine = evaluated(body, Sphere(), placed(0.1, (0.0, 0.0, 0.2))[None])
+    assert runs == [] and engine.counters.vertices_posed == 0
