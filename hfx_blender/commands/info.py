@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info``: what is in a .blend, a track, a body model, a device configuration."""
+"""``hfx info``: what is in a .blend, a track, a model, a device, a file of any format."""
 
 from __future__ import annotations
 
@@ -25,9 +25,12 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Tell it, as text or as JSON."""
     tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
+    if path.is_file() and _is_of_a_format(path):
+        tellers[path.suffix] = _of_a_format
     if path.suffix not in tellers:
         raise InputError(
-            f"{path}: '{path.suffix}' is not one of ours; known are {', '.join(tellers)}."
+            f"{path}: '{path.suffix}' is not one of ours; known are {', '.join(tellers)} and the "
+            "formats of hfx export."
         )
     if not path.is_file():
         raise InputError(f"{path}: there is no such file.")
@@ -35,6 +38,18 @@ def run(options: argparse.Namespace, console: Console) -> int:
     console.say(_as_text(facts))
     console.result(facts)
     return 0
+
+
+def _is_of_a_format(path: Path) -> bool:
+    from ..formats.facts import is_known
+
+    return is_known(path)
+
+
+def _of_a_format(path: Path) -> dict[str, Any]:
+    from ..formats.facts import facts_of
+
+    return facts_of(path)
 
 
 def _blend(path: Path) -> dict[str, Any]:

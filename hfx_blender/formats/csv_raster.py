@@ -3,15 +3,23 @@
 
 from __future__ import annotations
 
+import io
+import re
+from fractions import Fraction
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from ..atomic_files import atomic_file
-from ..engine.rendering.raster import Raster
+from ..engine.rendering.raster import Column, Raster
+from ..errors import InputError
+from .checking import MAX_BYTES, Finding, Report, read_bytes
 
 SUFFIX = ".csv"
 _BLOCK_ROWS = 4096
+_COLUMN: Final = re.compile(r"([^\n,]{1,400})\.([a-z0-9_]{1,60}) \[([^\n,\]]{1,20})\]")
+_MAX_COLUMNS: Final = 100_000
 
 
 def header_line(raster: Raster) -> str:
@@ -38,3 +46,71 @@ def write(raster: Raster, path: Path) -> None:
             part = slice(first, first + _BLOCK_ROWS)
             rows = np.column_stack([raster.times_s[part], raster.values[part] + 0.0])
             file.write((row_format * len(rows) % tuple(rows.ravel().tolist())).encode())
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file."""
+    report = Report("CSV")
+    try:
+        decode(content, name)
+    except InputError as error:
+        report.error("CONTENT", None, str(error).removeprefix(f"{name}: ").rstrip("."))
+    return report.findings
+
+
+def read(path: Path) -> Raster:
+    """The raster of a table, for conversion: it knows neither device, body nor neutral values.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or is no such table.
+    """
+    return decode(read_bytes(path, 4 * MAX_BYTES), str(path))
+
+
+def decode(content: bytes, name: str) -> Raster:
+    """:func:`read` from bytes. Neutral is the first row; the rate is that of the times."""
+    first, _, rest = content.partition(b"\n")
+    try:
+        names = first.decode("utf-8-sig").rstrip("\r").split(",")
+        text = rest.decode("ascii")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: is not text ({error.reason}).") from None
+    found = [_COLUMN.fullmatch(each) for each in names[1:_MAX_COLUMNS]]
+    if names[0] != "time_s" or not all(found) or len(names) > _MAX_COLUMNS:
+        raise InputError(
+            f"{name}: line 1 is not 'time_s,actuator.parameter [unit],...', which rasters have."
+        )
+    columns = tuple(Column(each[1], each[2], each[3]) for each in found if each)
+    if not text.strip():
+        raise InputError(f"{name}: has no rows.")
+    try:
+        table = np.loadtxt(io.StringIO(text), np.float64, delimiter=",", ndmin=2, comments=None)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{name}: not a table of numbers ({error}).") from None
+    if table.size == 0 or table.shape[1] != len(names):
+        raise InputError(f"{name}: expected {len(names)} numbers in each line.")
+    if not np.isfinite(table).all():
+        raise InputError(f"{name}: has numbers that are not finite.")
+    times = table[:, 0]
+    gaps = np.diff(times)
+    if (gaps <= 0.0).any():
+        raise InputError(f"{name}: its times do not ascend.")
+    rate = Fraction(100)
+    if len(gaps):
+        rate = Fraction((len(times) - 1) / float(times[-1] - times[0])).limit_denominator(1001)
+    if not 0 < rate <= 10**6 or np.abs(gaps * float(rate) - 1.0).max(initial=0.0) > 0.01:
+        raise InputError(f"{name}: its times are not evenly spaced.")
+    return Raster(
+        device_id="",
+        body_id="",
+        actuators=tuple(dict.fromkeys(each.actuator for each in columns)),
+        columns=columns,
+        times_s=times,
+        rate_hz=rate,
+        values=table[:, 1:],
+        neutral=table[0, 1:].copy(),
+        shortfalls=(),
+        felt=(),
+    )

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx convert``: one file's content in another format, where that means something."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..console import Console
+from ..errors import InputError
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser(
+        "convert",
+        help="convert between formats",
+        description=(
+            "Convert a track or a raster (npz, csv) to what a device plays or to hjif, a track to "
+            "jsonl, and vibration between AHAP, .haptic, .he, .tact, OpenXR and HJIF. What the "
+            "other format cannot hold is told."
+        ),
+    )
+    parser.add_argument("source", type=Path, metavar="A")
+    parser.add_argument(
+        "target", type=Path, metavar="B", help="its suffix names the format; see --to"
+    )
+    parser.add_argument("--to", metavar="FORMAT", help="the format, where the suffix does not tell")
+    parser.add_argument("--device", metavar="NAME", help="device that plays it, by name or file")
+    parser.add_argument("--body", metavar="NAME", help="who wears it, if a track has several")
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=1.0,
+        metavar="%",
+        help="largest error of simplified curves, per cent of full scale (default: 1)",
+    )
+    parser.add_argument(
+        "--strict", action="store_true", help="something that is left out is an error: exit code 3"
+    )
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Convert, and tell what was left out."""
+    from ..errors import UsageError
+    from ..formats.conversion import convert
+    from ..formats.curves import CurveTolerance
+
+    if not 0.0 < options.tolerance <= 50.0:
+        raise UsageError(f"--tolerance {options.tolerance:g}: expected more than 0, up to 50")
+    written = convert(
+        options.source,
+        options.target,
+        to=options.to,
+        device=options.device,
+        body=options.body,
+        tolerance=CurveTolerance(options.tolerance / 100.0),
+        strict=options.strict,
+    )
+    for path in written.files:
+        console.say(f"{path}  {path.stat().st_size} bytes")
+    for note in written.notes:
+        console.say(f"note: {note}")
+    for each in written.left_out:
+        console.warn(f"hfx: left out: {each}")
+    console.result(
+        {
+            "files": [str(path) for path in written.files],
+            "left_out": list(written.left_out),
+            "notes": list(written.notes),
+        }
+    )
+    if not written.files:
+        raise InputError(f"{options.source}: holds nothing that {options.target.name} could hold.")
+    return 0

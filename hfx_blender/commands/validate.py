@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx validate``: whether files keep the rules of their formats."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..console import Console
+from ..errors import InputError
+
+SOME_FAILED = 5
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser(
+        "validate",
+        help="check files of any format",
+        description=(
+            "Check files strictly against the rules of their formats. Each finding has a code "
+            "that stays the same, a place and a message. Ends with 3 if a file has errors."
+        ),
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument("--strict", action="store_true", help="warnings are errors")
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Check each file; tell every finding."""
+    results = [_check(path, options.strict, console) for path in options.files]
+    console.result(results if len(results) > 1 else results[0])
+    failed = sum(not each["is_valid"] for each in results)
+    if not failed:
+        return 0
+    return SOME_FAILED if 0 < failed < len(results) else InputError.exit_code
+
+
+def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
+    from ..formats.files import validate
+
+    try:
+        found, findings = validate(path)
+    except InputError as error:
+        console.warn(f"hfx: {error}")
+        return {"file": str(path), "format": None, "is_valid": False, "error": str(error)}
+    for each in findings:
+        console.say(f"{path}: {each}")
+    is_valid = not any(strict or each.severity == "error" for each in findings)
+    verdict = "valid" if is_valid else "not valid"
+    count = len(findings)
+    console.say(f"{path}: {found.title}, {verdict}" + (f", {count} findings" if count else ""))
+    return {
+        "file": str(path),
+        "format": found.name,
+        "is_valid": is_valid,
+        "findings": [vars(each) for each in findings],
+    }

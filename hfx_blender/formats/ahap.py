@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Apple AHAP: one haptic pattern, for the actuator of a phone.
+
+Source: developer.apple.com, "Representing haptic patterns in AHAP files". Intensity is the
+share of full scale, sharpness 0 to 1 the device's own range of frequencies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from .ahap_rules import (
+    INTENSITY,
+    INTENSITY_CONTROL,
+    MAX_CURVE_POINTS,
+    MAX_EVENT_S,
+    SHARPNESS,
+    SHARPNESS_CONTROL,
+    findings,
+)
+from .checking import clean, parse, read_bytes, refuse_errors
+from .curves import Curve
+from .signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
+from .written import Written, beside, silent_note, write_json
+
+SUFFIX: Final = ".ahap"
+DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0)
+"""What sharpness 0 and 1 are on a phone, about, for files that do not say it."""
+
+_RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
+_TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there
+
+
+def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
+    """Write one pattern for each signal that sounds: ``stem.<name>.ahap``.
+
+    Curves change the whole pattern, ticks included, so ticks of a signal that also has an
+    envelope are a second pattern, ``stem.<name>.transients.ahap``, to be played with it.
+    """
+    files: list[Path] = []
+    for each in signals:
+        documents = [("", document(each, frequencies)), (".transients", ticks(each, frequencies))]
+        for kind, content in documents:
+            if content["Pattern"]:
+                path = beside(stem, each.name)
+                files.append(path.with_name(path.name + kind + SUFFIX))
+                write_json(content, files[-1])
+    return Written(
+        tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
+    )
+
+
+def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
+    """The envelope of a signal as a pattern; empty without one."""
+    pattern: list[dict[str, Any]] = []
+    sharpness = frequencies.share(signal.frequency_hz.values)
+    constant = float(sharpness[0]) if np.ptp(sharpness) == 0.0 else None
+    times = signal.amplitude.times_s
+    for first, last in bursts(signal.amplitude):
+        start, end = float(times[first]), float(times[last])
+        count = max(1, int(np.ceil((end - start) / MAX_EVENT_S)))
+        cuts = np.linspace(start, end, count + 1)
+        for begin, stop in pairwise(cuts.tolist()):
+            pattern.append(
+                {
+                    "Event": {
+                        "Time": _rounded(begin),
+                        "EventType": "HapticContinuous",
+                        "EventDuration": _rounded(stop - begin),
+                        "EventParameters": [
+                            _parameter(INTENSITY, 1.0),
+                            _parameter(SHARPNESS, constant or 0.0),
+                        ],
+                    }
+                }
+            )
+    if pattern:
+        pattern += _curve(INTENSITY_CONTROL, signal.amplitude)
+        if constant is None:
+            pattern += _curve(SHARPNESS_CONTROL, Curve(signal.frequency_hz.times_s, sharpness))
+    return _document(signal, frequencies, pattern)
+
+
+def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
+    """The ticks of a signal as a pattern."""
+    pattern = [
+        {
+            "Event": {
+                "Time": _rounded(each.time_s),
+                "EventType": "HapticTransient",
+                "EventParameters": [
+                    _parameter(INTENSITY, each.amplitude),
+                    _parameter(SHARPNESS, float(frequencies.share(each.frequency_hz))),
+                ],
+            }
+        }
+        for each in signal.transients
+    ]
+    return _document(signal, frequencies, pattern)
+
+
+def _document(
+    signal: Signal, frequencies: FrequencyRange, pattern: list[dict[str, Any]]
+) -> dict[str, Any]:
+    return {
+        "Version": 1.0,
+        "Metadata": {
+            "Project": "HFX",
+            "Description": clean(signal.name),
+            _RANGE_KEY: [frequencies.lowest_hz, frequencies.highest_hz],
+        },
+        "Pattern": pattern,
+    }
+
+
+def _parameter(name: str, value: float) -> dict[str, Any]:
+    return {"ParameterID": name, "ParameterValue": round(value, 6)}
+
+
+def _rounded(seconds: float) -> float:
+    return round(float(seconds), 7)
+
+
+def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
+    """A curve in chunks; each begins with the last point of the one before."""
+    points = list(zip(curve.times_s.tolist(), curve.values.tolist(), strict=True))
+    for first in range(0, max(len(points) - 1, 1), MAX_CURVE_POINTS - 1):
+        chunk = points[first : first + MAX_CURVE_POINTS]
+        start = _rounded(chunk[0][0])
+        yield {
+            "ParameterCurve": {
+                "ParameterID": name,
+                "Time": start,
+                "ParameterCurveControlPoints": [
+                    {"Time": _rounded(time - start), "ParameterValue": round(value, 6)}
+                    for time, value in chunk
+                ],
+            }
+        }
+
+
+def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
+    """The signal of a pattern; audio events are left out.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    return decode(read_bytes(path), str(path))
+
+
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
+    """:func:`read` from bytes."""
+    found = parse(content, name)
+    # What Apple's reader takes, ours takes too; only its own writer must keep the limits.
+    lenient = {"AHAP-DURATION", "AHAP-CURVE-POINTS", "AHAP-ENTRY"}
+    refuse_errors([each for each in findings(found) if each.code not in lenient], name)
+    metadata = found.get("Metadata")
+    frequencies = _range_of(metadata)
+    entries = found["Pattern"]
+    intensity = _control(entries, INTENSITY_CONTROL, 1.0, (0.0, 1.0))
+    sharpness = _control(entries, SHARPNESS_CONTROL, 0.0, (-1.0, 1.0))
+    pieces, transients = [], []
+    for entry in entries:
+        event = entry.get("Event", {})
+        kind, start = event.get("EventType"), float(event.get("Time", 0.0))
+        values = {p["ParameterID"]: p["ParameterValue"] for p in event.get("EventParameters", [])}
+        level = min(max(float(values.get(INTENSITY, 1.0)), 0.0), 1.0)
+        pitch = min(max(float(values.get(SHARPNESS, 0.5)), 0.0), 1.0)
+        if kind == "HapticTransient":
+            amplitude = level * float(intensity.at(start))
+            hertz = float(frequencies.hertz(pitch + float(sharpness.at(start))))
+            transients.append(Transient(start, amplitude, hertz))
+        elif kind == "HapticContinuous":
+            end = start + float(event["EventDuration"])
+            pieces.append(
+                Piece(
+                    start,
+                    end,
+                    Curve(intensity.times_s, level * intensity.values),
+                    Curve(sharpness.times_s, frequencies.hertz(pitch + sharpness.values)),
+                )
+            )
+    title = metadata.get("Description") if isinstance(metadata, dict) else None
+    label = title if isinstance(title, str) and title else Path(name).stem
+    end = max((each.time_s + _TRANSIENT_S for each in transients), default=0.0)
+    return [mixed(label, pieces, transients, end)], frequencies
+
+
+def _range_of(metadata: Any) -> FrequencyRange:
+    found = metadata.get(_RANGE_KEY) if isinstance(metadata, dict) else None
+    if isinstance(found, list) and len(found) == 2:
+        low, high = found
+        if all(isinstance(each, int | float) for each in found) and 0 <= low <= high <= 10_000:
+            return FrequencyRange(float(low), float(high))
+    return DEFAULT_RANGE
+
+
+def _control(
+    entries: list[dict[str, Any]], name: str, neutral: float, bounds: tuple[float, float]
+) -> Curve:
+    """All curves and single values of one control, one after the other."""
+    points: list[tuple[float, float]] = [(0.0, neutral)]
+    changes: list[tuple[float, list[tuple[float, float]]]] = []
+    for entry in entries:
+        single, curve = entry.get("Parameter"), entry.get("ParameterCurve")
+        if single is not None and single["ParameterID"] == name:
+            changes.append((single["Time"], [(single["Time"], single["ParameterValue"])]))
+        if curve is not None and curve["ParameterID"] == name:
+            start = curve["Time"]
+            control_points = [
+                (start + point["Time"], point["ParameterValue"])
+                for point in curve["ParameterCurveControlPoints"]
+            ]
+            changes.append((start, control_points))
+    for start, control_points in sorted(changes, key=lambda change: change[0]):
+        # A later curve takes over; times are rounded to 0.1 us.
+        while len(points) > 1 and points[-1][0] > start + 1e-6:
+            points.pop()
+        points.append((max(start, points[-1][0]), points[-1][1]))  # held until then
+        points += [(max(time, start), value) for time, value in control_points]
+    times, values = np.array(points, np.float64).T
+    return Curve(np.maximum.accumulate(times), np.clip(values, *bounds))

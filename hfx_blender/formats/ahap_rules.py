@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What an Apple AHAP file may hold."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, Final
+
+from .checking import Anything, Finding, Items, Number, Record, Report, Text, check, parse
+
+MAX_EVENT_S: Final = 30.0
+MAX_CURVE_POINTS: Final = 16
+INTENSITY, SHARPNESS = "HapticIntensity", "HapticSharpness"
+INTENSITY_CONTROL, SHARPNESS_CONTROL = "HapticIntensityControl", "HapticSharpnessControl"
+
+_TIME = Number(0.0, 1e6)
+_EVENT_PARAMETERS = (
+    INTENSITY,
+    SHARPNESS,
+    "AttackTime",
+    "DecayTime",
+    "ReleaseTime",
+    "Sustained",
+    "AudioVolume",
+    "AudioPitch",
+    "AudioPan",
+    "AudioBrightness",
+)
+_CONTROLS = tuple(
+    f"{kind}{name}Control"
+    for kind, names in (
+        ("Haptic", ("Intensity", "Sharpness", "AttackTime", "DecayTime", "ReleaseTime")),
+        (
+            "Audio",
+            ("Volume", "Pitch", "Pan", "Brightness", "AttackTime", "DecayTime", "ReleaseTime"),
+        ),
+    )
+    for name in names
+)
+_EVENT = Record(
+    {
+        "Time": _TIME,
+        "EventType": Text(
+            ("HapticTransient", "HapticContinuous", "AudioContinuous", "AudioCustom")
+        ),
+    },
+    {
+        "EventDuration": Number(0.0, 1e6),
+        "EventWaveformPath": Text(),
+        "EventWaveformUseVolumeEnvelope": Anything(),
+        "EventParameters": Items(
+            Record({"ParameterID": Text(_EVENT_PARAMETERS), "ParameterValue": Number()})
+        ),
+    },
+)
+_PARAMETER = Record({"ParameterID": Text(_CONTROLS), "Time": _TIME, "ParameterValue": Number()})
+_PARAMETER_CURVE = Record(
+    {
+        "ParameterID": Text(_CONTROLS),
+        "Time": _TIME,
+        "ParameterCurveControlPoints": Items(
+            Record({"Time": _TIME, "ParameterValue": Number()}), least=1
+        ),
+    }
+)
+_DOCUMENT = Record(
+    {
+        "Pattern": Items(
+            Record(
+                {}, {"Event": _EVENT, "Parameter": _PARAMETER, "ParameterCurve": _PARAMETER_CURVE}
+            )
+        )
+    },
+    {"Version": Number(0.0, 1e3), "Metadata": Anything()},
+)
+_RANGES: Final = {
+    INTENSITY: (0.0, 1.0),
+    SHARPNESS: (0.0, 1.0),
+    INTENSITY_CONTROL: (0.0, 1.0),
+    SHARPNESS_CONTROL: (-1.0, 1.0),
+}
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file.
+
+    Raises
+    ------
+    InputError
+        It is no JSON document.
+    """
+    return findings(parse(content, name))
+
+
+def findings(found: Any) -> list[Finding]:
+    """Faults of a parsed document."""
+    report = Report("AHAP")
+    check(_DOCUMENT, found, report)
+    if report.has_errors:
+        return report.findings
+    for k, entry in enumerate(found["Pattern"]):
+        place = ((None, "Pattern"), k)
+        if len(entry) != 1:
+            report.error("ENTRY", place, "expected one of Event, Parameter, ParameterCurve")
+        event = entry.get("Event", {})
+        if "Continuous" in event.get("EventType", ""):
+            duration = event.get("EventDuration")
+            if duration is None:
+                report.error("DURATION-MISSING", (place, "Event"), "it has no EventDuration")
+            elif duration > MAX_EVENT_S:
+                message = f"lasts {duration:g} s, the most is {MAX_EVENT_S:g} s"
+                report.error("DURATION", (place, "Event"), message)
+        for each in event.get("EventParameters", []):
+            _check_range(each, report, (place, "Event"))
+        if "Parameter" in entry:
+            _check_range(entry["Parameter"], report, (place, "Parameter"))
+        curve = entry.get("ParameterCurve", {})
+        points = curve.get("ParameterCurveControlPoints", [])
+        here = (place, "ParameterCurve")
+        if len(points) > MAX_CURVE_POINTS:
+            message = f"{len(points)} control points, the most is {MAX_CURVE_POINTS}"
+            report.error("CURVE-POINTS", here, message)
+        times = [point["Time"] for point in points]
+        if any(b < a for a, b in pairwise(times)):
+            report.error("CURVE-ORDER", here, "the times of its control points descend")
+        for point in points:
+            _check_range({"ParameterID": curve["ParameterID"], **point}, report, here)
+    return report.findings
+
+
+def _check_range(parameter: dict[str, Any], report: Report, place: Any) -> None:
+    name, value = parameter["ParameterID"], parameter["ParameterValue"]
+    low, high = _RANGES.get(name, (-1e9, 1e9))
+    if not low <= value <= high:
+        message = f"{name} is {value:g}, allowed is {low:g} to {high:g}"
+        report.warn("RANGE", place, message)

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Checking JSON documents from strangers: what is wrong, where, with codes that stay.
+
+A document is checked against a shape (records, lists, numbers, texts). Every fault is a
+:class:`Finding`; its code is the format's name and a word that scripts can rely on.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from ..errors import InputError
+
+MAX_BYTES: Final = 64 << 20
+MAX_FINDINGS: Final = 1000
+_HALF_PAIR: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_SHOWN = 60  # characters of a value that a message repeats
+
+Severity = Literal["error", "warning"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault of a file."""
+
+    code: str
+    place: str
+    message: str
+    severity: Severity = "error"
+
+    def __str__(self) -> str:
+        return f"{self.severity} {self.code} {self.place or 'the document'}: {self.message}"
+
+
+Place = tuple[Any, ...] | None
+"""Where something is: (place of its parent, key or index); None: the document."""
+
+
+def shown_place(place: Place) -> str:
+    """``perceptions[0].channels[3].id``."""
+    keys: list[str | int] = []
+    while place is not None:
+        place, key = place
+        keys.append(key)
+    text = ""
+    for each in reversed(keys):
+        text += f"[{each}]" if isinstance(each, int) else f".{each[:_SHOWN]}" if text else each
+    return text
+
+
+@dataclass
+class Report:
+    """Findings about one file, ``MAX_FINDINGS`` at most."""
+
+    prefix: str
+    findings: list[Finding] = field(default_factory=list)
+    has_errors: bool = False
+
+    def error(self, code: str, place: Place, message: str) -> None:
+        """Something is wrong."""
+        self._add(code, place, message, "error")
+        self.has_errors = True
+
+    def warn(self, code: str, place: Place, message: str) -> None:
+        """Something is unusual; readers cope with it."""
+        self._add(code, place, message, "warning")
+
+    def _add(self, code: str, place: Place, message: str, severity: Severity) -> None:
+        if len(self.findings) < MAX_FINDINGS:
+            full_code = f"{self.prefix}-{code}"
+            self.findings.append(Finding(full_code, shown_place(place), message, severity))
+
+
+@dataclass(frozen=True)
+class Number:
+    """A finite number in a range."""
+
+    lowest: float = -math.inf
+    highest: float = math.inf
+    is_whole: bool = False
+    is_clamped: bool = False  # readers of this format clamp: out of range is a warning
+    may_be_text: bool = False
+
+
+@dataclass(frozen=True)
+class Text:
+    """A string: any, one of some, or one that a pattern matches as a whole."""
+
+    choices: tuple[str, ...] = ()
+    pattern: str = ""
+    code: str = "CHOICE"
+
+
+@dataclass(frozen=True)
+class Flag:
+    """true or false."""
+
+
+@dataclass(frozen=True)
+class Anything:
+    """Whatever it is."""
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list."""
+
+    item: Shape
+    least: int = 0
+    most: int | None = None
+
+
+@dataclass(frozen=True)
+class Record:
+    """An object with known keys."""
+
+    required: Mapping[str, Shape] = field(default_factory=dict)
+    optional: Mapping[str, Shape] = field(default_factory=dict)
+    unknown: Literal["error", "warning", "ignore"] = "warning"
+
+
+@dataclass(frozen=True)
+class Table:
+    """An object with free keys."""
+
+    item: Shape
+
+
+Shape = Number | Text | Flag | Anything | Items | Record | Table
+
+
+def check(shape: Shape, value: Any, report: Report, place: Place = None) -> None:
+    """Hold a value against a shape; every fault is reported."""
+    if isinstance(shape, Record):
+        _check_record(shape, value, report, place)
+    elif isinstance(shape, Items):
+        if not isinstance(value, list):
+            report.error("TYPE", place, f"expected a list, found {shown(value)}")
+            return
+        if len(value) < shape.least or (shape.most is not None and len(value) > shape.most):
+            most = "or more" if shape.most is None else f"to {shape.most}"
+            report.error("COUNT", place, f"{len(value)} items, allowed are {shape.least} {most}")
+        for k, item in enumerate(value):
+            check(shape.item, item, report, (place, k))
+    elif isinstance(shape, Table):
+        if not isinstance(value, dict):
+            report.error("TYPE", place, f"expected an object, found {shown(value)}")
+            return
+        for key, item in value.items():
+            check(shape.item, item, report, (place, key))
+    elif isinstance(shape, Number):
+        _check_number(shape, value, report, place)
+    elif isinstance(shape, Text):
+        _check_text(shape, value, report, place)
+    elif isinstance(shape, Flag) and not isinstance(value, bool):
+        report.error("TYPE", place, f"expected true or false, found {shown(value)}")
+
+
+def _check_record(shape: Record, value: Any, report: Report, place: Place) -> None:
+    if not isinstance(value, dict):
+        report.error("TYPE", place, f"expected an object, found {shown(value)}")
+        return
+    for key, member in shape.required.items():
+        if key in value:
+            check(member, value[key], report, (place, key))
+        else:
+            report.error("MISSING", place, f"'{key}' is missing")
+    for key, item in value.items():
+        if key in shape.optional:
+            check(shape.optional[key], item, report, (place, key))
+        elif key not in shape.required and shape.unknown != "ignore":
+            message = f"'{key[:_SHOWN]}' is unknown"
+            if shape.unknown == "error":
+                report.error("UNKNOWN", place, message)
+            else:
+                report.warn("UNKNOWN", place, message)
+
+
+def _check_number(shape: Number, value: Any, report: Report, place: Place) -> None:
+    if shape.may_be_text and isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            report.error("TYPE", place, f"expected a number, found {shown(value)}")
+            return
+    # bool is an int in Python, and a true amplitude would be full power.
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or (shape.is_whole and not isinstance(value, int)):
+        kind = "a whole number" if shape.is_whole else "a number"
+        report.error("TYPE", place, f"expected {kind}, found {shown(value)}")
+    elif not shape.lowest <= value <= shape.highest:
+        message = f"{shown(value)} is out of range, allowed is {_range(shape)}"
+        if shape.is_clamped and math.isfinite(value):
+            report.warn("RANGE", place, message)
+        else:
+            report.error("RANGE", place, message)
+
+
+def _range(shape: Number) -> str:
+    if shape.highest == math.inf:
+        return f"{shape.lowest:g} or more"
+    return f"{shape.lowest:.10g} to {shape.highest:.10g}"
+
+
+def _check_text(shape: Text, value: Any, report: Report, place: Place) -> None:
+    if not isinstance(value, str):
+        report.error("TYPE", place, f"expected text, found {shown(value)}")
+    elif shape.choices and value not in shape.choices:
+        allowed = ", ".join(shape.choices)
+        report.error(shape.code, place, f"{shown(value)} is none of {allowed}")
+    elif shape.pattern and not re.fullmatch(shape.pattern, value):
+        report.error(shape.code, place, f"{shown(value)} is not of the form {shape.pattern}")
+
+
+def shown(value: Any) -> str:
+    """A value as a message repeats it."""
+    if isinstance(value, dict | list):
+        return "an object" if isinstance(value, dict) else f"a list of {len(value)}"
+    text = json.dumps(value)
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
+
+
+def parse(content: bytes, name: str) -> Any:
+    """A JSON document; numbers are finite, keys are there once.
+
+    Raises
+    ------
+    InputError
+        It is too large, not UTF-8, not JSON, too deep, or has one of the faults above.
+    """
+    if len(content) > MAX_BYTES:
+        raise InputError(f"{name}: is larger than {MAX_BYTES >> 20} MiB, the most that is read.")
+    try:
+        text = content.decode("utf-8-sig")
+        value = json.loads(
+            text,
+            object_pairs_hook=_object,
+            parse_float=_finite,
+            parse_int=_whole,
+            parse_constant=_finite,
+        )
+        if _HALF_PAIR.search(text):
+            encoded(value)
+        return value
+    except UnicodeEncodeError:
+        raise InputError(f"{name}: has half of a surrogate pair, which is no character.") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: byte {error.start} is not UTF-8.") from None
+    except RecursionError:
+        raise InputError(f"{name}: is nested too deeply.") from None
+    except ValueError as error:
+        raise InputError(f"{name}: is not valid JSON ({error}).") from None
+
+
+def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
+    """A file's content, if it is not larger than allowed.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or is larger.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = file.read(most + 1)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(f"{path}: cannot be read ({error}).") from error
+    if len(content) > most:
+        raise InputError(f"{path}: is larger than {most >> 20} MiB, the most that is read.")
+    return content
+
+
+def refuse_errors(findings: list[Finding], name: str) -> None:
+    """Raise the first error among findings.
+
+    Raises
+    ------
+    InputError
+        There is one; how many more there are is told.
+    """
+    errors = [each for each in findings if each.severity == "error"]
+    if errors:
+        more = f" (and {len(errors) - 1} more faults)" if len(errors) > 1 else ""
+        first = errors[0]
+        where = f"{first.place}: " if first.place else ""
+        raise InputError(f"{name}: {where}{first.message} [{first.code}]{more}.")
+
+
+def encoded(document: Any) -> bytes:
+    """A document as JSON, the same bytes for the same content."""
+    return (json.dumps(document, ensure_ascii=False, separators=(",", ":")) + "\n").encode()
+
+
+def clean(name: str) -> str:
+    """A name as UTF-8 can hold it: Blender's may have broken characters."""
+    return name.encode("utf-8", "replace").decode()
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        counts = Counter(key for key, _ in pairs)
+        twice = counts.most_common(1)[0][0]
+        raise ValueError(f"the key '{twice[:_SHOWN]}' is there twice in one object")
+    return found
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:_SHOWN]} is not finite")
+    return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > 20:
+        raise ValueError(f"the number {text[:20]}... is too long")
+    return int(text)

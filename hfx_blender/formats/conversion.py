@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Converting files: tracks and rasters to device files, vibration from format to format."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from ..devices.configuration import load_device
+from ..engine.body.model import load_model
+from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.raster import Raster
+from ..engine.rendering.render import render
+from ..engine.track import SUFFIX as TRACK_SUFFIX
+from ..engine.track import TrackReader
+from ..errors import InputError, OutputError, UsageError
+from . import csv_raster, npz_raster
+from .curves import CurveTolerance
+from .files import format_of, read_signals
+from .hjif import from_actuators
+from .registry import DEVICE_FORMATS, TRACK_FORMATS, DeviceFormat, TrackFormat, write
+from .signals import DEFAULT_TOLERANCE, distinct
+from .written import Written
+
+
+def convert(
+    source: Path,
+    target: Path,
+    *,
+    to: str | None = None,
+    device: str | None = None,
+    body: str | None = None,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    strict: bool = False,
+) -> Written:
+    """Write ``source`` in another format.
+
+    A format with one file an actuator puts the actuator's name into the file's name.
+
+    Parameters
+    ----------
+    source : Path
+        A track, a raster (``.raster.npz``, ``.csv``), or a file with vibration envelopes.
+    target : Path
+        Its suffix names the format, unless ``to`` does.
+    to : str, optional
+        Key of ``DEVICE_FORMATS`` or ``TRACK_FORMATS``.
+    device : str, optional
+        Name or file; tracks and rasters need it for device formats.
+    body : str, optional
+        Name or id of who wears it; tracks with several bodies need it.
+    tolerance : CurveTolerance
+    strict : bool
+        Something left out is an error, and nothing is written.
+
+    Raises
+    ------
+    UsageError
+        The formats cannot be converted into each other, or an option is missing.
+    InputError
+        The source cannot be read, or the target cannot hold what is asked.
+    OutputError
+        A file cannot be written.
+    """
+    kind, stem = _target(target, to)
+    with _staging(target.parent) as stage:
+        written = _converted(source, kind, stage / stem, device, body, tolerance)
+        if strict and written.left_out:
+            raise InputError(f"{source}: {'; '.join(written.left_out)}.")
+        for path in written.files:
+            if (target.parent / path.name).is_dir():
+                raise OutputError(f"{target.parent / path.name}: there is a folder of that name.")
+        files = tuple(path.replace(target.parent / path.name) for path in written.files)
+    return replace(written, files=files)
+
+
+def _target(target: Path, to: str | None) -> tuple[str, str]:
+    """Format and stem of what is to be written."""
+    formats: dict[str, DeviceFormat | TrackFormat] = {**DEVICE_FORMATS, **TRACK_FORMATS}
+    if to is not None:
+        if to not in formats:
+            raise UsageError(f"--to {to}: expected one of {', '.join(formats)}")
+        suffix = formats[to].suffix
+        name = target.name
+        return to, name[: -len(suffix)] if name.endswith(suffix) and name != suffix else name
+    by_length = sorted(formats.values(), key=lambda each: -len(each.suffix))
+    for each in by_length:
+        if target.name.endswith(each.suffix) and target.name != each.suffix:
+            # .he is version 2 unless asked otherwise: it comes first in the table.
+            name = next(key for key, one in formats.items() if one.suffix == each.suffix)
+            return name, target.name[: -len(each.suffix)]
+    suffixes = ", ".join(dict.fromkeys(each.suffix for each in formats.values()))
+    raise UsageError(f"{target}: its suffix names no format; there are {suffixes}, or say --to")
+
+
+def _converted(
+    source: Path,
+    kind: str,
+    stem: Path,
+    device: str | None,
+    body: str | None,
+    tolerance: CurveTolerance,
+) -> Written:
+    if source.suffix == TRACK_SUFFIX:
+        with TrackReader(source) as track:
+            if kind in TRACK_FORMATS:
+                devices = (load_device(device),) if device else ()
+                return TRACK_FORMATS[kind].write(track, devices, stem, tolerance)
+            found = _device(device, kind)
+            raster = render(
+                track.header, track.runs(), found, load_model, body_id=_body_id(track, body)
+            )
+        return write(kind, raster, found, stem, tolerance)
+    is_raster = format_of(source).name in ("npz", "csv")
+    if kind in TRACK_FORMATS and kind != "hjif":
+        raise UsageError(f"{source}: only a track can be converted to {kind}")
+    if is_raster:
+        found = _device(device, kind)
+        raster = _raster(source, found)
+        if kind == "hjif":
+            return from_actuators.write(raster, found, stem, tolerance)
+        return write(kind, raster, found, stem, tolerance)
+    write_signals = (
+        from_actuators.write_signals if kind == "hjif" else DEVICE_FORMATS[kind].write_signals
+    )
+    if write_signals is None:
+        held = ", ".join(k for k, each in DEVICE_FORMATS.items() if each.write_signals)
+        raise UsageError(f"{source}: vibration envelopes can be converted to {held}, not to {kind}")
+    signals, frequencies = read_signals(source)
+    if all(each.is_silent for each in signals):
+        raise InputError(f"{source}: holds no vibration.")
+    return write_signals(distinct(signals), frequencies, stem, tolerance)
+
+
+def _device(device: str | None, kind: str) -> DeviceConfig:
+    if device is None:
+        raise UsageError(f"{kind} holds what a device plays: choose one with --device")
+    return load_device(device)
+
+
+def _body_id(track: TrackReader, body: str | None) -> str | None:
+    if body is None:
+        return None
+    return next((each.id for each in track.header.bodies if body in (each.id, each.name)), body)
+
+
+def _raster(source: Path, device: DeviceConfig) -> Raster:
+    """A raster of a file, checked to be that device's."""
+    is_csv = source.name.endswith(csv_raster.SUFFIX)
+    raster = csv_raster.read(source) if is_csv else npz_raster.read(source)
+    wanted = [
+        (actuator.id, control.name)
+        for actuator in device.actuators
+        for control in actuator.type.controls
+    ]
+    if [(each.actuator, each.parameter) for each in raster.columns] != wanted:
+        raise InputError(f"{source}: its columns are not those of the device '{device.id}'.")
+    if not is_csv and raster.device_id != device.id:
+        raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
+    return replace(raster, device_id=device.id)
+
+
+@contextmanager
+def _staging(folder: Path) -> Iterator[Path]:
+    """A folder beside the result, gone afterwards."""
+    try:
+        stage = Path(tempfile.mkdtemp(prefix=".hfx.", suffix=".tmp", dir=folder))
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written to ({error.strerror}).") from error
+    try:
+        yield stage
+    except OutputError as error:  # the user knows the file by its final name
+        raise OutputError(str(error).replace(str(stage), str(folder))) from error
+    except OSError as error:
+        raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is in a file of any format, in short."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from ..engine.rendering.raster import Raster
+from ..errors import InputError
+from . import csv_raster, glb, jsonl_samples, npz_raster, wav_reader
+from .checking import read_bytes
+from .files import FileFormat, format_of, validate
+from .hjif import reader as hjif_reader
+from .hjif.body_parts import described
+
+_MOST_BYTES: Final = 1 << 30
+
+
+def facts_of(path: Path) -> dict[str, Any]:
+    """Format, validity and content of a file.
+
+    Raises
+    ------
+    InputError
+        It is of no known format, or cannot be read.
+    """
+    kind, findings = validate(path)
+    errors = [each for each in findings if each.severity == "error"]
+    facts: dict[str, Any] = {
+        "file": str(path),
+        "format": kind.title,
+        "bytes": path.stat().st_size,
+        "valid": "no, see hfx validate" if errors else "yes",
+    }
+    if not errors:
+        facts |= _TELLERS.get(kind.name, _signals)(path, kind)
+    return facts
+
+
+def is_known(path: Path) -> bool:
+    """Whether :func:`facts_of` tells about such a file; a ``.json`` is looked into."""
+    try:
+        format_of(path)
+    except InputError:
+        return False
+    return True
+
+
+def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
+    assert kind.signals is not None
+    signals, frequencies = kind.signals(read_bytes(path), str(path))
+    return {
+        "lowest_hz": frequencies.lowest_hz,
+        "highest_hz": frequencies.highest_hz,
+        "signals": [
+            {
+                "signal": each.name,
+                "seconds": round(each.duration_s, 6),
+                "peak": round(float(each.amplitude.values.max()), 4),
+                "keyframes": len(each.amplitude),
+                "transients": len(each.transients),
+            }
+            for each in signals
+        ],
+    }
+
+
+def _hjif(path: Path, kind: FileFormat) -> dict[str, Any]:
+    document = hjif_reader.read(path)
+    return {
+        "description": document.description,
+        "profile": f"{document.profile}, level {document.level}",
+        "timescale": document.timescale,
+        "avatars": [each.mesh or each.type for each in document.avatars],
+        "perceptions": [
+            {
+                "perception": each.description or str(each.id),
+                "modality": each.perception_modality,
+                "library": len(each.effect_library),
+                "channels": [
+                    {
+                        "channel": channel.description or str(channel.id),
+                        "where": described(channel.body_part_mask or 0),
+                        "vertices": len(channel.vertices or ()),
+                        "effects": sum(len(band.effects) for band in channel.bands),
+                    }
+                    for channel in each.channels
+                ],
+            }
+            for each in document.perceptions
+        ],
+    }
+
+
+def _raster(raster: Raster) -> dict[str, Any]:
+    return {
+        "rows": len(raster.times_s),
+        "rate_hz": float(raster.rate_hz),
+        "seconds": len(raster.times_s) / float(raster.rate_hz),
+        "actuators": len(raster.actuators),
+        "columns": len(raster.columns),
+        "parameters": sorted({f"{each.parameter} [{each.unit}]" for each in raster.columns}),
+    }
+
+
+def _npz(path: Path, kind: FileFormat) -> dict[str, Any]:
+    raster = npz_raster.read(path)
+    return {"device": raster.device_id, "body": raster.body_id, **_raster(raster)}
+
+
+def _csv(path: Path, kind: FileFormat) -> dict[str, Any]:
+    return _raster(csv_raster.read(path))
+
+
+def _wav(path: Path, kind: FileFormat) -> dict[str, Any]:
+    form, _ = wav_reader.inspect(read_bytes(path, _MOST_BYTES))
+    assert form is not None
+    return {
+        "channels": form.channels,
+        "rate_hz": form.rate_hz,
+        "samples": f"{form.bits} bit {'float' if form.is_float else 'integer'}",
+        "seconds": round(form.duration_s, 6),
+    }
+
+
+def _jsonl(path: Path, kind: FileFormat) -> dict[str, Any]:
+    header, *rest = jsonl_samples.read(path)
+    return {
+        "rate_hz": header["rate_hz"],
+        "seconds": header["duration_s"],
+        "bodies": [each["name"] for each in header["bodies"]],
+        "effects": [each["name"] for each in header["effects"]],
+        "samples": sum(line["type"] == "sample" for line in rest),
+        "sets": sum(line["type"] == "set" for line in rest),
+    }
+
+
+def _glb(path: Path, kind: FileFormat) -> dict[str, Any]:
+    found = glb.read_json(read_bytes(path, _MOST_BYTES), str(path))
+    return {
+        "meshes": [str(each.get("name", "")) for each in found.get("meshes", [])],
+        "nodes": len(found.get("nodes", [])),
+        "animations": len(found.get("animations", [])),
+        "extensions": [str(each) for each in found.get("extensionsUsed", [])],
+    }
+
+
+_TELLERS: Final[dict[str, Callable[[Path, FileFormat], dict[str, Any]]]] = {
+    "hjif": _hjif,
+    "npz": _npz,
+    "csv": _csv,
+    "wav": _wav,
+    "jsonl": _jsonl,
+    "glb": _glb,
+}

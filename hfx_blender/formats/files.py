@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of any format: which one a file is, whether it is valid, which signals it holds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ..engine.track import SUFFIX as TRACK_SUFFIX
+from ..engine.track import TrackReader
+from ..errors import InputError
+from . import (
+    ahap,
+    ahap_rules,
+    csv_raster,
+    glb,
+    haptic,
+    he,
+    he_rules,
+    jsonl_samples,
+    npz_raster,
+    openxr,
+    tact,
+    tact_rules,
+    wav_reader,
+)
+from .checking import Finding, read_bytes
+from .hjif import rules, to_signals
+from .signals import FrequencyRange, Signal
+
+Decoder = Callable[[bytes, str], tuple[list[Signal], FrequencyRange]]
+
+_MOST_BYTES: Final = 1 << 30
+_HEAD: Final = 1 << 16  # bytes of a .json that tell what it is
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A format that files of strangers may have."""
+
+    name: str
+    title: str
+    validate: Callable[[bytes, str], list[Finding]]
+    signals: Decoder | None = None  # None: it does not hold vibration as envelopes
+
+
+FILE_FORMATS: Final[dict[str, FileFormat]] = {
+    each.name: each
+    for each in (
+        FileFormat("ahap", "Apple AHAP", ahap_rules.validate, ahap.decode),
+        FileFormat("haptic", "Meta .haptic", haptic.validate, haptic.decode),
+        FileFormat("he", "RichTap .he", he_rules.validate, he.decode),
+        FileFormat("openharmony", "OpenHarmony pattern", he_rules.validate, he.decode),
+        FileFormat("openxr", "OpenXR parametric vibration", openxr.validate, openxr.decode),
+        FileFormat("tact", "bHaptics .tact", tact_rules.validate, tact.decode),
+        FileFormat("hjif", "MPEG HJIF", rules.validate, to_signals.decode),
+        FileFormat("jsonl", "JSON Lines of samples", jsonl_samples.validate),
+        FileFormat("glb", "glTF binary", glb.validate),
+        FileFormat("npz", "NPZ raster", npz_raster.validate),
+        FileFormat("csv", "CSV raster", csv_raster.validate),
+        FileFormat("wav", "WAV", wav_reader.validate),
+    )
+}
+_TRACK: Final = FileFormat("track", "HapticTrack", lambda content, name: [])
+_SUFFIXES: Final = {
+    ".ahap": "ahap",
+    ".haptic": "haptic",
+    ".he": "he",
+    ".tact": "tact",
+    ".hjif": "hjif",
+    ".jsonl": "jsonl",
+    glb.SUFFIX: "glb",
+    npz_raster.SUFFIX: "npz",
+    ".csv": "csv",
+    ".wav": "wav",
+}
+
+
+def format_of(path: Path) -> FileFormat:
+    """The format of a file, by its name, and of a ``.json`` by what is in it.
+
+    Raises
+    ------
+    InputError
+        It is none of ours, or cannot be read.
+    """
+    name = path.name.lower()
+    for suffix, kind in _SUFFIXES.items():
+        if name.endswith(suffix):
+            return FILE_FORMATS[kind]
+    if name.endswith(".json"):
+        inside = _json_kind(path)
+        if inside is not None:
+            return FILE_FORMATS[inside]
+    known = ", ".join([*_SUFFIXES, he.OPENHARMONY_SUFFIX, openxr.SUFFIX])
+    raise InputError(f"{path}: is of no format that is known here; known are {known}.")
+
+
+def _json_kind(path: Path) -> str | None:
+    head = read_bytes(path)[:_HEAD].decode("utf-8", "replace")
+    for marks, kind in (
+        (('"MetaData"', '"Channels"'), "openharmony"),
+        (("Metadata", '"Pattern'), "he"),
+        ((json.dumps(openxr.FORMAT),), "openxr"),
+    ):
+        if all(mark in head for mark in marks):
+            return kind
+    return None
+
+
+def validate(path: Path) -> tuple[FileFormat, list[Finding]]:
+    """The format of a file, and what is wrong with it.
+
+    A file that cannot be parsed at all has the single finding ``<FORMAT>-UNREADABLE``.
+
+    Raises
+    ------
+    InputError
+        It is of no known format, or cannot be read.
+    """
+    if path.name.endswith(TRACK_SUFFIX):
+        return _TRACK, _track_findings(path)
+    found = format_of(path)
+    content = read_bytes(path, _MOST_BYTES)
+    try:
+        return found, found.validate(content, str(path))
+    except InputError as error:
+        message = str(error).removeprefix(f"{path}: ").rstrip(".")
+        return found, [Finding(f"{found.name.upper()}-UNREADABLE", "", message)]
+
+
+def _track_findings(path: Path) -> list[Finding]:
+    """A track is read as a whole; it may be larger than memory."""
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file.")
+    try:
+        with TrackReader(path) as track:
+            for _ in track.runs():
+                pass
+    except InputError as error:
+        message = str(error).removeprefix(f"{path}: ").rstrip(".")
+        return [Finding("TRACK-CONTENT", "", message)]
+    return []
+
+
+def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
+    """The vibration that a file holds.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, has errors, or is of a format without envelopes.
+    """
+    found = format_of(path)
+    if found.signals is None:
+        raise InputError(f"{path}: {found.title} holds no vibration envelopes.")
+    return found.signals(read_bytes(path), str(path))

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""glTF 2.0 binary files (GLB): the container, and body meshes.
+
+Blender's and our spaces have Z up and a body that faces -Y; glTF has Y up and +Z forward:
+(x, y, z) becomes (x, z, -y).
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..atomic_files import atomic_file
+from ..engine.body.model import PerceptualModel
+from .checking import MAX_BYTES, Finding, Report, clean, parse, refuse_errors
+
+SUFFIX: Final = ".glb"
+TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
+"""Rotation from our space to glTF's."""
+
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
+_FLOAT, _UINT = 5126, 5125
+_COMPONENTS: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_TYPES: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
+
+
+class Document:
+    """A glTF document in the making: its JSON, and one buffer."""
+
+    def __init__(self, generator: str = "HFX") -> None:
+        self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}
+        self._bytes = bytearray()
+
+    def append(self, kind: str, item: Mapping[str, Any]) -> int:
+        """Add a node, mesh, ...; its index."""
+        items: list[Mapping[str, Any]] = self.json.setdefault(kind, [])
+        items.append(item)
+        return len(items) - 1
+
+    def accessor(
+        self, array: npt.NDArray[Any], *, is_index: bool = False, is_vertex: bool = False
+    ) -> int:
+        """Add numbers, (n,) or (n, 2 to 4 or 16); the accessor's index.
+
+        ``is_index`` are the corners of triangles, ``is_vertex`` what a mesh has a vertex.
+        """
+        kind = np.dtype("<u4") if is_index else np.dtype("<f4")
+        data = np.ascontiguousarray(array, kind)
+        shape = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}[
+            1 if data.ndim == 1 else data.shape[1]
+        ]
+        view = {
+            "buffer": 0,
+            "byteOffset": len(self._bytes),
+            "byteLength": data.nbytes,
+        }
+        if is_index or is_vertex:
+            view["target"] = _ELEMENT_BUFFER if is_index else _ARRAY_BUFFER
+        self._bytes += data.tobytes()
+        columns = data.reshape(len(data), -1)
+        return self.append(
+            "accessors",
+            {
+                "bufferView": self.append("bufferViews", view),
+                "componentType": _UINT if is_index else _FLOAT,
+                "count": len(data),
+                "type": shape,
+                "min": columns.min(axis=0).tolist(),
+                "max": columns.max(axis=0).tolist(),
+            },
+        )
+
+    def encoded(self) -> bytes:
+        """The document as a GLB file."""
+        if self._bytes:
+            self.json["buffers"] = [{"byteLength": len(self._bytes)}]
+        text = json.dumps(self.json, ensure_ascii=False, separators=(",", ":")).encode()
+        chunks = _chunk(_JSON, text, b" ")
+        if self._bytes:
+            chunks += _chunk(_BIN, bytes(self._bytes), b"\0")
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def _chunk(kind: int, content: bytes, filler: bytes) -> bytes:
+    content += filler * (-len(content) % 4)
+    return struct.pack("<II", len(content), kind) + content
+
+
+def write_model(model: PerceptualModel, path: Path) -> None:
+    """Write a perceptual model as a mesh in its rest pose; vertex ids stay the same.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    document = Document()
+    node = {"mesh": add_model(document, model), "name": clean(model.id)}
+    document.json["scenes"] = [{"nodes": [document.append("nodes", node)]}]
+    document.json["scene"] = 0
+    with atomic_file(path) as file:
+        file.write(document.encoded())
+
+
+def add_model(document: Document, model: PerceptualModel) -> int:
+    """Add a perceptual model as a mesh; its index."""
+    attributes = {
+        "POSITION": document.accessor(model.vertices @ TO_GLTF.T, is_vertex=True),
+        "NORMAL": document.accessor(_unit(model.normals @ TO_GLTF.T), is_vertex=True),
+    }
+    indices = document.accessor(model.triangles.ravel(), is_index=True)
+    return document.append(
+        "meshes",
+        {
+            "name": clean(model.id),
+            "primitives": [{"attributes": attributes, "indices": indices}],
+            "extras": {
+                "hfx_model": model.id,
+                "hfx_content_hash": model.content_hash,
+                "modality": model.modality,
+            },
+        },
+    )
+
+
+def _unit(vectors: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(lengths > 0.0, vectors / np.where(lengths > 0.0, lengths, 1.0), [0, 1.0, 0])
+
+
+def read_json(content: bytes, name: str) -> dict[str, Any]:
+    """The JSON part of a GLB file.
+
+    Raises
+    ------
+    InputError
+        It is no valid GLB file.
+    """
+    report = Report("GLB")
+    refuse_errors(validate(content, name), name)
+    found: dict[str, Any] = parse(_chunks(content, report)[_JSON], name)
+    return found
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a GLB file: the container, the references, the bounds of its accessors.
+
+    Raises
+    ------
+    InputError
+        Its JSON cannot be read.
+    """
+    report = Report("GLB")
+    chunks = _chunks(content, report)
+    if _JSON not in chunks or report.has_errors:
+        report.error("JSON-CHUNK", None, "it has no JSON chunk")
+        return report.findings
+    found = parse(chunks[_JSON], name)
+    if not isinstance(found, dict) or found.get("asset", {}) == {}:
+        report.error("ASSET", None, "it has no asset")
+        return report.findings
+    _check_document(found, len(chunks.get(_BIN, b"")), report)
+    return report.findings
+
+
+def _chunks(content: bytes, report: Report) -> dict[int, bytes]:
+    if len(content) < 20 or len(content) > 8 * MAX_BYTES:
+        report.error("SIZE", None, f"{len(content)} bytes")
+        return {}
+    magic, version, size = struct.unpack_from("<4sII", content)
+    if magic != b"glTF" or version != 2:
+        report.error("HEADER", None, "it does not begin with glTF and the version 2")
+        return {}
+    if size != len(content):
+        report.error("SIZE", None, f"it says {size} bytes, there are {len(content)}")
+    chunks: dict[int, bytes] = {}
+    at = 12
+    while at + 8 <= len(content):
+        length, kind = struct.unpack_from("<II", content, at)
+        if length % 4 or at + 8 + length > len(content):
+            report.error("CHUNK", None, f"a chunk of {length} bytes does not fit")
+            break
+        chunks.setdefault(kind, content[at + 8 : at + 8 + length])
+        at += 8 + length
+    return chunks
+
+
+def _check_document(found: dict[str, Any], bin_bytes: int, report: Report) -> None:
+    if not isinstance(found["asset"], dict) or found["asset"].get("version") != "2.0":
+        report.error("ASSET", (None, "asset"), "the version is not 2.0")
+    lists: dict[str, list[Any]] = {}
+    for key in ("nodes", "meshes", "accessors", "bufferViews", "buffers", "scenes", "animations"):
+        items = found.get(key, [])
+        if not isinstance(items, list) or not all(isinstance(each, dict) for each in items):
+            report.error("TYPE", (None, key), "expected a list of objects")
+            return
+        lists[key] = items
+    used, required = found.get("extensionsUsed", []), found.get("extensionsRequired", [])
+    for key in found.get("extensions", {}) if isinstance(found.get("extensions"), dict) else ():
+        if key not in used:
+            report.error("EXTENSION", (None, "extensions"), f"{key} is not in extensionsUsed")
+    for each in required if isinstance(required, list) else ():
+        report.warn("EXTENSION-REQUIRED", None, f"only readers that know {each} can open it")
+
+    def refers(value: Any, kind: str, place: Any) -> bool:
+        is_index = isinstance(value, int) and not isinstance(value, bool)
+        if is_index and 0 <= value < len(lists[kind]):
+            return True
+        report.error("REFERENCE", place, f"{value!r} is none of the {kind}"[:100])
+        return False
+
+    for k, buffer in enumerate(lists["buffers"]):
+        size = buffer.get("byteLength")
+        if not isinstance(size, int) or size < 0:
+            report.error("BUFFER", ((None, "buffers"), k), "it has no byteLength")
+        elif k == 0 and "uri" not in buffer and not size <= bin_bytes <= size + 3:
+            message = f"byteLength is {size}, the binary chunk has {bin_bytes}"
+            report.error("BUFFER", ((None, "buffers"), k), message)
+    sizes = []
+    for k, view in enumerate(lists["bufferViews"]):
+        place = ((None, "bufferViews"), k)
+        start, length = view.get("byteOffset", 0), view.get("byteLength")
+        sizes.append(length if isinstance(length, int) else 0)
+        if not isinstance(start, int) or not isinstance(length, int) or min(start, length) < 0:
+            report.error("VIEW", place, "its offset or length is no whole number")
+        elif refers(view.get("buffer"), "buffers", place):
+            total = lists["buffers"][view["buffer"]].get("byteLength")
+            if isinstance(total, int) and start + length > total:
+                report.error("VIEW", place, "it reaches beyond its buffer")
+    for k, accessor in enumerate(lists["accessors"]):
+        place = ((None, "accessors"), k)
+        width = (
+            _COMPONENTS.get(accessor.get("componentType", 0), 0)
+            if isinstance(accessor.get("componentType"), int)
+            else 0
+        )
+        columns = _TYPES.get(str(accessor.get("type")), 0)
+        count = accessor.get("count")
+        if not width or not columns or not isinstance(count, int) or count < 1:
+            report.error("ACCESSOR", place, "its component type, type or count is wrong")
+        elif "bufferView" in accessor and refers(accessor["bufferView"], "bufferViews", place):
+            start = accessor.get("byteOffset", 0)
+            needed = count * width * columns + (start if isinstance(start, int) else 0)
+            if needed > sizes[accessor["bufferView"]]:
+                report.error("ACCESSOR", place, "it reaches beyond its view")
+    for k, mesh in enumerate(lists["meshes"]):
+        primitives = mesh.get("primitives")
+        for primitive in primitives if isinstance(primitives, list) else ():
+            attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
+            for value in attributes.values() if isinstance(attributes, dict) else ():
+                refers(value, "accessors", ((None, "meshes"), k))
+    for k, node in enumerate(lists["nodes"]):
+        place = ((None, "nodes"), k)
+        if "mesh" in node:
+            refers(node["mesh"], "meshes", place)
+        children = node.get("children", [])
+        for child in children if isinstance(children, list) else ():
+            refers(child, "nodes", place)

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""RichTap .he, versions 1 and 2, and OpenHarmony's variant: events with short curves.
+
+Sources: AOSP's HapticPlayer.java (RichTap's own parser on phones), OpenHarmony's vibrator
+guidelines, files of RichTap Creator Pro. Times are whole milliseconds, frequencies 0 to 100
+of the device's range; a curve has 16 points at most, so a signal is many events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ..errors import InputError
+from .checking import clean, encoded, parse, read_bytes, refuse_errors
+from .curves import Curve, CurveTolerance
+from .he_events import HeEvent, event_entry, events_of
+from .he_rules import (
+    MAX_PATTERN_EVENTS,
+    MAX_RELATIVE_MS,
+    OPENHARMONY_MAX_BYTES,
+    OPENHARMONY_MAX_EVENTS,
+    OPENHARMONY_MAX_START_MS,
+    findings,
+)
+from .signals import (
+    DEFAULT_TOLERANCE,
+    FrequencyRange,
+    Piece,
+    Signal,
+    Transient,
+    mixed,
+    simplified_signals,
+)
+from .written import Written, beside, silent_note, write_json
+
+SUFFIX: Final = ".he"
+V1_SUFFIX: Final = ".v1.he"
+OPENHARMONY_SUFFIX: Final = ".openharmony.json"
+DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0)
+"""What 0 and 100 are, about, on a phone, for files that do not say it."""
+
+_COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
+_COARSER: Final = 1.5
+_RANGE_TEXT: Final = "0 to 100 is {:g} to {:g} Hz"
+_SIDES: Final = {0: "", 1: "left", 2: "right"}
+
+
+def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
+    """Write version 2, one file for each signal that sounds: ``stem.<name>.he``.
+
+    Events follow each other without gaps; there may be any number of them.
+    """
+    return _write(signals, stem, SUFFIX, lambda each: document(each, frequencies))
+
+
+def write_v1(
+    signals: Sequence[Signal],
+    frequencies: FrequencyRange,
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write version 1: 16 events in 50 s at most, which begin and end at 0.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        Not simplified: what does not fit is simplified more, up to a tenth of full scale.
+    frequencies : FrequencyRange
+    stem : Path
+    tolerance : CurveTolerance
+
+    Raises
+    ------
+    InputError
+        A signal does not fit however it is simplified; nothing was written.
+    """
+
+    def build(signal: Signal) -> dict[str, Any] | None:
+        events = events_of(signal, frequencies, falls_to_zero=True)
+        if len(events) > MAX_PATTERN_EVENTS or any(e.start_ms > MAX_RELATIVE_MS for e in events):
+            return None
+        return {
+            "Metadata": _metadata(signal, frequencies, 1),
+            "Pattern": [{"Event": event_entry(each, each.start_ms)} for each in events],
+        }
+
+    limit = f"{MAX_PATTERN_EVENTS} events within {MAX_RELATIVE_MS // 1000} s; version 2 holds more"
+    written = _write_fitting(
+        signals, stem, V1_SUFFIX, tolerance, build, f".he version 1 holds {limit}"
+    )
+    return written + Written(notes=("between two events it is silent for up to 2 ms",))
+
+
+def write_openharmony(
+    signals: Sequence[Signal],
+    frequencies: FrequencyRange,
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write OpenHarmony's variant: 128 events and 64 KiB a file at most; else as version 1."""
+
+    def build(signal: Signal) -> dict[str, Any] | None:
+        events = events_of(signal, frequencies, falls_to_zero=False)
+        if len(events) > OPENHARMONY_MAX_EVENTS:
+            return None
+        if any(each.start_ms > OPENHARMONY_MAX_START_MS for each in events):
+            return None
+        found = _openharmony(signal, frequencies, events)
+        return found if len(encoded(found)) <= OPENHARMONY_MAX_BYTES else None
+
+    limit = f"{OPENHARMONY_MAX_EVENTS} events and {OPENHARMONY_MAX_BYTES >> 10} KiB"
+    title = f"an OpenHarmony pattern holds {limit}"
+    return _write_fitting(signals, stem, OPENHARMONY_SUFFIX, tolerance, build, title)
+
+
+def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
+    """A signal as the content of a version 2 file."""
+    patterns: list[dict[str, Any]] = []
+    group: list[HeEvent] = []
+    for event in [*events_of(signal, frequencies, falls_to_zero=False), None]:
+        is_full = len(group) == MAX_PATTERN_EVENTS or (
+            bool(group)
+            and event is not None
+            and event.start_ms - group[0].start_ms > MAX_RELATIVE_MS
+        )
+        if group and (event is None or is_full):
+            start = group[0].start_ms
+            entries = [{"Event": {**event_entry(e, e.start_ms - start), "Index": 0}} for e in group]
+            patterns.append({"AbsoluteTime": start, "Pattern": entries})
+            group = []
+        if event is not None:
+            group.append(event)
+    return {"Metadata": _metadata(signal, frequencies, 2), "PatternList": patterns}
+
+
+def _write(
+    signals: Sequence[Signal], stem: Path, suffix: str, build: Callable[[Signal], Any]
+) -> Written:
+    files = []
+    for each in signals:
+        if not each.is_silent:
+            path = beside(stem, each.name)
+            files.append(path.with_name(path.name + suffix))
+            write_json(build(each), files[-1])
+    return Written(
+        tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
+    )
+
+
+def _write_fitting(
+    signals: Sequence[Signal],
+    stem: Path,
+    suffix: str,
+    tolerance: CurveTolerance,
+    build: Callable[[Signal], Any],
+    limit: str,
+) -> Written:
+    documents: dict[str, Any] = {}
+    notes = []
+    for signal in signals:
+        if signal.is_silent:
+            continue
+        value, found = tolerance.value, None
+        while found is None:
+            if value > max(_COARSEST, tolerance.value):
+                raise InputError(
+                    f"'{signal.name}': {limit}; this one needs more even if it is simplified "
+                    f"to {_COARSEST:.0%} of full scale. Export a shorter range."
+                )
+            (few,) = simplified_signals([signal], CurveTolerance(value, tolerance.time_s)).signals
+            found = build(few)
+            if found is not None and value > tolerance.value:
+                notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
+            value *= _COARSER
+        documents[signal.name] = found
+    written = _write(signals, stem, suffix, lambda each: documents[each.name])
+    return written + Written(notes=tuple(notes))
+
+
+def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:
+    hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
+    return {"Version": version, "Created": "", "Description": f"{clean(signal.name)}; {hertz}"}
+
+
+def _openharmony(
+    signal: Signal, frequencies: FrequencyRange, events: Sequence[HeEvent]
+) -> dict[str, Any]:
+    entries = []
+    for each in events:
+        event = event_entry(each, each.start_ms)
+        event["StartTime"] = event.pop("RelativeTime")
+        entries.append({"Event": event})
+    hertz = _RANGE_TEXT.format(frequencies.lowest_hz, frequencies.highest_hz)
+    return {
+        "MetaData": {
+            "Version": 1.0,
+            "ChannelNumber": 1,
+            "Create": "",
+            "Description": f"{clean(signal.name)}; {hertz}",
+        },
+        "Channels": [{"Parameters": {"Index": 0}, "Pattern": entries}],
+    }
+
+
+def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
+    """The signals of a file of any of the three kinds: one, or a left and a right one.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    return decode(read_bytes(path), str(path))
+
+
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
+    """:func:`read` from bytes."""
+    found = parse(content, name)
+    # Phones play longer patterns than the editor makes; the rules of length are the writer's.
+    lenient = {"HE-EVENTS", "HE-CURVE-POINTS", "HE-CURVE-ENDS", "HE-ABSOLUTE-TIME", "HE-BYTES"}
+    refuse_errors([each for each in findings(found) if each.code not in lenient], name)
+    metadata = found.get("Metadata", found.get("MetaData"))
+    title = metadata.get("Description")
+    frequencies = _range_of(title if isinstance(title, str) else "")
+    pieces: dict[int, list[Piece]] = {}
+    ticks: dict[int, list[Transient]] = {}
+    end_s = 0.0
+    for index, start_ms, event in _absolute_events(found):
+        parameters = event["Parameters"]
+        level, pitch = parameters["Intensity"] / 100.0, float(parameters["Frequency"])
+        start = start_ms / 1000.0
+        if event["Type"] == "transient":
+            hertz = float(frequencies.hertz(pitch / 100.0))
+            ticks.setdefault(index, []).append(Transient(start, level, hertz))
+            end_s = max(end_s, start)
+        else:
+            pieces.setdefault(index, []).append(_piece(event, start, level, pitch, frequencies))
+            end_s = max(end_s, pieces[index][-1].end_s)
+    label = (title or "").partition(";")[0] if isinstance(title, str) else ""
+    signals = [
+        mixed(
+            " ".join(filter(None, [label or Path(name).stem, _SIDES.get(index, str(index))])),
+            pieces.get(index, []),
+            ticks.get(index, []),
+            end_s,
+        )
+        for index in sorted({*pieces, *ticks}) or [0]
+    ]
+    return signals, frequencies
+
+
+def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
+    """Each event with its actuator's index and its time, ms."""
+    if "Channels" in found:
+        return [
+            (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])
+            for channel in found["Channels"]
+            for entry in channel["Pattern"]
+        ]
+    patterns = found.get("PatternList", [{"AbsoluteTime": 0, "Pattern": found.get("Pattern", [])}])
+    return [
+        (
+            entry["Event"].get("Index", 0),
+            pattern["AbsoluteTime"] + entry["Event"]["RelativeTime"],
+            entry["Event"],
+        )
+        for pattern in patterns
+        for entry in pattern["Pattern"]
+    ]
+
+
+def _piece(
+    event: dict[str, Any], start: float, level: float, pitch: float, frequencies: FrequencyRange
+) -> Piece:
+    curve = event["Parameters"].get("Curve")
+    end = start + event["Duration"] / 1000.0
+    if not curve:
+        amplitude = Curve.of([start], [level])
+        return Piece(
+            start, end, amplitude, Curve(amplitude.times_s, frequencies.hertz([pitch / 100]))
+        )
+    times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
+    levels = level * np.array([point["Intensity"] for point in curve], np.float64)
+    offsets = np.array([point.get("Frequency", 0) for point in curve], np.float64)
+    return Piece(
+        start, end, Curve(times, levels), Curve(times, frequencies.hertz((pitch + offsets) / 100.0))
+    )
+
+
+def _range_of(description: str) -> FrequencyRange:
+    words = description.rpartition(";")[2].split()
+    try:
+        if words[:4] == ["0", "to", "100", "is"] and words[5:8:2] == ["to", "Hz"]:
+            return FrequencyRange(float(words[4]), float(words[6]))
+    except (ValueError, IndexError):
+        pass
+    return DEFAULT_RANGE

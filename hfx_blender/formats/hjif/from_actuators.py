@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""HJIF from what one device plays: a channel an actuator, one perception a modality."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from ...atomic_files import atomic_file
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.raster import Raster
+from ..checking import clean
+from ..curves import CurveTolerance
+from ..signals import DEFAULT_TOLERANCE, MAX_HZ, FrequencyRange, Signal, heard, joined_times
+from ..written import Written
+from .body_parts import place_mask
+from .envelopes import Dense, timescale_of
+from .model import Hjif, Perception
+from .perceptions import SUFFIX, Place, document_of, perception_of
+from .reader import encode
+
+
+def write(
+    raster: Raster,
+    device: DeviceConfig,
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write ``stem.hjif``.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    return _write(compose(raster, device, stem.name, tolerance), stem, tolerance)
+
+
+def compose(raster: Raster, device: DeviceConfig, name: str, tolerance: CurveTolerance) -> Hjif:
+    """A raster as a document; strengths are relative to each actuator's neutral value."""
+    columns = {(each.actuator, each.parameter): k for k, each in enumerate(raster.columns)}
+    times = raster.times_s - raster.times_s[0]
+    times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
+    timescale = timescale_of(raster.rate_hz)
+    perceptions: list[Perception] = []
+    for modality in device.modalities:
+        places = []
+        for actuator in device.actuators:
+            kind = actuator.type
+            if kind.modality != modality:
+                continue
+            column = columns[actuator.id, kind.strength.name]
+            strength = raster.values[:, column] - raster.neutral[column]
+            pitch = None
+            if modality == "vibration":
+                hertz = raster.values[:, columns[actuator.id, "frequency_hz"]]
+                pitch = heard(strength, np.clip(hertz, 0.0, MAX_HZ))
+                pitch = np.append(pitch, pitch[-1])
+            mask = place_mask(actuator.place, is_mirrored=device.is_mirrored)
+            dense = Dense(times, np.append(strength, strength[-1]), pitch)
+            places.append(Place(actuator.id, 1.0, mask, dense=dense))
+        perceptions.append(
+            perception_of(len(perceptions), modality, places, (device,), timescale, tolerance)
+        )
+    return document_of(clean(name), perceptions, timescale)
+
+
+def write_signals(
+    signals: Sequence[Signal],
+    frequencies: FrequencyRange,
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write vibration of another format as ``stem.hjif``; its full scale is not known.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    timescale = timescale_of(Fraction(1000))
+    places = [
+        Place(each.name, 1.0, 0, dense=_dense(each), transients=each.transients) for each in signals
+    ]
+    perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
+    return _write(document_of(clean(stem.name), [perception], timescale), stem, tolerance)
+
+
+def _dense(signal: Signal) -> Dense:
+    """A signal's own keyframes as rows; a step takes a tick."""
+    end = float(signal.amplitude.times_s[-1])
+    times = joined_times([signal.amplitude, signal.frequency_hz], 0.0, end)
+    is_step = np.diff(signal.amplitude.times_s) <= 0.0
+    before = signal.amplitude.times_s[1:][is_step] - 1e-4
+    times = np.unique(np.concatenate([times, before[before > 0.0]]))
+    levels = signal.amplitude.at(times)
+    levels[-1] = signal.amplitude.before(times[-1])
+    return Dense(times, levels, signal.frequency_hz.at(times))
+
+
+def _write(document: Hjif, stem: Path, tolerance: CurveTolerance) -> Written:
+    path = stem.with_name(stem.name + SUFFIX)
+    with atomic_file(path) as file:
+        file.write(encode(document))
+    return Written((path,), notes=(f"curves are within {tolerance.value:.1%} of full scale",))

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""HJIF from a recorded track: painted effects as they are, contacts baked by body part.
+
+One perception a body, model and modality. A painted effect is one channel for each class of
+its weights, with the effect's own envelope; a volume is one channel for each body part that it
+touched, with the strongest contact there and all vertices that it touched there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+import numpy as np
+import numpy.typing as npt
+
+from ...atomic_files import atomic_file
+from ...engine.body.model import PerceptualModel
+from ...engine.modality import neutral_temperature_c
+from ...engine.rendering.device import DeviceConfig
+from ...engine.samples import SampleRun, Stream
+from ...engine.track import TrackReader
+from ...errors import InputError
+from .. import glb
+from ..checking import clean
+from ..curves import CurveTolerance
+from ..signals import DEFAULT_TOLERANCE, MAX_HZ
+from ..written import Written
+from .body_parts import described, vertex_masks
+from .envelopes import Dense, timescale_of
+from .model import Avatar, Hjif, Vector
+from .perceptions import PITCH_HZ, SUFFIX, Place, document_of, perception_of
+from .reader import encode
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_WEIGHT_CLASSES: Final = 8
+
+
+def write(
+    track: TrackReader,
+    models: Callable[[str], PerceptualModel],
+    stem: Path,
+    devices: Sequence[DeviceConfig] = (),
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write ``stem.hjif`` and beside it each body model as ``stem.<model>.glb``.
+
+    Raises
+    ------
+    InputError
+        Nothing was felt in the whole track, or a model is not the one it was recorded on.
+    OutputError
+        A file cannot be written; none is left half written.
+    """
+    document, meshes = compose(track, models, stem.name, devices, tolerance)
+    path = stem.with_name(stem.name + SUFFIX)
+    files = [path]
+    for model in meshes:
+        files.append(stem.with_name(f"{stem.name}.{model.id}{glb.SUFFIX}"))
+        glb.write_model(model, files[-1])
+    with atomic_file(path) as file:
+        file.write(encode(document))
+    notes = (
+        f"curves are within {tolerance.value:.1%} of full scale and {PITCH_HZ:g} Hz",
+        f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
+    )
+    return Written(tuple(files), notes=notes)
+
+
+def compose(
+    track: TrackReader,
+    models: Callable[[str], PerceptualModel],
+    name: str,
+    devices: Sequence[DeviceConfig] = (),
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> tuple[Hjif, list[PerceptualModel]]:
+    """A track as a document, and the models that its avatars are.
+
+    Parameters
+    ----------
+    track : TrackReader
+    models : callable
+        Loads a perceptual model by its id.
+    name : str
+        Stem of the meshes' file names.
+    devices : sequence of DeviceConfig
+        Named as reference devices.
+    tolerance : CurveTolerance
+        Of strengths, a share of full scale.
+
+    Raises
+    ------
+    InputError
+        See :func:`write`.
+    """
+    header = track.header
+    timescale = timescale_of(header.time.fps, header.time.rate_hz)
+    used = list(dict.fromkeys(stream.model_id for stream in header.streams))
+    loaded = {id: _checked(models(id), id, track) for id in used}
+    runs: dict[Stream, list[SampleRun]] = {stream: [] for stream in header.streams}
+    for run in track.runs():
+        runs[run.stream].append(run)
+    groups: dict[tuple[str, str, str], list[Stream]] = {}
+    for stream in header.streams:
+        if runs[stream]:
+            key = (stream.body_id, stream.model_id, stream.modality)
+            groups.setdefault(key, []).append(stream)
+    if not groups:
+        raise InputError(f"{track.path}: nothing is felt in it, which HJIF cannot hold.")
+    avatars = {
+        id: Avatar(k + 1, 0, "Custom", quote(f"{name}.{id}{glb.SUFFIX}"))
+        for k, id in enumerate(dict.fromkeys(model_id for _, model_id, _ in groups))
+    }
+    bodies = {body.id: body.name for body in header.bodies}
+    perceptions = []
+    for k, ((body_id, model_id, modality), streams) in enumerate(groups.items()):
+        places = [
+            place
+            for stream in streams
+            for place in _places(stream, runs[stream], track, loaded[model_id])
+        ]
+        perceptions.append(perception_of(k, modality, places, devices, timescale, tolerance))
+        perceptions[-1] = replace(
+            perceptions[-1],
+            avatar_id=avatars[model_id].id,
+            description=clean(f"{bodies[body_id]}: {perceptions[-1].description}"),
+        )
+    title = clean(str(header.source.get("name", "")) or name)
+    document = document_of(title, perceptions, timescale, tuple(avatars.values()))
+    return document, [loaded[id] for id in avatars]
+
+
+def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualModel:
+    recorded = next(each for each in track.header.models if each.id == id)
+    if model.content_hash != recorded.content_hash:
+        raise InputError(f"{track.path}: was recorded on another version of the body model '{id}'.")
+    return model
+
+
+def _places(
+    stream: Stream, runs: Sequence[SampleRun], track: TrackReader, model: PerceptualModel
+) -> Iterator[Place]:
+    """The channels of one effect on one body, their strength in physical units."""
+    effect = next(each for each in track.header.effects if each.id == stream.effect_id)
+    count = track.header.time.sample_count
+    period_s = 1.0 / float(track.header.time.rate_hz)
+    times = np.arange(count + 1) * period_s
+    rows = np.concatenate([run.indices for run in runs])
+    neutral = neutral_temperature_c(effect.is_contact) if stream.modality == "temperature" else 0.0
+    parameters = np.concatenate([run.parameters for run in runs])
+    strengths = np.concatenate([run.levels for run in runs]) * (parameters[:, 0] - neutral)
+    pitch = None
+    if stream.modality == "vibration":
+        hertz = np.clip(parameters[:, 1], 0.0, MAX_HZ)
+        pitch = np.interp(np.arange(count + 1), rows, hertz)
+    direction = _direction(parameters) if stream.modality == "wind" else None
+
+    def dense(values: F64) -> Dense:
+        column = np.zeros(count + 1)
+        column[rows] = values
+        column[-1] = column[-2]  # the last row lasts a row
+        return Dense(times, column, pitch)
+
+    masks = vertex_masks(model)
+    if effect.kind == "painted":
+        classes = _weight_classes(runs[0])
+        for weight, vertices in classes:
+            mask = int(np.bitwise_or.reduce(masks[vertices], initial=0))
+            share = "" if len(classes) == 1 else f", weight {weight:.3g}"
+            title = f"{effect.name}{share}"
+            yield Place(title, weight, mask, set(vertices.tolist()), dense(strengths), direction)
+        return
+    for mask, weights, touched in _touched(runs, masks):
+        title = f"{effect.name}, {described(mask)}"
+        yield Place(title, 1.0, mask, touched, dense(strengths * weights), direction)
+
+
+def _weight_classes(run: SampleRun) -> list[tuple[float, I64]]:
+    """Vertices of a painted area by weight: mean weight and ids of each class."""
+    part = slice(0, int(run.offsets[1]))
+    vertices, weights = run.vertices[part].astype(np.int64), run.weights[part].astype(np.float64)
+    steps = np.ceil(weights * _WEIGHT_CLASSES - 1e-6)
+    if np.ptp(weights) < 1.0 / 255.0:
+        steps[:] = steps[0]
+    return [
+        (round(float(weights[steps == each].mean()), 6), vertices[steps == each])
+        for each in np.unique(steps)[::-1]
+    ]
+
+
+def _touched(
+    runs: Sequence[SampleRun], masks: npt.NDArray[np.uint32]
+) -> list[tuple[int, F64, set[int]]]:
+    """What a volume touched of each body part: the strongest weight of each sample, vertices."""
+    total = sum(len(run) for run in runs)
+    found: dict[int, tuple[F64, set[int]]] = {}
+    first = 0
+    for run in runs:
+        sizes = np.diff(run.offsets)
+        set_ids = np.repeat(np.arange(len(sizes)), sizes)
+        parts = masks[run.vertices]
+        for mask in np.unique(parts).tolist():
+            is_here = parts == mask
+            strongest = np.zeros(len(sizes))
+            np.maximum.at(strongest, set_ids[is_here], run.weights[is_here].astype(np.float64))
+            weights, vertices = found.setdefault(mask, (np.zeros(total), set()))
+            weights[first : first + len(run)] = strongest[run.set_of]
+            vertices.update(np.unique(run.vertices[is_here]).tolist())
+        first += len(run)
+    return [(mask, *found[mask]) for mask in sorted(found)]
+
+
+def _direction(parameters: F64) -> Vector | None:
+    """A wind's direction, if it does not change by more than a degree or so."""
+    vectors = parameters[:, 1:4] @ glb.TO_GLTF.T
+    mean = vectors.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length < 0.9998:
+        return None
+    x, y, z = (int(each) for each in np.rint(127.0 * mean / length))
+    return Vector(x, y, z)

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The rules of HJIF files: what the schemas of ISO/IEC 23090-31 ask for, and no unknown keys.
+
+The rules that look at several members at once are in :mod:`.semantics`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from ..checking import Finding, Items, Number, Record, Report, Shape, Text, check, parse
+from .semantics import check_semantics
+
+MODALITIES: Final = (
+    "Pressure",
+    "Acceleration",
+    "Velocity",
+    "Position",
+    "Temperature",
+    "Vibrotactile",
+    "Water",
+    "Wind",
+    "Force",
+    "Electrotactile",
+    "Vibrotactile Texture",
+    "Stiffness",
+    "Friction",
+    "Humidity",
+    "User-defined Temporal",
+    "User-defined Spatial",
+    "Other",
+)
+BODY_PART_TARGETS: Final = tuple(
+    "Unknown,All,Upper,Lower,Right,Left,Front,Back,Arm,Head,Chest,Waist,Leg,Upper-arm,Forearm,"
+    "Hand,Crane,Neck,Thigh,Calf,Foot,Palm,Finger,Sole,Toe,Thumb,Index,Middle,Ring,Pinky,Hallux,"
+    "Index-Toe,Middle-Toe,Ring-Toe,Pinky-Toe,First Phalanx,Second Phalanx,Third Phalanx,Minus,"
+    "Plus".split(",")
+)
+_MASK = Number(0, 2**32 - 1, is_whole=True)
+_COUNT = Number(0, is_whole=True)
+_POSITIVE = Number(1, is_whole=True)
+_HERTZ = Number(0.0, 10_000.0)
+_NOT_NEGATIVE = Number(0.0)
+_VECTOR = Record(
+    {axis: Number(-127, 127, is_whole=True) for axis in ("X", "Y", "Z")}, unknown="error"
+)
+_KEYFRAME = Record(
+    {},
+    {
+        "relative_position": _COUNT,
+        "amplitude_modulation": Number(-1.0, 1.0),
+        "frequency_modulation": _HERTZ,
+    },
+    unknown="error",
+)
+_EFFECT_MEMBERS: dict[str, Shape] = {
+    "id": _COUNT,
+    "semantic_keywords": Text(),
+    "position": _COUNT,
+    "phase": Number(0.0, 6.28318),
+    "base_signal": Text(("Sine", "Square", "Triangle", "SawToothUp", "SawToothDown")),
+    "keyframes": Items(_KEYFRAME),
+    "wavelet_stream": Text(),
+}
+_EFFECT = Record(
+    {"effect_type": Text(("Basis", "Composite", "Reference"))}, _EFFECT_MEMBERS, unknown="error"
+)
+_EFFECT_MEMBERS["composition"] = Items(_EFFECT)  # effects within effects
+_BAND = Record(
+    {
+        "band_type": Text(("WaveletWave", "VectorialWave", "Curve", "Transient")),
+        "lower_frequency_limit": _HERTZ,
+        "upper_frequency_limit": _HERTZ,
+        "effects": Items(_EFFECT),
+    },
+    {
+        "priority": _COUNT,
+        "curve_type": Text(("Linear", "Cubic", "Akima", "Bezier", "BSpline", "Unknown")),
+        "block_length": Number(16, is_whole=True),
+    },
+    unknown="error",
+)
+_CHANNEL = Record(
+    {
+        "id": _COUNT,
+        "description": Text(),
+        "gain": _NOT_NEGATIVE,
+        "mixing_coefficient": _NOT_NEGATIVE,
+        "bands": Items(_BAND),
+    },
+    {
+        "priority": _COUNT,
+        "reference_device_id": _COUNT,
+        "body_part_mask": _MASK,
+        "actuator_resolution": _VECTOR,
+        "body_part_target": Items(Text(BODY_PART_TARGETS)),
+        "actuator_target": Items(_VECTOR),
+        "frequency_sampling": _COUNT,
+        "sample_count": _COUNT,
+        "vertices": Items(Number(is_whole=True)),
+        "direction": _VECTOR,
+    },
+    unknown="error",
+)
+_DEVICE = Record(
+    {"id": _POSITIVE, "name": Text()},
+    {
+        "body_part_mask": _MASK,
+        **dict.fromkeys(
+            (
+                "maximum_frequency",
+                "minimum_frequency",
+                "resonance_frequency",
+                "maximum_amplitude",
+                "impedance",
+                "maximum_voltage",
+                "maximum_current",
+                "maximum_displacement",
+                "weight",
+                "size",
+            ),
+            _NOT_NEGATIVE,
+        ),
+        "custom": Number(),
+        "type": Text(("LRA", "VCA", "ERM", "Piezo", "Unknown")),
+    },
+    unknown="error",
+)
+_PERCEPTION = Record(
+    {
+        "id": _COUNT,
+        "perception_modality": Text(MODALITIES, code="MODALITY"),
+        "description": Text(),
+        "avatar_id": _COUNT,
+        "effect_library": Items(_EFFECT),
+        "channels": Items(_CHANNEL, least=1),
+    },
+    {
+        "priority": _COUNT,
+        "semantic_scheme": Text(),
+        "effect_semantic_scheme": Text(),
+        "reference_devices": Items(_DEVICE),
+        "unit_exponent": Number(is_whole=True),
+        "perception_unit_exponent": Number(is_whole=True),
+    },
+    unknown="error",
+)
+_AVATAR = Record(
+    {
+        "id": _POSITIVE,
+        "lod": _COUNT,
+        "type": Text(("Vibration", "Pressure", "Temperature", "Custom")),
+    },
+    {"mesh": Text()},
+    unknown="error",
+)
+_SYNC = Record({"timestamp": _COUNT}, {"timescale": _POSITIVE}, unknown="error")
+_DOCUMENT = Record(
+    {
+        "version": Text(pattern=r"[0-9]{4}(-[0-9])?", code="VERSION"),
+        "profile": Text(),
+        "level": _COUNT,
+        "date": Text(),
+        "description": Text(),
+        "avatars": Items(_AVATAR),
+        "perceptions": Items(_PERCEPTION, least=1),
+    },
+    {"timescale": _POSITIVE, "syncs": Items(_SYNC)},
+    unknown="error",
+)
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file.
+
+    Codes are ``HJIF-`` and a word: MISSING, UNKNOWN, TYPE, RANGE, CHOICE and COUNT for the
+    schemas, those of :mod:`.semantics` for the rest. REFERENCE-... are warnings about what the
+    standard's reference software cannot read.
+
+    Raises
+    ------
+    InputError
+        It is no JSON document.
+    """
+    return findings(parse(content, name))
+
+
+def findings(found: Any) -> list[Finding]:
+    """Faults of a parsed document."""
+    report = Report("HJIF")
+    check(_DOCUMENT, found, report)
+    structural = [each for each in report.findings if each.code != "HJIF-UNKNOWN"]
+    if not structural:
+        check_semantics(found, report)
+    return report.findings

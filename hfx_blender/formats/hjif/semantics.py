@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The rules of HJIF that look at several members at once: ids, limits, profiles and levels.
+
+The list is that of the standard's conformance configuration (MPEGGroup, HapticReferenceSoftware).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from datetime import datetime
+from typing import Any, Final
+
+from ..checking import Place, Report
+
+MAX_CHANNELS: Final = {1: 127, 2: 65_535}  # by level
+MAX_BANDS: Final = {1: 7, 2: 63}
+MAX_TIMESCALE: Final = 48_000
+PROFILES: Final = ("Main", "Simple Parametric")
+SIMPLE_MODALITIES: Final = ("Force", "Vibrotactile", "Stiffness", "Vibrotactile Texture")
+SEMANTICS: Final = frozenset(
+    f"{group}/{word}"
+    for group, words in {
+        "Ambient": "Cold Cracks Earthquack ElectricBuzz Heat Ignition Rain Sparks Thunderbolt "
+        "Undefined WaterDrop Waterfall Wind",
+        "Avatar": "Collision Crawl Fall Footstep Grab Jumping Swim Swip Touch Undefined",
+        "Music": "BouncyMaterial Bowing BrassInstrument HardMaterial Pucking Striking Undefined "
+        "WoodWindInstrument",
+        "SpecialFX": "Noise Undefined Washout",
+        "Texture": "Gravel Metal Plastic Rock Sand Undefined Wood",
+        "UX": "Alarm Click Confirmatioon DoubleClick Error Message Ring Success Undefined Wrong",
+        "Vehicle": "AirFriction Brake Doors Drift Engine MechanicalContraption RoadBump "
+        "RoadFriction Tires Undefined",
+        "WeaponCombat": "Blade Blast ElasticPropulsion ElectricShock Grenade Gun HandThrown "
+        "Handgun Hit Machinegun Mine Missile Pneumatic Rifle Shotgun Taser Undefined",
+    }.items()
+    for word in words.split()
+)
+"""The closed list of semantic keywords, misspellings included."""
+
+_CRASHING: Final = ("Humidity", "User-defined Temporal", "User-defined Spatial")
+# RFC 3986: characters that a URI may have, and a percent sign only before two digits.
+_URI: Final = re.compile(r"(?:[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+")
+_DATE: Final = re.compile(
+    r"\d{4}-\d{2}-\d{2}[Tt]\d{2}:\d{2}:\d{2}(?:\.\d+)?(?:[Zz]|[+-]\d{2}:\d{2})"
+)
+
+
+def check_semantics(found: dict[str, Any], report: Report) -> None:
+    """Report what is wrong with a document that keeps the schemas."""
+    year, _, amendment = found["version"].partition("-")
+    if int(year) < 2023:
+        report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")
+    if amendment and int(amendment) == 0:
+        report.error("VERSION-AMENDMENT", (None, "version"), "the amendment is 0")
+    is_simple = found["profile"] == "Simple Parametric"
+    if found["profile"] not in PROFILES:
+        report.error("PROFILE", (None, "profile"), f"is none of {', '.join(PROFILES)}")
+    if found["level"] not in MAX_CHANNELS:
+        report.error("LEVEL", (None, "level"), f"{found['level']} is neither 1 nor 2")
+    if not _is_date(found["date"]):
+        report.error("DATE", (None, "date"), "is no ISO 8601 date and time with an offset")
+    timescale = found.get("timescale", 1000)
+    if timescale > MAX_TIMESCALE or (is_simple and timescale != 1000):
+        allowed = "1000" if is_simple else f"1 to {MAX_TIMESCALE}"
+        report.error("TIMESCALE", (None, "timescale"), f"{timescale}, allowed is {allowed}")
+    for key in ("timescale", "syncs"):
+        if key not in found:
+            report.warn("REFERENCE-MISSING", None, f"the reference software needs '{key}'")
+    avatars = _ids(found["avatars"], (None, "avatars"), "AVATAR-ID-DUPLICATE", report)
+    for k, avatar in enumerate(found["avatars"]):
+        mesh = avatar.get("mesh")
+        if mesh is not None and not _URI.fullmatch(mesh):
+            where = (((None, "avatars"), k), "mesh")
+            report.error("AVATAR-URI", where, "is no URI (RFC 3986): encode other characters")
+    _ids(found["perceptions"], (None, "perceptions"), "PERCEPTION-ID-DUPLICATE", report)
+    level = min(max(found["level"], 1), 2)
+    count = sum(len(perception["channels"]) for perception in found["perceptions"])
+    if count > MAX_CHANNELS[level]:
+        message = f"{count} channels, level {level} allows {MAX_CHANNELS[level]}"
+        report.error("CHANNEL-COUNT", (None, "perceptions"), message)
+    for k, perception in enumerate(found["perceptions"]):
+        place = ((None, "perceptions"), k)
+        if perception["avatar_id"] and perception["avatar_id"] not in avatars:
+            message = f"there is no avatar {perception['avatar_id']}"
+            report.error("AVATAR-ID-UNKNOWN", (place, "avatar_id"), message)
+        _check_perception(perception, place, report, level=level, is_simple=is_simple)
+
+
+def _is_date(text: str) -> bool:
+    if not _DATE.fullmatch(text):
+        return False
+    try:
+        datetime.fromisoformat(text.upper().replace("Z", "+00:00"))
+    except ValueError:
+        return False
+    return True
+
+
+def _ids(items: list[dict[str, Any]], place: Place, code: str, report: Report) -> set[int]:
+    seen: set[int] = set()
+    for k, item in enumerate(items):
+        if item["id"] in seen:
+            report.error(code, ((place, k), "id"), f"{item['id']} is there before")
+        seen.add(item["id"])
+    return seen
+
+
+def _check_perception(
+    perception: dict[str, Any], place: Place, report: Report, *, level: int, is_simple: bool
+) -> None:
+    modality = perception["perception_modality"]
+    here: Place = (place, "perception_modality")
+    if is_simple and modality not in SIMPLE_MODALITIES:
+        message = f"{modality} is not of the profile Simple Parametric"
+        report.error("MODALITY-PROFILE", here, message)
+    if modality in _CRASHING:
+        report.warn("REFERENCE-CRASH", here, f"the reference software cannot read {modality}")
+    for key in ("semantic_scheme", "effect_semantic_scheme"):
+        if key in perception:
+            report.warn("REFERENCE-SCHEME", (place, key), "the reference software refuses it")
+    devices = perception.get("reference_devices", [])
+    known = _ids(devices, (place, "reference_devices"), "DEVICE-ID-DUPLICATE", report)
+    for k, device in enumerate(devices):
+        _check_device(device, ((place, "reference_devices"), k), report)
+    library = perception["effect_library"]
+    library_ids: set[int] = set()
+    for k, effect in enumerate(library):
+        here = ((place, "effect_library"), k)
+        number = effect.get("id")
+        if number is None:
+            report.error("EFFECT-ID-MISSING", here, "an effect of the library has an id")
+        elif number in library_ids:
+            report.error("EFFECT-ID-DUPLICATE", (here, "id"), f"{number} is there before")
+        else:
+            library_ids.add(number)
+    for k, effect in enumerate(library):
+        _check_effect(effect, ((place, "effect_library"), k), report, library_ids, is_simple, None)
+    _ids(perception["channels"], (place, "channels"), "CHANNEL-ID-DUPLICATE", report)
+    for k, channel in enumerate(perception["channels"]):
+        here = ((place, "channels"), k)
+        device_id = channel.get("reference_device_id")
+        if device_id is not None and device_id not in known:
+            message = f"there is no reference device {device_id}"
+            report.error("DEVICE-ID-UNKNOWN", (here, "reference_device_id"), message)
+        if "body_part_mask" not in channel:
+            report.warn("REFERENCE-MISSING", here, "the reference software needs 'body_part_mask'")
+        _check_channel(channel, here, report)
+        if len(channel["bands"]) > MAX_BANDS[level]:
+            message = f"{len(channel['bands'])} bands, level {level} allows {MAX_BANDS[level]}"
+            report.error("BAND-COUNT", (here, "bands"), message)
+        for b, band in enumerate(channel["bands"]):
+            _check_band(band, ((here, "bands"), b), report, library_ids, is_simple)
+
+
+def _check_device(device: dict[str, Any], place: Place, report: Report) -> None:
+    low, high = device.get("minimum_frequency"), device.get("maximum_frequency")
+    resonance = device.get("resonance_frequency")
+    if low is not None and high is not None and high < low:
+        message = f"maximum_frequency {high:g} is below minimum_frequency {low:g}"
+        report.error("DEVICE-FREQUENCY-RANGE", place, message)
+    if resonance is not None and low is not None and resonance < low:
+        report.error("DEVICE-RESONANCE-LOW", place, "resonance is below the minimum frequency")
+    if resonance is not None and high is not None and resonance > high:
+        report.error("DEVICE-RESONANCE-HIGH", place, "resonance is above the maximum frequency")
+
+
+def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> None:
+    resolution = channel.get("actuator_resolution")
+    if resolution is not None and min(resolution.values()) < 0:
+        message = "a resolution is not negative"
+        report.error("RESOLUTION-NEGATIVE", (place, "actuator_resolution"), message)
+    if resolution is not None:
+        for k, target in enumerate(channel.get("actuator_target", [])):
+            if any(not 0 <= target[axis] < max(resolution[axis], 1) for axis in "XYZ"):
+                here = ((place, "actuator_target"), k)
+                report.error("ACTUATOR-TARGET", here, "is outside of the resolution")
+    direction = channel.get("direction")
+    if direction is not None:
+        length = math.sqrt(sum(direction[axis] ** 2 for axis in "XYZ")) / 127.0
+        if not 0.99 <= length <= 1.01:
+            message = f"has the length {length:.3f} of 127, allowed is 0.99 to 1.01"
+            report.error("DIRECTION", (place, "direction"), message)
+
+
+def _check_band(
+    band: dict[str, Any], place: Place, report: Report, library: set[int], is_simple: bool
+) -> None:
+    kind = band["band_type"]
+    if "curve_type" in band and kind != "Curve":
+        report.error("CURVE-TYPE", (place, "curve_type"), f"a {kind} band has no curve_type")
+    length = band.get("block_length")
+    if length is not None and length & (length - 1):
+        report.error("BLOCK-LENGTH", (place, "block_length"), f"{length} is no power of two")
+    if band["upper_frequency_limit"] < band["lower_frequency_limit"]:
+        report.error("BAND-FREQUENCY", place, "the upper limit is below the lower one")
+    if is_simple and kind == "WaveletWave":
+        message = "the profile Simple Parametric has no wavelets"
+        report.error("WAVELET-PROFILE", (place, "band_type"), message)
+    for key in ("lower_frequency_limit", "upper_frequency_limit"):
+        if not isinstance(band[key], int):
+            message = "the reference software needs a whole number"
+            report.warn("REFERENCE-WHOLE", (place, key), message)
+    for k, effect in enumerate(band["effects"]):
+        _check_effect(effect, ((place, "effects"), k), report, library, is_simple, kind)
+
+
+def _check_effect(
+    effect: dict[str, Any],
+    place: Place,
+    report: Report,
+    library: set[int],
+    is_simple: bool,
+    band: str | None,
+) -> None:
+    kind = effect["effect_type"]
+    if is_simple and kind == "Composite":
+        message = "the profile Simple Parametric has no composite effects"
+        report.error("EFFECT-TYPE-PROFILE", (place, "effect_type"), message)
+    if kind == "Reference" and effect.get("id") not in library:
+        message = f"there is no effect {effect.get('id')} in the library"
+        report.error("EFFECT-ID-UNKNOWN", (place, "id"), message)
+    keywords = effect.get("semantic_keywords")
+    if keywords is not None and keywords not in SEMANTICS:
+        here = (place, "semantic_keywords")
+        report.error("SEMANTIC-KEYWORDS", here, "is not of the standard's list")
+    if band == "WaveletWave" and effect.get("keyframes"):
+        report.error("WAVELET-KEYFRAMES", (place, "keyframes"), "a wavelet has no keyframes")
+    for k, keyframe in enumerate(effect.get("keyframes", ())):
+        if isinstance(keyframe.get("frequency_modulation"), float):
+            here = (((place, "keyframes"), k), "frequency_modulation")
+            report.warn("REFERENCE-WHOLE", here, "the reference software needs a whole number")
+    for k, part in enumerate(effect.get("composition", ())):
+        _check_effect(part, ((place, "composition"), k), report, library, is_simple, band)

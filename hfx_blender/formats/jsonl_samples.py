@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A track as JSON Lines, for game engines: a header, vertex sets, and samples in time order.
+
+``docs/formats/samples.schema.json`` is the schema of a line. A set is told once, before the
+first sample that refers to it; what an effect does at a vertex is weight times level times the
+parameter of its strength (of a temperature: its deviation from neutral).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ..atomic_files import atomic_file
+from ..engine.modality import MODALITIES
+from ..engine.rendering.render import blocks
+from ..engine.samples import SampleRun
+from ..engine.track import TrackHeader, TrackReader
+from .checking import (
+    Finding,
+    Flag,
+    Items,
+    Number,
+    Place,
+    Record,
+    Report,
+    Shape,
+    Table,
+    Text,
+    check,
+    clean,
+    parse,
+    read_bytes,
+    refuse_errors,
+)
+
+SUFFIX: Final = ".samples.jsonl"
+FORMAT: Final = "hfx-samples"
+
+_WEIGHT_STEPS: Final = 10_000
+_WEIGHTS: Final = [repr(step / _WEIGHT_STEPS) for step in range(_WEIGHT_STEPS + 1)]
+
+_TEXT = Text()
+_SHARE = Number(0.0, 1.0)
+_LINES: Final[dict[str, Shape]] = {
+    "header": Record(
+        {
+            "type": _TEXT,
+            "format": Text((FORMAT,)),
+            "version": Number(1, 1, is_whole=True),
+            "rate_hz": Number(1e-9),
+            "duration_s": Number(0.0),
+            "models": Items(
+                Record(
+                    {
+                        "id": _TEXT,
+                        "modality": _TEXT,
+                        "hash": _TEXT,
+                        "vertex_count": Number(1, is_whole=True),
+                    },
+                    unknown="error",
+                )
+            ),
+            "bodies": Items(Record({"id": _TEXT, "name": _TEXT}, unknown="error")),
+            "effects": Items(
+                Record(
+                    {
+                        "id": _TEXT,
+                        "name": _TEXT,
+                        "modality": Text(tuple(MODALITIES)),
+                        "kind": Text(("painted", "volume")),
+                        "model": _TEXT,
+                        "is_contact": Flag(),
+                    },
+                    unknown="error",
+                )
+            ),
+        },
+        unknown="error",
+    ),
+    "set": Record(
+        {
+            "type": _TEXT,
+            "set": Number(0, is_whole=True),
+            "vertices": Items(Number(0, 2**31 - 1, is_whole=True)),
+            "weights": Items(_SHARE),
+        },
+        unknown="error",
+    ),
+    "sample": Record(
+        {
+            "type": _TEXT,
+            "t": Number(),
+            "effect": _TEXT,
+            "body": _TEXT,
+            "set": Number(0, is_whole=True),
+            "level": _SHARE,
+            "parameters": Table(Number()),
+        },
+        unknown="error",
+    ),
+}
+
+
+def write(track: TrackReader, path: Path) -> None:
+    """Write a track; positions, velocities and depths are left out.
+
+    Raises
+    ------
+    InputError
+        The track is damaged.
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    with atomic_file(path) as file:
+        file.write(_line(_header(track.header)))
+        for line in _lines(track):
+            file.write(line)
+
+
+def _header(header: TrackHeader) -> dict[str, Any]:
+    time = header.time
+    return {
+        "type": "header",
+        "format": FORMAT,
+        "version": 1,
+        "rate_hz": float(time.rate_hz),
+        "duration_s": time.sample_count / float(time.rate_hz),
+        "models": [
+            {
+                "id": model.id,
+                "modality": model.modality,
+                "hash": model.content_hash,
+                "vertex_count": model.vertex_count,
+            }
+            for model in header.models
+        ],
+        "bodies": [{"id": clean(body.id), "name": clean(body.name)} for body in header.bodies],
+        "effects": [
+            {
+                "id": clean(effect.id),
+                "name": clean(effect.name),
+                "modality": effect.modality,
+                "kind": effect.kind,
+                "model": effect.model_id,
+                "is_contact": effect.is_contact,
+            }
+            for effect in header.effects
+        ],
+    }
+
+
+def _lines(track: TrackReader) -> Iterator[bytes]:
+    last: dict[Any, tuple[bytes, int]] = {}  # each stream's latest set
+    count = 0
+    for block in blocks(track.header, track.runs()):
+        entries = sorted(
+            (int(index), b, k) for b, run in enumerate(block) for k, index in enumerate(run.indices)
+        )
+        for _, b, k in entries:
+            run = block[b]
+            vertices, weights = _set(run, k)
+            content = vertices.tobytes() + weights.tobytes()
+            if run.stream not in last or last[run.stream][0] != content:
+                last[run.stream] = (content, count)
+                yield _set_line(count, vertices, weights)
+                count += 1
+            names = MODALITIES[run.stream.modality].parameter_names
+            yield _line(
+                {
+                    "type": "sample",
+                    "t": round(float(run.times_s[k]), 9),
+                    "effect": clean(run.stream.effect_id),
+                    "body": clean(run.stream.body_id),
+                    "set": last[run.stream][1],
+                    "level": round(float(run.levels[k]), 6),
+                    "parameters": {
+                        name: round(value, 6)
+                        for name, value in zip(names, run.parameters[k].tolist(), strict=True)
+                    },
+                }
+            )
+
+
+def _set(run: SampleRun, k: int) -> tuple[Any, Any]:
+    j = k if run.sets is None else int(run.sets[k])
+    part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
+    return run.vertices[part], run.weights[part]
+
+
+def _set_line(number: int, vertices: Any, weights: Any) -> bytes:
+    """A set as a line; most of a file, so it does without the json module."""
+    steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64).tolist()
+    ids = ",".join(map(str, vertices.tolist()))
+    shares = ",".join([_WEIGHTS[step] for step in steps])
+    return f'{{"type":"set","set":{number},"vertices":[{ids}],"weights":[{shares}]}}\n'.encode()
+
+
+def _line(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a file: each line's own, and what refers to what is not there.
+
+    Raises
+    ------
+    InputError
+        A line is no JSON.
+    """
+    return _checked(content, name)[1]
+
+
+def read(path: Path) -> Iterator[dict[str, Any]]:
+    """The lines of a file, the header first.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    lines, findings = _checked(read_bytes(path), str(path))
+    refuse_errors(findings, str(path))
+    yield from lines
+
+
+def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Finding]]:
+    report = Report("JSONL")
+    lines: list[dict[str, Any]] = []
+    sets: dict[int, int] = {}  # highest vertex of each
+    models: dict[str, int] = {}
+    effects: dict[str, dict[str, Any]] = {}
+    bodies: set[str] = set()
+    time = -np.inf
+    for k, text in enumerate(content.splitlines()):
+        place: Place = (None, f"line {k + 1}")
+        value = parse(text, f"{name}, line {k + 1}")
+        kind = value.get("type") if isinstance(value, dict) else None
+        if kind not in _LINES or (kind == "header") != (k == 0):
+            report.error("LINE", place, "expected a header first, then sets and samples")
+            if k == 0:
+                break
+            continue
+        before = len(report.findings)
+        check(_LINES[kind], value, report, place)
+        if len(report.findings) > before:
+            continue
+        lines.append(value)
+        if kind == "header":
+            models = {each["id"]: each["vertex_count"] for each in value["models"]}
+            effects = {each["id"]: each for each in value["effects"]}
+            bodies = {each["id"] for each in value["bodies"]}
+        elif kind == "set":
+            vertices = value["vertices"]
+            if len(vertices) != len(value["weights"]):
+                report.error("SET-SIZE", place, "there are not as many weights as vertices")
+            if any(b <= a for a, b in pairwise(vertices)):
+                report.error("SET-ORDER", place, "the vertices do not ascend")
+            if value["set"] in sets:
+                report.error("SET-DUPLICATE", place, f"the set {value['set']} is there before")
+            sets[value["set"]] = max(vertices, default=-1)
+        else:
+            _check_sample(value, place, report, sets, models, effects, bodies)
+            if value["t"] < time:
+                report.error("ORDER", place, "its time is before that of the sample before it")
+            time = value["t"]
+    if not lines:
+        report.error("EMPTY", None, "it has no header")
+    return lines, report.findings
+
+
+def _check_sample(
+    value: dict[str, Any],
+    place: Place,
+    report: Report,
+    sets: dict[int, int],
+    models: dict[str, int],
+    effects: dict[str, dict[str, Any]],
+    bodies: set[str],
+) -> None:
+    effect = effects.get(value["effect"])
+    if effect is None or value["body"] not in bodies:
+        report.error("SAMPLE-ID", place, "the header has no such effect or body")
+        return
+    wanted = MODALITIES[effect["modality"]].parameter_names
+    if tuple(value["parameters"]) != wanted:
+        report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(wanted)}")
+    highest = sets.get(value["set"])
+    if highest is None:
+        report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")
+    elif highest >= models.get(effect["model"], 0):
+        report.error("SET-VERTEX", place, "its set has vertices that the model has not")

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All file formats by name: what each can hold, who writes, reads and checks it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ..engine.body.model import load_model
+from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.raster import Raster
+from ..engine.track import TrackReader
+from ..errors import InputError, UsageError
+from . import ahap, csv_raster, haptic, he, jsonl_samples, npz_raster, openxr, tact, wav
+from .curves import CurveTolerance
+from .hjif import from_track
+from .hjif.perceptions import SUFFIX as HJIF_SUFFIX
+from .signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, signals_of, simplified_signals
+from .tact_layouts import motors_of
+from .written import Written
+
+ALL_MODALITIES: Final = ("vibration", "pressure", "temperature", "wind")
+
+SignalWriter = Callable[[list[Signal], FrequencyRange, Path, CurveTolerance], Written]
+
+
+@dataclass(frozen=True)
+class DeviceFormat:
+    """A format of what one device plays; ``write`` takes ``folder/stem``, without a suffix.
+
+    ``write`` raises ``InputError`` when the format can hold nothing of the device, or not all
+    of a signal; ``OutputError`` when a file cannot be written. What else is lost is told by
+    :attr:`Written.left_out`.
+    """
+
+    name: str
+    title: str
+    suffix: str
+    modalities: tuple[str, ...]
+    write: Callable[[Raster, DeviceConfig, Path, CurveTolerance], Written]
+    write_signals: SignalWriter | None = None  # also from other formats' signals
+
+
+@dataclass(frozen=True)
+class TrackFormat:
+    """A format of what was felt, whatever device plays it; devices are named in it at most."""
+
+    name: str
+    title: str
+    suffix: str
+    write: Callable[[TrackReader, Sequence[DeviceConfig], Path, CurveTolerance], Written]
+
+
+def write(
+    name: str,
+    raster: Raster,
+    device: DeviceConfig,
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write what a device plays in one format, and tell what it could not hold.
+
+    Parameters
+    ----------
+    name : str
+        Key of ``DEVICE_FORMATS``.
+    raster : Raster
+    device : DeviceConfig
+    stem : Path
+        ``folder/stem``; the files' names begin with it.
+    tolerance : CurveTolerance
+        Of the amplitude, a share of full scale, for formats with keyframes.
+
+    Raises
+    ------
+    InputError
+        The format can hold nothing of the device, or the signals do not fit into it.
+    OutputError
+        A file cannot be written.
+    """
+    chosen = DEVICE_FORMATS[name]
+    held = [each for each in device.modalities if each in chosen.modalities]
+    lost = [each for each in device.modalities if each not in chosen.modalities]
+    if not held:
+        raise InputError(
+            f"Device '{device.id}' plays {' and '.join(lost)}, {chosen.title} holds "
+            f"{' and '.join(chosen.modalities)} only; export it as csv or npz."
+        )
+    written = chosen.write(raster, device, stem, tolerance)
+    if lost:
+        missing = f"{chosen.title} cannot hold the {' and '.join(lost)} of device '{device.id}'"
+        written = Written(written.files, (missing, *written.left_out), written.notes)
+    return written
+
+
+def _simplified(
+    write_few: Callable[[tuple[Signal, ...], FrequencyRange, Path], Written], grid: str = ""
+) -> SignalWriter:
+    """A writer that is given signals of few keyframes."""
+
+    def write_signals(
+        signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
+    ) -> Written:
+        few = simplified_signals(signals, tolerance, frequency_hz=_pitch_tolerance(frequencies))
+        written = write_few(few.signals, frequencies, stem)
+        note = (
+            f"keyframes are within {few.amplitude_error:.2%} of full scale and "
+            f"{few.frequency_error_hz:.1f} Hz{grid}"
+        )
+        return written + Written(notes=(note,))
+
+    return write_signals
+
+
+def _pitch_tolerance(frequencies: FrequencyRange) -> float:
+    """Hertz that a simplified frequency may be off: a hundredth of the range, 1 Hz at least."""
+    return max(1.0, (frequencies.highest_hz - frequencies.lowest_hz) / 100.0)
+
+
+def _signal_format(name: str, title: str, suffix: str, write_signals: SignalWriter) -> DeviceFormat:
+    def write_raster(
+        raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+    ) -> Written:
+        signals, frequencies = signals_of(raster, device)
+        return write_signals(signals, frequencies, stem, tolerance)
+
+    return DeviceFormat(name, title, suffix, ("vibration",), write_raster, write_signals)
+
+
+def _write_csv(
+    raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+) -> Written:
+    path = stem.with_name(stem.name + csv_raster.SUFFIX)
+    csv_raster.write(raster, path)
+    return Written((path,))
+
+
+def _write_npz(
+    raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+) -> Written:
+    path = stem.with_name(stem.name + npz_raster.SUFFIX)
+    npz_raster.write(raster, path)
+    return Written((path,))
+
+
+def _wav_format(name: str, title: str, suffix: str, samples: wav.SampleFormat) -> DeviceFormat:
+    def write_wav(
+        raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+    ) -> Written:
+        path = stem.with_name(stem.name + suffix)
+        wav.write(raster, device, path, sample_format=samples)
+        return Written((path, path.with_name(path.name + wav.SIDECAR_SUFFIX)))
+
+    return DeviceFormat(name, title, suffix, ("vibration",), write_wav)
+
+
+def _write_tact(
+    raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
+) -> Written:
+    motors = motors_of(device)
+    if not motors:
+        raise InputError(
+            f"Device '{device.id}' has no vibration actuators on the torso or a forearm, where "
+            "bHaptics' vest and sleeves are."
+        )
+    signals, _ = signals_of(raster, device)
+    return tact.write(signals, motors, stem)
+
+
+DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
+    each.name: each
+    for each in (
+        DeviceFormat("csv", "CSV", csv_raster.SUFFIX, ALL_MODALITIES, _write_csv),
+        DeviceFormat("npz", "an NPZ raster", npz_raster.SUFFIX, ALL_MODALITIES, _write_npz),
+        _wav_format("wav", "WAV", wav.SUFFIX, "int16"),
+        _wav_format("wav24", "24-bit WAV", f".24bit{wav.SUFFIX}", "int24"),
+        _wav_format("wavfloat", "float WAV", f".float{wav.SUFFIX}", "float32"),
+        _signal_format("ahap", "Apple AHAP", ahap.SUFFIX, _simplified(ahap.write)),
+        _signal_format("haptic", "Meta .haptic", haptic.SUFFIX, _simplified(haptic.write)),
+        _signal_format(
+            "he",
+            "RichTap .he",
+            he.SUFFIX,
+            _simplified(he.write, ", their times whole milliseconds"),
+        ),
+        _signal_format("he1", "RichTap .he version 1", he.V1_SUFFIX, he.write_v1),
+        _signal_format(
+            "openharmony", "an OpenHarmony pattern", he.OPENHARMONY_SUFFIX, he.write_openharmony
+        ),
+        _signal_format(
+            "openxr", "OpenXR parametric vibration", openxr.SUFFIX, _simplified(openxr.write)
+        ),
+        DeviceFormat("tact", "bHaptics .tact", tact.SUFFIX, ("vibration",), _write_tact),
+    )
+}
+
+
+def _write_hjif(
+    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
+) -> Written:
+    return from_track.write(track, load_model, stem, devices, tolerance)
+
+
+def _write_jsonl(
+    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
+) -> Written:
+    path = stem.with_name(stem.name + jsonl_samples.SUFFIX)
+    jsonl_samples.write(track, path)
+    return Written((path,))
+
+
+TRACK_FORMATS: Final[dict[str, TrackFormat]] = {
+    each.name: each
+    for each in (
+        TrackFormat("hjif", "MPEG HJIF", HJIF_SUFFIX, _write_hjif),
+        TrackFormat("jsonl", "JSON Lines of samples", jsonl_samples.SUFFIX, _write_jsonl),
+    )
+}
+
+FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, "glb")
+"""Every format that an export can be asked for; ``glb`` is the scene's volumes (glb_scene)."""
+
+
+def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
+    """Refuse what no scene could be exported with.
+
+    Raises
+    ------
+    UsageError
+        A format is unknown, needs a device, or none of the devices has anything for it.
+    """
+    unknown = sorted(set(formats) - set(FORMATS))
+    if unknown:
+        raise UsageError(f"format '{unknown[0]}' is unknown; there are: {', '.join(FORMATS)}")
+    for name in formats:
+        chosen = DEVICE_FORMATS.get(name)
+        if chosen is None:
+            continue
+        if not devices:
+            raise UsageError(
+                f"the format {name} holds what a device plays: choose one with --device "
+                "('hfx device list' shows them)"
+            )
+        if not any(set(chosen.modalities) & set(device.modalities) for device in devices):
+            raise UsageError(
+                f"none of the devices has {' or '.join(chosen.modalities)} actuators, which is "
+                f"what {chosen.title} holds"
+            )
+
+
+def write_all(
+    formats: Sequence[str],
+    played: Sequence[tuple[str, DeviceConfig, Raster]],
+    track: TrackReader,
+    devices: Sequence[DeviceConfig],
+    stem: Path,
+    tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+) -> Written:
+    """Write everything but the track itself.
+
+    Parameters
+    ----------
+    formats : sequence of str
+        Of ``FORMATS``.
+    played : sequence of (str, DeviceConfig, Raster)
+        What each device plays, and what its files' names have after ``stem``.
+    track : TrackReader
+    devices : sequence of DeviceConfig
+    stem : Path
+        ``folder/stem`` of all files.
+    tolerance : CurveTolerance
+        See :func:`write`.
+
+    Raises
+    ------
+    InputError
+        Something does not fit into a format at all.
+    OutputError
+        A file cannot be written.
+    """
+    written = Written()
+    for name in formats:
+        if name in TRACK_FORMATS:
+            written += TRACK_FORMATS[name].write(track, devices, stem, tolerance)
+            continue
+        for suffix, device, raster in played if name in DEVICE_FORMATS else ():
+            chosen = DEVICE_FORMATS[name]
+            if set(chosen.modalities) & set(device.modalities):
+                written += write(
+                    name, raster, device, stem.with_name(stem.name + suffix), tolerance
+                )
+            else:
+                have = " or ".join(chosen.modalities)
+                missing = f"device '{device.id}' has no {have} actuators: no {chosen.title} for it"
+                written += Written(left_out=(missing,))
+    return written

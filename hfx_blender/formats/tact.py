@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""bHaptics .tact: dots of a vest or of sleeves, switched every 20 ms.
+
+Source: haptic-library ``src/ProjectModel.cpp`` (what the player's own parser wants). Strengths
+are constant between switches; there is no frequency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .checking import clean, parse, read_bytes, refuse_errors
+from .curves import Curve
+from .signals import FrequencyRange, Piece, Signal, mixed
+from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
+from .tact_rules import INTERVAL_MS, findings
+from .written import Written, beside, write_json
+
+F64 = npt.NDArray[np.float64]
+
+SUFFIX: Final = ".tact"
+DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0)
+"""A vest's motors have one frequency that depends on the strength; about this."""
+
+_GAP_MS: Final = 500  # silence that ends an effect
+
+
+def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
+    """Write one file for each kind of suit that has one of the signals.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        Not simplified: strengths are taken every 20 ms, the strongest of that time, in steps
+        of 0.01.
+    motors : mapping
+        The motor that plays each signal, by the signal's name; of several for one motor the
+        strongest counts.
+    stem : Path
+    """
+    files = []
+    kinds = dict.fromkeys(motors[each.name].kind for each in signals if each.name in motors)
+    for kind in kinds:
+        path = stem if len(kinds) == 1 else beside(stem, kind.lower())
+        files.append(path.with_name(path.name + SUFFIX))
+        write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
+    lost = [each.name for each in signals if each.name not in motors]
+    left_out = (f"no bHaptics motor is where these are: {', '.join(lost[:6])}",) if lost else ()
+    return Written(tuple(files), left_out, ("strengths change every 20 ms, in steps of 1 %",))
+
+
+def document(
+    signals: Sequence[Signal], motors: Mapping[str, Motor], kind: str, name: str
+) -> dict[str, Any]:
+    """Signals as the content of a file for one kind of suit."""
+    layout = LAYOUTS[kind]
+    end_s = max((each.duration_s for each in signals), default=0.0)
+    steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
+    places = {
+        (position, index): k * MAX_DOTS + index
+        for k, position in enumerate(layout.positions)
+        for index in range(len(layout.dots))
+    }
+    levels = np.zeros((steps, len(layout.positions) * MAX_DOTS))
+    for each in signals:
+        motor = motors.get(each.name)
+        if motor is not None and motor.kind == kind:
+            column = places[motor.position, motor.index]
+            levels[:, column] = np.maximum(levels[:, column], _strongest(each.amplitude, steps))
+    hundredths = np.rint(100.0 * levels).astype(np.int64)
+    effects = [_effect(hundredths, span, layout.positions) for span in _spans(hundredths)]
+    length = steps * INTERVAL_MS
+    return {
+        "name": name,
+        "intervalMillis": INTERVAL_MS,
+        "size": MAX_DOTS,
+        "durationMillis": length,
+        "project": {
+            "name": name,
+            "description": "",
+            "mediaFileDuration": max(1, -(-length // 1000)),
+            "createdAt": 0,
+            "updatedAt": 0,
+            "id": "",
+            "layout": {
+                "type": layout.type,
+                "name": layout.name,
+                "layouts": {
+                    position: [{"index": k, "x": x, "y": y} for k, (x, y) in enumerate(layout.dots)]
+                    for position in layout.positions
+                },
+            },
+            "tracks": [{"enable": True, "effects": effects}],
+        },
+    }
+
+
+def _strongest(curve: Curve, steps: int) -> F64:
+    """The largest value of a curve in each interval, (steps,)."""
+    edges = np.arange(steps + 1) * (INTERVAL_MS / 1000.0)
+    strongest = np.maximum(curve.at(edges[:-1]), curve.before(edges[1:]))
+    inside = np.floor(curve.times_s * 1000.0 / INTERVAL_MS + 1e-9).astype(np.int64)
+    kept = (inside >= 0) & (inside < steps)
+    # A keyframe right at an edge counts for both sides only through its values there.
+    kept &= np.abs(curve.times_s - edges[np.clip(inside, 0, steps)]) > 1e-9
+    np.maximum.at(strongest, inside[kept], curve.values[kept])
+    strongest[edges[:-1] >= curve.times_s[-1] - 1e-9] = 0.0  # a signal ends with its curve
+    return np.asarray(np.clip(strongest, 0.0, 1.0))
+
+
+def _spans(levels: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
+    """First step and step after the last of what sounds without a longer silence."""
+    loud = np.flatnonzero(levels.any(axis=1))
+    if not len(loud):
+        return []
+    cuts = np.flatnonzero(np.diff(loud) > _GAP_MS // INTERVAL_MS)
+    firsts = np.concatenate([[0], cuts + 1])
+    lasts = np.concatenate([cuts, [len(loud) - 1]])
+    return [(int(loud[a]), int(loud[b]) + 1) for a, b in zip(firsts, lasts, strict=True)]
+
+
+def _effect(
+    levels: npt.NDArray[np.int64], span: tuple[int, int], positions: Sequence[str]
+) -> dict[str, Any]:
+    first, stop = span
+    part = levels[first:stop]
+    return {
+        "name": f"from {first * INTERVAL_MS} ms",
+        "startTime": first * INTERVAL_MS,
+        "offsetTime": (stop - first) * INTERVAL_MS,
+        "modes": {
+            position: {
+                "mode": "DOT_MODE",
+                "dotMode": {
+                    "dotConnected": False,
+                    "feedback": list(_dots(part[:, k * MAX_DOTS : (k + 1) * MAX_DOTS])),
+                },
+                "pathMode": {
+                    "feedback": [
+                        {"playbackType": "NONE", "movingPattern": "CONST_SPEED", "pointList": []}
+                    ]
+                },
+            }
+            for k, position in enumerate(positions)
+        },
+    }
+
+
+def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
+    """Stretches in which no dot of a position changes; silent ones are left out."""
+    changes = np.flatnonzero((levels[1:] != levels[:-1]).any(axis=1)) + 1
+    edges = [0, *changes.tolist(), len(levels)]
+    for first, stop in pairwise(edges):
+        row = levels[first]
+        if row.any():
+            yield {
+                "startTime": first * INTERVAL_MS,
+                "endTime": stop * INTERVAL_MS,
+                "playbackType": "NONE",
+                "pointList": [
+                    {"index": int(k), "intensity": row[k] / 100.0} for k in np.flatnonzero(row)
+                ],
+            }
+
+
+def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
+    """One signal for each dot that is used, named ``VestFront 0``.
+
+    A point that moves on a path is played by the nearest dot.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or has errors.
+    """
+    return decode(read_bytes(path), str(path))
+
+
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
+    """:func:`read` from bytes."""
+    found = parse(content, name)
+    refuse_errors(findings(found), name)
+    pieces: dict[tuple[str, int], list[Piece]] = {}
+    for track in found["project"]["tracks"]:
+        if not track.get("enable", True):
+            continue
+        for effect in track["effects"]:
+            for position, mode in effect["modes"].items():
+                dots = found["project"]["layout"]["layouts"][position]
+                played = (
+                    _dot_pieces(effect, mode)
+                    if mode["mode"] == "DOT_MODE"
+                    else (_path_pieces(effect, mode, dots))
+                )
+                for index, piece in played:
+                    pieces.setdefault((position, index), []).append(piece)
+    end_s = found["durationMillis"] / 1000.0
+    signals = [
+        mixed(f"{position} {index}", each, (), end_s)
+        for (position, index), each in sorted(pieces.items())
+    ]
+    return signals, DEFAULT_RANGE
+
+
+_FADES: Final = {
+    "NONE": ((0.0, 1.0), (1.0, 1.0)),
+    "FADE_IN": ((0.0, 1.0), (0.0, 1.0)),
+    "FADE_OUT": ((0.0, 1.0), (1.0, 0.0)),
+    "FADE_IN_OUT": ((0.0, 0.5, 1.0), (0.0, 1.0, 0.0)),
+}
+
+
+def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
+    shares, values = _FADES[fade]
+    times = start_s + (end_s - start_s) * np.array(shares)
+    pitch = Curve.of([start_s], [DEFAULT_RANGE.lowest_hz])
+    return Piece(start_s, end_s, Curve(times, level * np.array(values)), pitch)
+
+
+def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
+    begin = effect["startTime"]
+    for feedback in mode["dotMode"]["feedback"]:
+        start, end = ((begin + feedback[key]) / 1000.0 for key in ("startTime", "endTime"))
+        for point in feedback["pointList"]:
+            level = float(point["intensity"])
+            yield point["index"], _piece(start, end, level, feedback["playbackType"])
+
+
+def _path_pieces(
+    effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]]
+) -> Iterator[tuple[int, Piece]]:
+    if not dots:
+        return
+    places = np.array([[float(dot["x"]), float(dot["y"])] for dot in dots])
+    begin = effect["startTime"]
+    for feedback in mode["pathMode"]["feedback"]:
+        points = feedback["pointList"]
+        ends = [point["time"] for point in points[1:]] + [effect["offsetTime"]]
+        for point, end in zip(points, ends, strict=True):
+            off = places - (float(point["x"]), float(point["y"]))
+            nearest = dots[int(np.argmin((off**2).sum(axis=1)))]
+            start_s, end_s = (begin + point["time"]) / 1000.0, (begin + end) / 1000.0
+            yield nearest["index"], _piece(start_s, end_s, float(point["intensity"]), "NONE")

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a writer made, and what it had to leave out."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from ..atomic_files import atomic_file
+from .checking import clean, encoded
+
+_LONGEST: Final = 100
+
+
+@dataclass(frozen=True)
+class Written:
+    """The result of writing in one format."""
+
+    files: tuple[Path, ...] = ()
+    left_out: tuple[str, ...] = ()  # one sentence each, without a full stop
+    notes: tuple[str, ...] = ()  # the error that simplification made, what needed no file
+
+    def __add__(self, other: Written) -> Written:
+        return Written(
+            self.files + other.files, self.left_out + other.left_out, self.notes + other.notes
+        )
+
+
+def write_json(document: Any, path: Path) -> None:
+    """Write a document.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    with atomic_file(path) as file:
+        file.write(encoded(document))
+
+
+def beside(stem: Path, part: str) -> Path:
+    """``folder/stem.part``; the part may be any text, of any length."""
+    safe = quote(clean(part), safe="!,-_+()=@ ") or "_"
+    if len(safe) > _LONGEST:
+        digest = hashlib.sha256(safe.encode()).hexdigest()[:8]
+        safe = f"{safe[: _LONGEST - 9].rstrip('%')}-{digest}"
+    return stem.with_name(f"{stem.name}.{safe}")
+
+
+def silent_note(names: Sequence[str]) -> tuple[str, ...]:
+    """That these actuators play nothing and got no file."""
+    if not names:
+        return ()
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    return (f"no file for what stays silent: {shown}",)

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Formats by name, conversion, and ``hfx validate`` and ``hfx convert``."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from format_cases import RANGE, raster_for, signal
+from test_hjif import BEAT, track_of
+
+from hfx_blender import cli
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.errors import InputError, UsageError
+from hfx_blender.formats import files, haptic, npz_raster, registry, wav
+from hfx_blender.formats.conversion import convert
+from hfx_blender.formats.hjif import reader as hjif_reader
+from hfx_blender.formats.hjif import to_signals
+from hfx_blender.formats.signals import Transient, signals_of
+
+ENVELOPES = ["ahap", "haptic", "he", "he1", "openharmony", "openxr"]
+
+
+@pytest.mark.parametrize("name", registry.DEVICE_FORMATS)
+def test_every_device_format_writes_valid_files(tmp_path, name):
+    device = load_device("back_pad")
+    raster = raster_for(device)
+    written = registry.write(name, raster, device, tmp_path / "scene.back_pad")
+    assert written.files and not written.left_out
+    for path in written.files:
+        assert path.name.startswith("scene.back_pad")
+        if not path.name.endswith(wav.SIDECAR_SUFFIX):
+            found, findings = files.validate(path)
+            assert findings == [], path
+            assert found.name == {"he1": "he", "wav24": "wav", "wavfloat": "wav"}.get(name, name)
+    again = registry.write(name, raster, device, tmp_path / "other.back_pad")
+    for one, other in zip(written.files, again.files, strict=True):
+        same = other.read_bytes().replace(b"other.back_pad", b"scene.back_pad")
+        assert one.read_bytes() == same
+
+
+@pytest.mark.parametrize("name", ["ahap", "haptic", "he", "openxr"])
+def test_what_a_device_plays_is_in_the_file(tmp_path, name):
+    device = load_device("back_pad")
+    raster = raster_for(device)
+    dense, _ = signals_of(raster, device)
+    written = registry.write(name, raster, device, tmp_path / "x")
+    found = [each for path in written.files for each in files.read_signals(path)[0]]
+    assert [each.name for each in found] == [each.name for each in dense]
+    times = np.linspace(0.0, 1.99, 400)
+    for one, other in zip(found, dense, strict=True):
+        slack = 0.021 if name == "he" else 0.0101  # half a millisecond of 21 a second
+        assert np.abs(one.amplitude.at(times) - other.amplitude.at(times)).max() <= slack
+
+
+@pytest.mark.parametrize("name", [*ENVELOPES, "wav", "tact"])
+def test_temperature_in_a_vibration_format_is_refused(tmp_path, name):
+    device = load_device("fan_heater")
+    with pytest.raises(InputError, match="plays wind and temperature"):
+        registry.write(name, raster_for(device), device, tmp_path / "x")
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(UsageError, match="none of the devices has vibration"):
+        registry.check([name], [device])
+
+
+def test_what_some_of_the_devices_cannot_play_is_told(tmp_path):
+    pad, heater = load_device("back_pad"), load_device("fan_heater")
+    played = [(".a", pad, raster_for(pad)), (".b", heater, raster_for(heater))]
+    with track_of(tmp_path, "pressure", "painted", BEAT) as track:
+        written = registry.write_all(["ahap", "csv"], played, track, [pad, heater], tmp_path / "x")
+    assert "'fan_heater' has no vibration actuators" in written.left_out[0]
+    assert {path.name for path in written.files} >= {"x.a.csv", "x.b.csv", "x.a.r1c1.ahap"}
+
+
+def test_a_format_needs_a_known_name_and_a_device():
+    with pytest.raises(UsageError, match="'mp3' is unknown"):
+        registry.check(["mp3"], [])
+    with pytest.raises(UsageError, match="choose one with --device"):
+        registry.check(["ahap"], [])
+    registry.check(["track", "hjif", "jsonl"], [])
+
+
+@pytest.mark.parametrize("target", ["haptic", "he", "he1", "openharmony", "openxr", "ahap", "hjif"])
+@pytest.mark.parametrize("source", ["haptic", "ahap", "he", "openxr", "tact"])
+def test_vibration_goes_from_format_to_format(tmp_path, source, target):
+    device = load_device("forearm_band_left")
+    raster = raster_for(device, rows=60)
+    first = registry.write(source, raster, device, tmp_path / "first").files[0]
+    suffix = ".hjif" if target == "hjif" else registry.DEVICE_FORMATS[target].suffix
+    written = convert(first, tmp_path / f"second{suffix}", to=target)
+    (before, *_), _ = files.read_signals(first)
+    (after, *_), _ = files.read_signals(written.files[0])
+    assert files.validate(written.files[0])[1] == []
+    times = np.linspace(0.02, 0.55, 100)
+    off = np.abs(before.amplitude.at(times) - after.amplitude.at(times))
+    if target != "he1" and source != "tact":  # which are silent between events, or have steps
+        assert off.max() <= 0.03
+
+
+def test_a_track_goes_to_everything(tmp_path):
+    with track_of(tmp_path, "vibration", "painted", BEAT * 5):
+        pass
+    track = tmp_path / "x.hfxtrack"
+    for name in ("hjif", "samples.jsonl", "raster.npz", "csv"):
+        device = None if name in ("hjif", "samples.jsonl") else "back_pad"
+        written = convert(track, tmp_path / f"y.{name}", device=device)
+        assert written.files[0].name == f"y.{name}"
+        assert files.validate(written.files[0])[1] == []
+    convert(tmp_path / "y.raster.npz", tmp_path / "z.csv", device="back_pad")
+    assert (tmp_path / "z.csv").read_bytes() == (tmp_path / "y.csv").read_bytes()
+    with pytest.raises(InputError, match="not those of the device"):
+        convert(tmp_path / "y.csv", tmp_path / "w.npz", to="npz", device="insoles")
+    with pytest.raises(UsageError, match="choose one with --device"):
+        convert(track, tmp_path / "w.ahap")
+    hjif = convert(tmp_path / "y.hjif", tmp_path / "v.haptic").files
+    assert [path.name for path in hjif] == ["v.Rain.haptic"]
+    assert not list(tmp_path.glob(".hfx.*")) and not list(tmp_path.glob("w*"))
+
+
+def test_what_makes_no_sense_is_refused(tmp_path):
+    haptic.write([signal([0, 1])], RANGE, tmp_path / "x")
+    source = tmp_path / "x.r1c1.haptic"
+    with pytest.raises(UsageError, match="only a track"):
+        convert(source, tmp_path / "y.samples.jsonl")
+    with pytest.raises(UsageError, match="not to wav"):
+        convert(source, tmp_path / "y.wav")
+    with pytest.raises(UsageError, match="names no format"):
+        convert(source, tmp_path / "y.mp3")
+    with pytest.raises(InputError, match="no such file"):
+        convert(tmp_path / "none.haptic", tmp_path / "y.ahap")
+    with pytest.raises(InputError, match="no format that is known"):
+        convert(tmp_path / "none.mp3", tmp_path / "y.ahap")
+
+
+# --- the commands --------------------------------------------------------------------------
+
+
+def run(capsys, *arguments):
+    code = cli.run([str(each) for each in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_validate_tells_each_finding_with_its_code(tmp_path, capsys):
+    good, bad = tmp_path / "good.haptic", tmp_path / "bad.haptic"
+    haptic.write([signal([0, 1], name="")], RANGE, tmp_path / "x")
+    good.write_bytes((tmp_path / "x._.haptic").read_bytes())
+    bad.write_bytes(good.read_bytes().replace(b'"frequency"', b'"frequncy"', 1))
+    assert run(capsys, "validate", good)[0] == 0
+    code, out, _ = run(capsys, "validate", bad)
+    assert code == 0 and "warning HAPTIC-UNKNOWN" in out and "valid" in out
+    assert run(capsys, "validate", "--strict", bad)[0] == 3
+    bad.write_bytes(good.read_bytes().replace(b'"major":1', b'"major":9'))
+    code, out, _ = run(capsys, "validate", bad)
+    assert code == 3 and "error HAPTIC-RANGE version.major: 9 is out of range" in out
+    assert run(capsys, "validate", good, bad)[0] == 5
+    code, out, _ = run(capsys, "validate", "--json", bad)
+    assert json.loads(out)["findings"][0]["code"] == "HAPTIC-RANGE"
+    bad.write_bytes(b"{")
+    assert "HAPTIC-UNREADABLE" in run(capsys, "validate", bad)[1]
+    code, _, err = run(capsys, "validate", tmp_path / "none.hjif")
+    assert code == 3 and "no such file" in err
+
+
+def test_convert_tells_what_it_wrote_and_what_it_left_out(tmp_path, capsys):
+    device = load_device("pressure_vest")
+    npz_raster.write(raster_for(device), tmp_path / "x.raster.npz")
+    source = tmp_path / "x.raster.npz"
+    code, _, err = run(capsys, "convert", source, tmp_path / "y.ahap", "--device", "pressure_vest")
+    assert code == 3 and "Apple AHAP holds vibration only" in err
+    code, out, _ = run(capsys, "convert", source, tmp_path / "y.csv", "--device", "pressure_vest")
+    assert code == 0 and "y.csv" in out
+    code, _, err = run(
+        capsys, "convert", source, tmp_path / "none" / "y.csv", "--device", "pressure_vest"
+    )
+    assert code == 3 and "cannot be written to" in err
+    code, _, _ = run(capsys, "convert", source, tmp_path / "y.csv", "--tolerance", "0")
+    assert code == 2
+
+
+def test_a_raster_goes_to_hjif_a_channel_an_actuator(tmp_path):
+    device = load_device("fan_heater")
+    raster = raster_for(device, rows=50)
+    raster.values[10:20] += 1.0
+    npz_raster.write(raster, tmp_path / "x.raster.npz")
+    path = convert(tmp_path / "x.raster.npz", tmp_path / "y.hjif", device="fan_heater").files[0]
+    assert files.validate(path)[1] == []
+    found = list(to_signals.envelopes(hjif_reader.read(path)))
+    assert [each.modality for each in found] == ["Wind", "Temperature"]
+    for each in found:
+        strength = each.strength.at(np.arange(50) / 100.0) * each.full_scale
+        assert strength == pytest.approx((raster.values - raster.neutral)[:, 0], abs=0.06)
+
+
+def test_ticks_go_to_hjif_and_back(tmp_path):
+    tick = Transient(0.01, 0.8, 150.0)
+    haptic.write([signal([0, 0.5, 0], transients=[tick])], RANGE, tmp_path / "x")
+    path = convert(tmp_path / "x.r1c1.haptic", tmp_path / "y.hjif").files[0]
+    assert files.validate(path)[1] == []
+    ((found,), _) = files.read_signals(path)
+    assert [(t.time_s, t.amplitude, t.frequency_hz) for t in found.transients] == [
+        (pytest.approx(0.01), pytest.approx(0.8), pytest.approx(150.0, abs=0.51))
+    ]
+    assert found.amplitude.at(0.01) == pytest.approx(
+        0.5, abs=0.014
+    )  # and half a tick of 50 a second
+
+
+def test_signals_of_the_same_name_do_not_overwrite_each_other(tmp_path):
+    device = load_device("forearm_band_left")
+    raster = raster_for(device, rows=20)
+    path = registry.write("openxr", raster, device, tmp_path / "x").files[0]
+    names = [channel["actuator"] for channel in json.loads(path.read_text())["channels"]]
+    text = path.read_text()
+    for name, new in zip(names, ["tap", "TAP", "tap", "t" * 300, "t" * 299 + "u"], strict=False):
+        text = text.replace(json.dumps(name), json.dumps(new))
+    path.write_text(text)
+    written = convert(path, tmp_path / "y.haptic")
+    assert len({each.name.casefold() for each in written.files}) == len(names)
+    assert all(each.is_file() and len(each.name) < 130 for each in written.files)
+
+
+def test_a_track_is_validated_as_a_whole(tmp_path, capsys):
+    with track_of(tmp_path, "pressure", "painted", BEAT):
+        pass
+    path = tmp_path / "x.hfxtrack"
+    assert run(capsys, "validate", path)[0] == 0
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    code, out, _ = run(capsys, "validate", path)
+    assert code == 3 and "TRACK-CONTENT" in out

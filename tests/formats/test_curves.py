@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simplified curves: within their tolerance, and with the fewest keyframes there can be."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hfx_blender.formats.curves import Curve, CurveTolerance, deviation, simplified
+
+SHARES = st.floats(0.0, 1.0, width=32)
+
+
+def curve_of(values, rate_hz=100.0):
+    return Curve.of(np.arange(len(values)) / rate_hz, values)
+
+
+def least_count(curve, tolerance):
+    """Keyframes of the best curve that turns at rows only, found by trying all of them.
+
+    A linear programme for every choice of rows says whether some values there would do.
+    """
+    from scipy.optimize import linprog
+
+    times, values = curve.times_s, curve.values
+    rows = range(1, len(times) - 1)
+    for count in range(len(times) - 1):
+        for inner in combinations(rows, count):
+            knots = times[[0, *inner, len(times) - 1]]
+            hats = np.array([np.interp(times, knots, unit) for unit in np.eye(len(knots))]).T
+            found = linprog(
+                np.zeros(len(knots)),
+                A_ub=np.vstack([hats, -hats]),
+                b_ub=np.concatenate([values + tolerance, tolerance - values]),
+                bounds=(None, None),
+            )
+            if found.status == 0:
+                return count + 2
+    return len(times)
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_no_curve_that_turns_at_rows_has_fewer_keyframes(seed):
+    random = np.random.default_rng(seed)
+    smooth = np.cumsum(random.normal(0, 0.05, 8))
+    curve = curve_of(smooth if seed % 2 else random.random(8))
+    for tolerance in (0.02, 0.1):
+        found = simplified(curve, CurveTolerance(tolerance))
+        assert len(found) <= least_count(curve, tolerance)
+
+
+def test_the_search_for_the_fewest_finds_what_is_plain():
+    assert least_count(curve_of([0, 1, 2, 3, 4]), 0.01) == 2
+    assert least_count(curve_of([0, 1, 2, 1, 0]), 0.01) == 3
+    assert least_count(curve_of([0, 0, 1, 0, 0]), 0.01) == 5
+    assert least_count(curve_of([0, 0, 1, 0, 0]), 0.5) == 2
+
+
+@given(st.lists(SHARES, min_size=1, max_size=60), st.floats(1e-3, 0.5))
+def test_the_error_is_at_most_the_tolerance(values, tolerance):
+    curve = curve_of(values)
+    found = simplified(curve, CurveTolerance(tolerance), lowest=0.0, highest=1.0)
+    assert deviation(curve, found) <= tolerance * (1 + 1e-9)
+    assert len(found) <= max(len(values), 2)
+    assert found.times_s[0] == 0.0
+    assert found.times_s[-1] == pytest.approx(curve.times_s[-1], abs=1e-5)
+    assert 0.0 <= found.values.min() and found.values.max() <= 1.0
+
+
+@given(st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.004, 0.5, 1.0]), min_size=2, max_size=40))
+def test_silence_stays_silent(values):
+    curve = curve_of(values)
+    found = simplified(curve, CurveTolerance(0.01), lowest=0.0, highest=1.0, keeps_silence=True)
+    assert deviation(curve, found) <= 0.01 * (1 + 1e-9)
+    rows = curve.times_s[curve.values == 0.0]
+    assert np.all(found.at(rows) <= 1.1e-4)  # a hundredth of the tolerance
+    row = np.searchsorted(curve.times_s, found.times_s, side="right") - 1
+    is_silent = np.append(curve.values, 0.0) == 0.0
+    within = is_silent[row] & is_silent[row + 1]  # between two silent rows
+    assert np.all(found.values[within] == 0.0)
+
+
+@given(
+    st.lists(SHARES, min_size=3, max_size=40),
+    st.floats(1e-2, 0.3),
+    st.sampled_from([0.0, 0.01, 0.02, 0.05]),
+)
+def test_what_was_there_is_there_about_then(values, tolerance, time_s):
+    curve = curve_of(values)
+    found = simplified(curve, CurveTolerance(tolerance, time_s))
+
+    def is_near(one, other):
+        near = np.linspace(-time_s, time_s, 41)
+        times = np.linspace(one.times_s[0], one.times_s[-1], 200)
+        at = other.at(np.clip(times[:, None] + near, 0.0, curve.times_s[-1]))
+        step = np.abs(np.diff(at, axis=1)).max(initial=0.0)  # between the times that are tried
+        low, high = at.min(axis=1) - tolerance - step, at.max(axis=1) + tolerance + step
+        return np.all((one.at(times) >= low - 1e-6) & (one.at(times) <= high + 1e-6))
+
+    assert is_near(found, curve)
+    rows = Curve(curve.times_s, curve.values)
+    assert is_near(rows, found) or time_s > 0.0
+    if time_s > 0.0:  # nothing short is lost
+        reach = found.at(
+            np.clip(curve.times_s[:, None] + np.linspace(-time_s, time_s, 201), 0, None)
+        )
+        assert np.all(curve.values <= reach.max(axis=1) + tolerance + 0.02)
+        assert np.all(curve.values >= reach.min(axis=1) - tolerance - 0.02)
+
+
+def test_a_pulse_shorter_than_the_time_tolerance_is_not_lost():
+    values = np.zeros(100)
+    values[50] = 1.0
+    found = simplified(curve_of(values), CurveTolerance(0.05, 0.2))
+    assert found.values.max() >= 0.95
+
+
+def test_time_tolerance_saves_keyframes():
+    times = np.arange(400) / 100.0
+    steps = Curve(times, np.round(np.sin(3 * times) * 5) / 5)
+    exact = simplified(steps, CurveTolerance(0.05))
+    loose = simplified(steps, CurveTolerance(0.05, 0.05))
+    assert len(loose) < len(exact)
+
+
+@pytest.mark.parametrize("kind", ["constant", "ramp", "sine", "noise", "pulses"])
+def test_a_hundred_thousand_points(kind):
+    times = np.arange(100_000) / 1000.0
+    values = {
+        "constant": np.full(len(times), 0.3),
+        "ramp": times / times[-1],
+        "sine": 0.5 + 0.5 * np.sin(times),
+        "noise": np.random.default_rng(1).random(len(times)),
+        "pulses": (np.arange(len(times)) // 50 % 2).astype(float),
+    }[kind]
+    curve = Curve(times, values)
+    found = simplified(curve, CurveTolerance(0.01), lowest=0.0, highest=1.0, keeps_silence=True)
+    assert deviation(curve, found) <= 0.01
+    if kind in ("constant", "ramp"):
+        assert len(found) <= 3
+    if kind == "sine":  # arcs of curvature A have an error of A h^2 / 16 at best
+        ideal = sum(np.sqrt(np.abs(0.5 * np.sin(times)) / 0.16)) / 1000.0
+        assert len(found) <= 1.2 * ideal + 10
+    if kind == "pulses":
+        assert len(found) <= 4 * 1000 + 2
+
+
+def test_free_stretches_need_no_keyframes():
+    values = np.where(np.arange(100) % 10 == 0, 1.0, np.random.default_rng(2).random(100))
+    is_free = np.arange(100) % 10 != 0
+    found = simplified(curve_of(values), CurveTolerance(0.01), is_free=is_free)
+    assert len(found) == 2
+
+
+def test_a_step_is_kept():
+    curve = Curve.of([0.0, 0.5, 0.5, 1.0], [0.0, 0.0, 1.0, 1.0])
+    found = simplified(curve, CurveTolerance(0.01))
+    assert found.at(0.499) <= 0.01 and found.at(0.501) >= 0.99
+
+
+def test_values_at_a_step():
+    curve = Curve.of([0.0, 0.5, 0.5, 1.0], [0.0, 1.0, 3.0, 3.0])
+    assert curve.at([0.25, 0.5, 2.0]).tolist() == [0.5, 3.0, 3.0]
+    assert curve.before([0.25, 0.5, 2.0]).tolist() == [0.5, 1.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "values"), [([], []), ([0.0], [np.nan]), ([1.0, 0.0], [0, 0]), ([0.0, 1.0], [0.0])]
+)
+def test_what_is_no_curve_is_refused(times, values):
+    with pytest.raises(ValueError):
+        Curve.of(times, values)

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A scene's volumes as glTF nodes and draft triggers, where and when they were."""
+
+from __future__ import annotations
+
+import io
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    SceneDescription,
+    TimeBase,
+)
+from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.shape import Falloff
+from hfx_blender.formats import glb, glb_scene
+
+TETRAHEDRON = MeshVolume(
+    np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+    np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32),
+    name="corner",
+)
+COUNT = 12
+
+
+def turned(angle, axis):
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def placed(rotation=None, scale=(1, 1, 1), at=(0, 0, 0)):
+    matrix = np.eye(4)
+    matrix[:3, :3] = (np.eye(3) if rotation is None else rotation) @ np.diag(scale)
+    matrix[:3, 3] = at
+    return matrix
+
+
+def recorded(shape, matrices, levels=None):
+    effect = EffectDescription(
+        "e", "Wall é", "vibration", "hfx-vibration-1", HapticVolume(Falloff())
+    )
+    time = TimeBase(Fraction(24), Fraction(24), 1, 1, COUNT)
+    recorder = glb_scene.VolumeRecorder(SceneDescription(time, (), (effect,)))
+    levels = np.ones(COUNT) if levels is None else np.asarray(levels)
+    for first in range(0, COUNT, 5):  # each block repeats the row before it, as history
+        rows = np.arange(max(first - 1, 0), min(first + 5, COUNT))
+        block = EffectBlock(levels[rows], np.zeros((len(rows), 2)), matrices[rows], (shape,))
+        recorder.add(AnimationBlock(rows, (block,), (), history=int(first > 0)))
+    return recorder
+
+
+def written(recorder, folder):
+    result = recorder.write([load_model("hfx-temperature-1")], folder / "x", "x.hjif")
+    data = result.files[0].read_bytes()
+    assert glb.validate(data, "x") == []
+    return glb.read_json(data, "x"), data, result
+
+
+STILL = np.tile(placed(turned(0.5, (1, 2, 3)), (1, 2, 3), (0.5, -1, 2)), (COUNT, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "members"),
+    [
+        (Cuboid(), 0, {"width": 2.0, "height": 2.0, "length": 2.0}),
+        (Sphere(), 4, {"radius": 1.0}),
+        (Cylinder(), 2, {"radius": 1.0, "length": 2.0}),
+        (Capsule(0.5), 3, {"radius": 1.0, "topCentroid": [0, 0, 0.5]}),
+    ],
+)
+def test_a_shape_is_a_trigger_where_it_stands(tmp_path, shape, kind, members):
+    found, _, _ = written(recorded(shape, STILL), tmp_path)
+    interactivity = found["extensions"]["MPEG_interactivity"]
+    (trigger,) = interactivity["triggers"]
+    (primitive,) = trigger["primitives"]
+    assert primitive["type"] == kind and members.items() <= primitive.items()
+    matrix = np.array(primitive["transformationMatrix"]).reshape(4, 4).T
+    point = STILL[0] @ [0.3, -0.2, 0.9, 1.0]
+    np.testing.assert_allclose(matrix @ [0.3, -0.2, 0.9, 1.0], [point[0], point[2], -point[1], 1])
+    assert interactivity["actions"][0]["type"] == 7
+    assert found["extensions"]["MPEG_media"]["media"][0]["alternatives"][0]["uri"] == "x.hjif"
+
+
+def test_extensions_are_used_and_never_required(tmp_path):
+    found, _, _ = written(recorded(Sphere(), STILL), tmp_path)
+    assert found["extensionsUsed"] == ["MPEG_interactivity", "MPEG_media"]
+    assert "extensionsRequired" not in found
+
+
+def test_a_mesh_is_a_mesh(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    found, data, _ = written(recorded(TETRAHEDRON, STILL), tmp_path)
+    assert "primitives" not in found["extensions"]["MPEG_interactivity"]["triggers"][0]
+    loaded = trimesh.load(io.BytesIO(data), file_type="glb", process=False)
+    assert sorted(len(each.faces) for each in loaded.geometry.values())[0] == 4
+
+
+def test_a_moving_volume_is_animated(tmp_path):
+    angles = np.linspace(0.0, 7.0, COUNT)
+    matrices = np.stack([placed(turned(a, (0, 0, 1)), (1, 2, 0.5), (a, 0, 1)) for a in angles])
+    found, data, _ = written(recorded(Cuboid(), matrices), tmp_path)
+    (animation,) = found["animations"]
+    binary = data[data.index(b"BIN\0") + 4 :]
+
+    def column(index):
+        accessor = found["accessors"][index]
+        view = found["bufferViews"][accessor["bufferView"]]
+        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
+        part = binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
+        return np.frombuffer(part, "<f4").reshape(-1, width)
+
+    paths = {
+        channel["target"]["path"]: column(animation["samplers"][channel["sampler"]]["output"])
+        for channel in animation["channels"]
+    }
+    times = column(animation["samplers"][0]["input"])[:, 0]
+    np.testing.assert_allclose(times, np.arange(COUNT) / 24.0, atol=1e-6)
+    np.testing.assert_allclose(
+        paths["translation"], np.stack([angles, angles * 0 + 1, angles * 0], 1), atol=1e-6
+    )
+    turn = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    for k in range(COUNT):
+        x, y, z, w = paths["rotation"][k].astype(float)
+        assert np.linalg.norm([x, y, z, w]) == pytest.approx(1.0, abs=1e-6)
+        rotation = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        again = rotation @ np.diag(paths["scale"][k])
+        np.testing.assert_allclose(again, turn @ matrices[k][:3, :3], atol=1e-5)
+    steps = (paths["rotation"][1:] * paths["rotation"][:-1]).sum(axis=1)
+    assert (steps > 0.0).all()  # the short way round
+
+
+def test_mirrored_and_sheared_volumes(tmp_path):
+    mirrored = np.stack([placed(None, (-1, 1, 1), (k, 0, 0)) for k in range(COUNT)])
+    found, _, result = written(recorded(Cuboid(), mirrored), tmp_path)
+    assert np.prod(found["nodes"][1]["scale"]) == pytest.approx(-1.0)
+    assert not result.notes
+    sheared = mirrored.copy()
+    sheared[:, 0, 1] = 0.5
+    assert "sheared" in written(recorded(Cuboid(), sheared), tmp_path)[2].notes[0]
+
+
+def test_a_volume_that_is_never_active_is_told(tmp_path):
+    found, _, result = written(recorded(Sphere(), STILL, np.zeros(COUNT)), tmp_path)
+    assert "never active" in result.notes[0] and "extensions" not in found
+
+
+def test_rows_without_a_level_are_left_out(tmp_path):
+    matrices = STILL.copy()
+    matrices[3] = np.nan
+    levels = np.ones(COUNT)
+    levels[3] = 0.0
+    found, _, _ = written(recorded(Sphere(), matrices, levels), tmp_path)
+    assert "animations" not in found

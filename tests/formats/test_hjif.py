@@ -1,0 +1,636 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""HJIF: strict validation, lossless round trips, and envelopes that are what was felt."""
+
+from __future__ import annotations
+
+import json
+import os
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.samples import SampleRun, Stream
+from hfx_blender.engine.scene import TimeBase
+from hfx_blender.engine.track import (
+    TrackBody,
+    TrackEffect,
+    TrackHeader,
+    TrackModel,
+    TrackReader,
+    TrackWriter,
+)
+from hfx_blender.errors import InputError
+from hfx_blender.formats import glb
+from hfx_blender.formats.checking import encoded
+from hfx_blender.formats.hjif import from_track, model, perceptions, reader, rules, to_signals
+from hfx_blender.formats.hjif.body_parts import BITS, described, place_mask, vertex_masks
+from hfx_blender.formats.hjif.envelopes import timescale_of
+
+
+def basis(*keyframes, **members):
+    frames = [
+        {"relative_position": t, "amplitude_modulation": a, "frequency_modulation": f}
+        for t, a, f in keyframes
+    ]
+    return {"effect_type": "Basis", "position": 0, "keyframes": frames, **members}
+
+
+def sample():
+    """A document with everything, whole."""
+    wave = basis((0, 0.5, 100), (400, 0.5, 200), phase=0.0, base_signal="Sine")
+    channel = {
+        "id": 0,
+        "description": "c0",
+        "gain": 1.0,
+        "mixing_coefficient": 1.0,
+        "body_part_mask": 1024,
+        "priority": 1,
+        "reference_device_id": 1,
+        "vertices": [1, 2, 3],
+        "body_part_target": ["Front", "Chest"],
+        "actuator_resolution": {"X": 2, "Y": 2, "Z": 1},
+        "actuator_target": [{"X": 1, "Y": 0, "Z": 0}],
+        "frequency_sampling": 0,
+        "sample_count": 0,
+        "direction": {"X": 0, "Y": 0, "Z": 127},
+        "bands": [
+            {
+                "band_type": "Curve",
+                "curve_type": "Linear",
+                "lower_frequency_limit": 0,
+                "upper_frequency_limit": 1000,
+                "effects": [basis((0, 0.0, 0), (500, 0.5, 0), (1000, 1.0, 0))],
+            },
+            {
+                "band_type": "VectorialWave",
+                "priority": 3,
+                "lower_frequency_limit": 0,
+                "upper_frequency_limit": 1000,
+                "effects": [
+                    {**wave, "position": 100},
+                    {"effect_type": "Reference", "position": 600, "id": 7},
+                    {"effect_type": "Composite", "position": 1500, "composition": [wave]},
+                ],
+            },
+            {
+                "band_type": "Transient",
+                "lower_frequency_limit": 65,
+                "upper_frequency_limit": 300,
+                "effects": [basis((0, 1.0, 150), base_signal="Sine")],
+            },
+            {
+                "band_type": "WaveletWave",
+                "block_length": 64,
+                "lower_frequency_limit": 65,
+                "upper_frequency_limit": 300,
+                "effects": [{"effect_type": "Basis", "position": 0, "wavelet_stream": "AAAA"}],
+            },
+        ],
+    }
+    device = {
+        "id": 1,
+        "name": "vest",
+        "body_part_mask": 1024,
+        "maximum_frequency": 250.0,
+        "minimum_frequency": 0.0,
+        "resonance_frequency": 100.0,
+        "maximum_amplitude": 20.0,
+        "impedance": 8.0,
+        "maximum_voltage": 5.0,
+        "maximum_current": 1.0,
+        "maximum_displacement": 1.0,
+        "weight": 0.1,
+        "size": 10.0,
+        "custom": -1.0,
+        "type": "VCA",
+    }
+    library = basis((0, 1.0, 80), (500, 0.0, 80), id=7, semantic_keywords="UX/Click")
+    perception = {
+        "id": 0,
+        "avatar_id": 2,
+        "description": "chest",
+        "perception_modality": "Vibrotactile",
+        "priority": 2,
+        "unit_exponent": -3,
+        "perception_unit_exponent": 0,
+        "reference_devices": [device],
+        "effect_library": [library],
+        "channels": [channel],
+    }
+    return {
+        "version": "2023",
+        "profile": "Main",
+        "level": 1,
+        "date": "2024-01-01T12:00:00+00:00",
+        "description": "test",
+        "timescale": 1000,
+        "avatars": [
+            {"id": 1, "lod": 0, "type": "Pressure"},
+            {"id": 2, "lod": 0, "type": "Custom", "mesh": "body%20mesh.glb"},
+        ],
+        "perceptions": [perception],
+        "syncs": [{"timestamp": 0, "timescale": 1000}],
+    }
+
+
+P = ("perceptions", 0)
+C = (*P, "channels", 0)
+D = (*P, "reference_devices", 0)
+E = (*P, "effect_library", 0)
+
+
+def at(document, place):
+    for key in place:
+        document = document[key]
+    return document
+
+
+def with_change(place, value):
+    found = sample()
+    at(found, place[:-1])[place[-1]] = value
+    return found
+
+
+def codes(document):
+    return [each.code for each in rules.findings(document)]
+
+
+def test_the_sample_is_valid():
+    assert rules.findings(sample()) == []
+
+
+# One entry for each semantic rule of the standard's conformance configuration.
+SEMANTIC = {
+    "VERSION-YEAR": (("version",), "2022"),
+    "VERSION-AMENDMENT": (("version",), "2023-0"),
+    "PROFILE": (("profile",), "main"),
+    "LEVEL": (("level",), 3),
+    "DATE": (("date",), "2024-13-01T12:00:00+00:00"),
+    "TIMESCALE": (("timescale",), 48_001),
+    "AVATAR-ID-DUPLICATE": (("avatars", 0, "id"), 2),
+    "AVATAR-URI": (("avatars", 1, "mesh"), "body mesh.glb"),
+    "PERCEPTION-ID-DUPLICATE": (("perceptions",), [sample()["perceptions"][0]] * 2),
+    "MODALITY": ((*P, "perception_modality"), "Smell"),
+    "AVATAR-ID-UNKNOWN": ((*P, "avatar_id"), 9),
+    "CHANNEL-COUNT": (
+        (*P, "channels"),
+        [{**sample()["perceptions"][0]["channels"][0], "id": k, "bands": []} for k in range(128)],
+    ),
+    "DEVICE-ID-DUPLICATE": ((*P, "reference_devices"), [{"id": 1, "name": "a"}] * 2),
+    "DEVICE-FREQUENCY-RANGE": ((*D, "minimum_frequency"), 251.0),
+    "DEVICE-RESONANCE-LOW": ((*D, "minimum_frequency"), 101.0),
+    "DEVICE-RESONANCE-HIGH": ((*D, "maximum_frequency"), 99.0),
+    "CHANNEL-ID-DUPLICATE": (
+        (*P, "channels"),
+        [sample()["perceptions"][0]["channels"][0]] * 2,
+    ),
+    "DEVICE-ID-UNKNOWN": ((*C, "reference_device_id"), 2),
+    "RESOLUTION-NEGATIVE": ((*C, "actuator_resolution", "X"), -2),
+    "ACTUATOR-TARGET": ((*C, "actuator_target", 0, "X"), 2),
+    "BAND-COUNT": ((*C, "bands"), [sample()["perceptions"][0]["channels"][0]["bands"][2]] * 8),
+    "DIRECTION": ((*C, "direction", "Z"), 120),
+    "CURVE-TYPE": ((*C, "bands", 3, "curve_type"), "Linear"),
+    "BLOCK-LENGTH": ((*C, "bands", 3, "block_length"), 65),
+    "BAND-FREQUENCY": ((*C, "bands", 2, "lower_frequency_limit"), 301),
+    "EFFECT-ID-DUPLICATE": (
+        (*P, "effect_library"),
+        [sample()["perceptions"][0]["effect_library"][0]] * 2,
+    ),
+    "EFFECT-ID-UNKNOWN": ((*C, "bands", 1, "effects", 1, "id"), 8),
+    "EFFECT-ID-MISSING": ((*P, "effect_library"), [basis((0, 1.0, 1))]),
+    "SEMANTIC-KEYWORDS": ((*E, "semantic_keywords"), "UX/Confirmation"),
+    "WAVELET-KEYFRAMES": ((*C, "bands", 3, "effects"), [basis((0, 1.0, 150))]),
+    "REFERENCE-CRASH": ((*P, "perception_modality"), "Humidity"),
+    "REFERENCE-SCHEME": ((*P, "semantic_scheme"), "mine"),
+    "REFERENCE-WHOLE": ((*E, "keyframes", 0, "frequency_modulation"), 80.5),
+}
+
+
+@pytest.mark.parametrize("code", SEMANTIC)
+def test_each_semantic_rule_has_its_code(code):
+    place, value = SEMANTIC[code]
+    found = rules.findings(with_change(place, value))
+    assert f"HJIF-{code}" in [each.code for each in found]
+    is_warning = code.startswith("REFERENCE")
+    severities = {each.severity for each in found if each.code == f"HJIF-{code}"}
+    assert severities == {"warning" if is_warning else "error"}
+
+
+def test_the_profile_simple_parametric_has_rules_of_its_own():
+    found = sample()
+    found["profile"] = "Simple Parametric"
+    found["timescale"] = 48_000
+    found["perceptions"][0]["perception_modality"] = "Wind"
+    assert set(codes(found)) == {
+        "HJIF-TIMESCALE",
+        "HJIF-MODALITY-PROFILE",
+        "HJIF-WAVELET-PROFILE",
+        "HJIF-EFFECT-TYPE-PROFILE",
+    }
+
+
+def test_what_the_reference_software_needs_is_a_warning():
+    found = sample()
+    del found["syncs"], found["timescale"], at(found, C)["body_part_mask"]
+    assert codes(found) == ["HJIF-REFERENCE-MISSING"] * 3
+    assert reader.decode(encoded(found), "x").timescale is None
+
+
+def places(value, place=()):
+    """Every member of a document."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield (*place, key)
+            yield from places(item, (*place, key))
+    elif isinstance(value, list) and value:
+        yield from places(value[0], (*place, 0))
+
+
+REQUIRED = {
+    "": "version profile level date description avatars perceptions",
+    "avatars": "id lod type",
+    "perceptions": "id perception_modality description avatar_id effect_library channels",
+    "reference_devices": "id name",
+    "channels": "id description gain mixing_coefficient bands",
+    "bands": "band_type lower_frequency_limit upper_frequency_limit effects",
+    "effects": "effect_type",
+    "effect_library": "effect_type",
+    "composition": "effect_type",
+    "actuator_target": "X Y Z",
+    "actuator_resolution": "X Y Z",
+    "direction": "X Y Z",
+    "syncs": "timestamp",
+}
+
+
+@pytest.mark.parametrize("place", list(places(sample())), ids=lambda p: ".".join(map(str, p)))
+def test_each_member_is_checked(place):
+    """Of a wrong type, misspelt, and, where the standard requires it, missing."""
+    for wrong in (None, True, {"a": 1}, [[]], "\u0000?"):
+        found = with_change(place, wrong)
+        original = at(sample(), place)
+        if type(wrong) is type(original) and place[-1] in ("description", "name", "wavelet_stream"):
+            continue
+        assert any(each.severity == "error" for each in rules.findings(found)), wrong
+    misspelt = sample()
+    parent = at(misspelt, place[:-1])
+    parent[f"{place[-1]}s"] = parent[place[-1]]
+    assert "HJIF-UNKNOWN" in codes(misspelt)
+    without = sample()
+    del at(without, place[:-1])[place[-1]]
+    owner = next((key for key in reversed(place[:-1]) if isinstance(key, str)), "")
+    is_required = place[-1] in REQUIRED.get(owner, "").split()
+    assert ("HJIF-MISSING" in codes(without)) == is_required
+
+
+@pytest.mark.parametrize(
+    ("place", "lowest", "highest"),
+    [
+        (("avatars", 0, "id"), 1, None),
+        (("avatars", 0, "lod"), 0, None),
+        ((*D, "id"), 1, None),
+        ((*D, "body_part_mask"), 0, 2**32 - 1),
+        ((*D, "maximum_voltage"), 0.0, None),
+        ((*C, "gain"), 0.0, None),
+        ((*C, "body_part_mask"), 0, 2**32 - 1),
+        ((*C, "direction", "X"), -127, 127),
+        ((*C, "bands", 0, "upper_frequency_limit"), 0, 10_000),
+        ((*C, "bands", 3, "block_length"), 16, None),
+        ((*E, "position"), 0, None),
+        ((*E, "phase"), 0.0, 6.28318),
+        ((*E, "keyframes", 0, "relative_position"), 0, None),
+        ((*E, "keyframes", 0, "amplitude_modulation"), -1.0, 1.0),
+        ((*E, "keyframes", 0, "frequency_modulation"), 0, 10_000),
+        (("syncs", 0, "timestamp"), 0, None),
+        (("timescale",), 1, None),
+    ],
+)
+def test_numbers_keep_their_ranges(place, lowest, highest):
+    assert "HJIF-RANGE" not in codes(with_change(place, lowest))
+    assert "HJIF-RANGE" in codes(with_change(place, lowest - 1))
+    if highest is not None:
+        assert "HJIF-RANGE" not in codes(with_change(place, highest))
+        assert "HJIF-RANGE" in codes(with_change(place, highest + 1))
+
+
+@pytest.mark.skipif(
+    "HFX_HJIF_SCHEMAS" not in os.environ, reason="the standard's schemas are not ours"
+)
+def test_the_standards_schemas_agree():
+    """An independent reader of the schemas refuses what we refuse for them, and nothing else."""
+    jsonschema = pytest.importorskip("jsonschema")
+    from referencing import Registry, Resource
+    from referencing.jsonschema import DRAFT4
+
+    folder = Path(os.environ["HFX_HJIF_SCHEMAS"])
+    files = {path.name: json.loads(path.read_text()) for path in folder.glob("*.json")}
+    registry = Registry().with_resources(
+        (name, Resource(contents=each, specification=DRAFT4)) for name, each in files.items()
+    )
+    judge = jsonschema.Draft4Validator(files["MPEG_haptics.schema.json"], registry=registry)
+    assert judge.is_valid(sample())
+    schema_codes = {"HJIF-MISSING", "HJIF-TYPE", "HJIF-RANGE", "HJIF-CHOICE", "HJIF-COUNT"}
+    schema_codes |= {"HJIF-MODALITY", "HJIF-VERSION"}
+    for place in places(sample()):
+        if "composition" in place:  # the schema's own misses what is in it
+            continue
+        for wrong in (None, True, {"a": 1}, [[]], -1, 1.5, 20_000, "?", ...):
+            found = with_change(place, None if wrong is ... else wrong)
+            if wrong is ...:
+                del at(found, place[:-1])[place[-1]]
+            ours = not schema_codes & set(codes(found))
+            assert judge.is_valid(found) == ours, (place, wrong, codes(found))
+
+
+# --- round trips ---------------------------------------------------------------------------
+
+
+def test_a_round_trip_keeps_everything():
+    document = reader.decode(encoded(sample()), "x")
+    assert model.to_json(document) == sample()
+    assert reader.decode(reader.encode(document), "x") == document
+
+
+NAMES = st.text(max_size=20).map(lambda text: text.encode("utf-8", "replace").decode())
+KEYFRAMES = st.builds(
+    model.Keyframe,
+    st.none() | st.integers(0, 2**31),
+    st.none() | st.floats(-1.0, 1.0),
+    st.none() | st.integers(0, 10_000),
+)
+EFFECTS = st.builds(
+    model.Effect,
+    st.just("Basis"),
+    position=st.none() | st.integers(0, 2**31),
+    phase=st.none() | st.floats(0.0, 6.28),
+    base_signal=st.none() | st.sampled_from(["Sine", "Square"]),
+    keyframes=st.none() | st.lists(KEYFRAMES, max_size=5).map(tuple),
+)
+BANDS = st.builds(
+    model.Band,
+    st.sampled_from(["Curve", "VectorialWave", "Transient"]),
+    st.integers(0, 500),
+    st.integers(500, 10_000),
+    st.lists(EFFECTS, max_size=3).map(tuple),
+)
+CHANNELS = st.lists(
+    st.builds(
+        model.Channel,
+        st.just(0),
+        NAMES,
+        st.floats(0, 1e9),
+        st.floats(0, 1e9),
+        st.lists(BANDS, max_size=3).map(tuple),
+        st.integers(0, 2**32 - 1),
+        vertices=st.none() | st.lists(st.integers(0, 2**31), max_size=4).map(tuple),
+    ),
+    min_size=1,
+    max_size=3,
+).map(lambda found: tuple(model.Channel(**{**vars(c), "id": k}) for k, c in enumerate(found)))
+DOCUMENTS = st.builds(
+    model.Hjif,
+    st.just("2024-01-01T12:00:00+00:00"),
+    NAMES,
+    st.builds(
+        model.Perception,
+        st.integers(0, 255),
+        st.just(0),
+        NAMES,
+        st.sampled_from(["Pressure", "Vibrotactile", "Wind", "Temperature"]),
+        CHANNELS,
+    ).map(lambda one: (one,)),
+    timescale=st.integers(1, 48_000),
+)
+
+
+@given(DOCUMENTS)
+@settings(max_examples=60, deadline=None)
+def test_any_document_survives(document):
+    data = reader.encode(document)
+    assert rules.validate(data, "x") == []
+    assert reader.decode(data, "x") == document
+    for each in to_signals.envelopes(document):
+        assert np.isfinite(each.strength.values).all()
+
+
+def test_many_channels_and_keyframes_survive():
+    frames = tuple(model.Keyframe(k, (k % 100) / 100.0, 80) for k in range(100_000))
+    band = model.Band("VectorialWave", 0, 1000, (model.Effect("Basis", keyframes=frames),))
+    channels = tuple(
+        model.Channel(k, f"c{k}", 1.0, 1.0, (band,) if k == 0 else (), 1) for k in range(2000)
+    )
+    perception = model.Perception(0, 0, "p", "Vibrotactile", channels)
+    document = model.Hjif("2024-01-01T12:00:00+00:00", "big", (perception,), level=2)
+    data = reader.encode(document)
+    assert rules.validate(data, "x") == []
+    assert reader.decode(data, "x") == document
+    one = model.Hjif("2024-01-01T12:00:00+00:00", "big", (perception,), level=1)
+    assert "HJIF-CHANNEL-COUNT" in [each.code for each in rules.validate(reader.encode(one), "x")]
+
+
+def test_envelopes_of_references_compositions_and_ticks():
+    (found,) = to_signals.envelopes(reader.decode(encoded(sample()), "x"))
+    # A wave from 0.1 to 0.5 s; the library's from 0.6 to 1.1 s; the composition from 1.5 s on.
+    assert found.strength.at([0.05, 0.3, 0.6, 0.85, 1.2, 1.6]) == pytest.approx(
+        [0.0, 0.5, 1.0, 0.5, 0.0, 0.5]
+    )
+    assert found.frequency_hz.at([0.3, 0.85]) == pytest.approx([150.0, 80.0])
+    assert [(t.time_s, t.amplitude, t.frequency_hz) for t in found.transients] == [
+        (0.0, 1.0, 150.0)
+    ]
+    assert found.full_scale == 20.0 and found.vertices == (1, 2, 3)
+
+
+def test_effects_that_refer_in_circles_are_refused():
+    found = sample()
+    library = at(found, (*P, "effect_library"))
+    library[:] = [
+        {
+            "effect_type": "Composite",
+            "id": 7,
+            "composition": [{"effect_type": "Reference", "id": 7}] * 9,
+        }
+    ]
+    with pytest.raises(InputError, match=r"levels deep|unfolds to more"):
+        to_signals.decode(encoded(found), "x")
+
+
+# --- from a track --------------------------------------------------------------------------
+
+
+def track_of(folder, modality, kind, values, *, fps=Fraction(24), name="Rain", strengths=None):
+    """A track of one effect; its levels a sample, on vertices of the shipped model."""
+    id = f"hfx-{'pressure' if modality == 'wind' else modality}-1"
+    body = load_model(id)
+    vertices = np.arange(0, len(body), 7, dtype=np.int32)[:40]
+    count = len(values)
+    time = TimeBase(fps, fps, 0, 0, count - 1)
+    stream = Stream("e", "b", modality, id)
+    header = TrackHeader(
+        time=time,
+        models=(TrackModel(id, body.modality, body.content_hash, len(body)),),
+        bodies=(TrackBody("b", "Zoë"),),
+        effects=(
+            TrackEffect(
+                "e", name, modality, kind, id, painted_vertices=40 if kind == "painted" else None
+            ),
+        ),
+        streams=(stream,),
+    )
+    parameters = {
+        "vibration": [10.0, 80.0],
+        "pressure": [5.0],
+        "temperature": [14.0],
+        "wind": [4.0, 0.0, -1.0, 0.0],
+    }[modality]
+    indices = np.flatnonzero(np.asarray(values) > 0.0)
+    path = folder / "x.hfxtrack"
+    weights = np.ones(40, np.float32) if strengths is None else np.float32(strengths)
+    with TrackWriter(path, header, full_precision=True) as writer:
+        if len(indices):
+            writer.append(
+                [
+                    SampleRun(
+                        stream=stream,
+                        indices=indices,
+                        times_s=time.times_s(indices),
+                        levels=np.asarray(values, np.float64)[indices],
+                        parameters=np.tile(parameters, (len(indices), 1)),
+                        offsets=np.array([0, 40]),
+                        vertices=vertices,
+                        weights=weights,
+                        sets=np.zeros(len(indices), np.int64),
+                    )
+                ]
+            )
+    return TrackReader(path)
+
+
+BEAT = [0.0, 0.5, 1.0, 0.5, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("kind", ["painted", "volume"])
+@pytest.mark.parametrize("modality", ["vibration", "pressure", "temperature", "wind"])
+def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
+    levels = np.array(BEAT * 4)
+    with track_of(tmp_path, modality, kind, levels) as track:
+        written = from_track.write(track, load_model, tmp_path / "scene ä")
+    data = (tmp_path / "scene ä.hjif").read_bytes()
+    assert rules.validate(data, "x") == []
+    document = reader.decode(data, "x")
+    (perception,) = document.perceptions
+    assert perception.perception_modality == perceptions.PERCEPTIONS[modality]
+    assert perception.description.startswith("Zoë")
+    mesh = document.avatars[0].mesh
+    assert mesh == f"scene%20%C3%A4.hfx-{'pressure' if modality == 'wind' else modality}-1.glb"
+    assert glb.validate(written.files[1].read_bytes(), "x") == []
+    full = {"vibration": 10.0, "pressure": 5.0, "temperature": 10.0, "wind": 4.0}[modality]
+    sign = -1.0 if modality == "temperature" else 1.0  # 14 degC is ten below neutral
+    times = np.arange(len(levels)) / 24.0
+    vertices = set()
+    for each in to_signals.envelopes(document):
+        assert each.full_scale == pytest.approx(full)
+        assert each.strength.at(times) == pytest.approx(
+            sign * levels, abs=0.0115
+        )  # and half a tick on a ramp of 12 a second
+        vertices.update(each.vertices)
+    assert len(vertices) == 40
+    assert (len(perception.channels) == 1) == (kind == "painted")
+
+
+def test_repeated_clips_are_in_the_library_once(tmp_path):
+    with track_of(tmp_path, "vibration", "painted", np.array(BEAT * 20)) as track:
+        document, _ = from_track.compose(track, load_model, "x")
+    (perception,) = document.perceptions
+    (effect,) = perception.effect_library
+    (channel,) = perception.channels
+    found = channel.bands[0].effects
+    assert [each.effect_type for each in found] == ["Reference"] * 20
+    ticks = document.timescale // 4
+    assert [each.position for each in found] == [k * ticks for k in range(20)]
+    assert [k.amplitude_modulation for k in effect.keyframes] == pytest.approx([0, 1, 0], abs=0.01)
+
+
+@pytest.mark.parametrize("modality", ["pressure", "vibration"])
+@pytest.mark.parametrize("levels", [[1.0], [0.0, 1.0], [1.0] * 200])
+def test_short_and_constant_scenes(tmp_path, modality, levels):
+    with track_of(tmp_path, modality, "painted", levels) as track:
+        document, _ = from_track.compose(track, load_model, "x")
+    assert rules.findings(model.to_json(document)) == []
+    frames = document.perceptions[0].channels[0].bands[0].effects[0].keyframes
+    assert len(frames) >= (3 if modality == "pressure" else 2)
+    assert frames[-1].amplitude_modulation == pytest.approx(1.0, abs=0.01)
+
+
+def test_weights_become_gains(tmp_path):
+    weights = np.repeat([1.0, 0.5, 0.25, 0.05], 10)
+    with track_of(tmp_path, "pressure", "painted", BEAT, strengths=weights) as track:
+        document, _ = from_track.compose(track, load_model, "x")
+    gains = [channel.gain for channel in document.perceptions[0].channels]
+    assert gains == pytest.approx([1.0, 0.5, 0.25, 0.05])
+
+
+def test_a_track_that_nobody_felt_is_refused(tmp_path):
+    with track_of(tmp_path, "pressure", "painted", [0.0, 0.0]) as track:
+        with pytest.raises(InputError, match="nothing is felt"):
+            from_track.write(track, load_model, tmp_path / "y")
+    assert not list(tmp_path.glob("y*"))
+
+
+def test_the_wind_has_its_direction(tmp_path):
+    with track_of(tmp_path, "wind", "painted", BEAT) as track:
+        document, _ = from_track.compose(track, load_model, "x")
+    # Blender's -Y, where the body looks, is glTF's +Z.
+    assert document.perceptions[0].channels[0].direction == model.Vector(0, 0, 127)
+
+
+@pytest.mark.parametrize(
+    ("rates", "ticks"),
+    [
+        ((Fraction(24), Fraction(100)), 7800),
+        ((Fraction(60), Fraction(60)), 7980),
+        ((Fraction(30_000, 1001), Fraction(100)), 30_000),
+        ((Fraction(24_000, 1001), Fraction(24_000, 1001)), 24_000),
+        ((Fraction(120), Fraction(7919)), 7920),  # both together would need 950280
+    ],
+)
+def test_a_frame_is_a_whole_number_of_ticks(rates, ticks):
+    found = timescale_of(*rates)
+    assert found == ticks
+    assert (found / rates[0]).denominator == 1
+
+
+# --- body parts ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("id", ["hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1"])
+def test_every_vertex_has_a_part_and_left_mirrors_right(id):
+    body = load_model(id)
+    masks = vertex_masks(body)
+    assert (masks > 0).all()
+    left, right = masks[body.side == 1], masks[body.side == 2]
+    for bits, other in ((left, "right"), (right, "left")):
+        names = {described(int(mask)) for mask in np.unique(bits)}
+        assert not [name for name in names if other in name]
+
+
+def test_known_places_have_their_bits():
+    body = load_model("hfx-pressure-1")
+    masks = vertex_masks(body)
+
+    def bit(point):
+        k = int(np.argmin(np.linalg.norm(body.vertices - np.array(point), axis=1)))
+        return described(int(masks[k]))
+
+    assert bit((0.1, 0.1, 1.35)) == "upper back"
+    assert bit((-0.1, 0.1, 1.0)) == "lower back" or bit((-0.1, 0.1, 1.1)) == "lower back"
+    assert bit((0.1, -0.2, 1.35)) == "left upper chest"
+    assert bit((-0.1, -0.2, 1.35)) == "right upper chest"
+    assert bit((0.0, -0.3, 1.15)) == "abdomen"
+    assert "head" in bit((0.0, -0.3, 1.65)) and "front" in bit((0.0, -0.3, 1.65))
+    assert BITS[26] == "right sole" and place_mask is not None

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rasters as NPZ (to the last bit) and as CSV, read back; damaged ones are refused."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from format_cases import raster_for
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.rendering.raster import Column, Felt, Raster, Shortfall
+from hfx_blender.engine.samples import Stream
+from hfx_blender.errors import InputError
+from hfx_blender.formats import csv_raster, npz_raster
+
+EXTREME = st.floats(allow_nan=False, allow_infinity=False)
+NAMES = st.text(max_size=12)
+
+
+def made(values, names, felt):
+    columns = tuple(Column(name, "pressure_kpa", "kPa") for name in names)
+    return Raster(
+        device_id="vest Zoë",
+        body_id="手",
+        actuators=tuple(names),
+        columns=columns,
+        times_s=np.arange(len(values)) / 24.0,
+        rate_hz=Fraction(24_000, 1001),
+        values=values,
+        neutral=np.zeros(len(names)),
+        shortfalls=(Shortfall("e", "b", "wind", "modality", 3, 0.1, 0.3),),
+        felt=felt,
+    )
+
+
+def same(one, other):
+    for name, value in vars(one).items():
+        found = getattr(other, name)
+        if isinstance(value, np.ndarray):
+            assert value.dtype == found.dtype and value.tobytes() == found.tobytes(), name
+        elif name != "felt":
+            assert value == found, name
+    assert [each.stream for each in one.felt] == [each.stream for each in other.felt]
+    for a, b in zip(one.felt, other.felt, strict=True):
+        assert all(
+            (getattr(a, n) == getattr(b, n)).all() for n in ("indices", "strengths", "is_rendered")
+        )
+
+
+@given(st.data())
+@settings(max_examples=30, deadline=None)
+def test_an_npz_keeps_every_bit(tmp_path_factory, data):
+    names = data.draw(st.lists(NAMES, max_size=4, unique=True))
+    rows = data.draw(st.integers(0, 4))
+    values = data.draw(hnp.arrays(np.float64, (rows, len(names)), elements=EXTREME))
+    felt = Felt(Stream("e", "b", "wind", "m"), np.arange(rows), np.ones(rows), np.ones(rows, bool))
+    raster = made(values, names, (felt,) * data.draw(st.integers(0, 2)))
+    path = tmp_path_factory.mktemp("npz") / "x.raster.npz"
+    npz_raster.write(raster, path)
+    same(raster, npz_raster.read(path))
+
+
+@pytest.mark.parametrize("shape", [(100_000, 3), (10, 2000)])
+def test_large_rasters(tmp_path, shape):
+    values = np.random.default_rng(1).uniform(0, 40, shape)
+    raster = made(values, [f"a{k}" for k in range(shape[1])], ())
+    npz_raster.write(raster, tmp_path / "x.raster.npz")
+    same(raster, npz_raster.read(tmp_path / "x.raster.npz"))
+    npz_raster.write(raster, tmp_path / "y.raster.npz")
+    assert (tmp_path / "x.raster.npz").read_bytes() == (tmp_path / "y.raster.npz").read_bytes()
+
+
+def test_numpy_reads_it(tmp_path):
+    raster = raster_for(load_device("back_pad"))
+    npz_raster.write(raster, tmp_path / "x.raster.npz")
+    with np.load(tmp_path / "x.raster.npz", allow_pickle=False) as found:
+        np.testing.assert_array_equal(found["values"], raster.values)
+
+
+def test_a_csv_is_read_back_to_nine_digits(tmp_path):
+    raster = raster_for(load_device("back_pad"))
+    csv_raster.write(raster, tmp_path / "x.csv")
+    found = csv_raster.read(tmp_path / "x.csv")
+    np.testing.assert_allclose(found.values, raster.values, rtol=5e-9)
+    assert found.columns == raster.columns and found.actuators == raster.actuators
+    assert found.rate_hz == raster.rate_hz
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"time_s\r\n",
+        b"t,a.x [m]\r\n0,1\r\n",
+        b"time_s,a.x [m]\r\n0,1,2\r\n",
+        b"time_s,a.x [m]\r\n0,nan\r\n",
+        b"time_s,a.x [m]\r\n0,1e999\r\n",
+        b"time_s,a.x [m]\r\n1,1\r\n0,1\r\n",
+        b"time_s,a.x [m]\r\n0,1\r\n1,1\r\n5,1\r\n",
+        b"time_s,a.x [m]\r\n0,one\r\n",
+        b"time_s,\xff.x [m]\r\n0,1\r\n",
+    ],
+)
+def test_what_is_no_table_is_refused(content):
+    with pytest.raises(InputError, match=r"^x: "):
+        csv_raster.decode(content, "x")
+
+
+def archive(**arrays):
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def test_damaged_archives_are_refused(tmp_path):
+    raster = raster_for(load_device("back_pad"), rows=5)
+    npz_raster.write(raster, tmp_path / "x.raster.npz")
+    data = (tmp_path / "x.raster.npz").read_bytes()
+    with np.load(io.BytesIO(data)) as found:
+        arrays = dict(found)
+    for name in arrays:
+        with pytest.raises(InputError):
+            npz_raster.decode(archive(**{k: v for k, v in arrays.items() if k != name}), "x")
+    broken = {
+        "values": arrays["values"][:, 1:],
+        "times_s": arrays["times_s"].astype(np.float32),
+        "neutral": np.full_like(arrays["neutral"], np.nan),
+        "meta": arrays["meta"][:-1],
+    }
+    for name, value in broken.items():
+        with pytest.raises(InputError):
+            npz_raster.decode(archive(**{**arrays, name: value}), "x")
+    for cut in (0, 10, len(data) // 2, len(data) - 1):
+        with pytest.raises(InputError):
+            npz_raster.decode(data[:cut], "x")
+    with pytest.raises(InputError):
+        npz_raster.decode(archive(**arrays, pickled=np.array([{}], object)), "x")
+
+
+def test_an_archive_that_would_fill_the_memory_is_refused():
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as one:
+        one.writestr("values.npy", b"\0" * (64 << 20))
+    small = bytearray(file.getvalue())
+    at = small.rfind(b"PK\x01\x02")
+    small[at + 24 : at + 28] = (2**32 - 2).to_bytes(4, "little")  # the size that it claims
+    with pytest.raises(InputError, match="would be"):
+        npz_raster.decode(bytes(small), "x")

@@ -1,0 +1,380 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""AHAP, .haptic, .he and OpenXR: what is written is valid, and is what is read back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from format_cases import RANGE, signal, signals
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.errors import InputError
+from hfx_blender.formats import ahap, ahap_rules, files, haptic, he, he_rules, openxr
+from hfx_blender.formats.checking import encoded
+from hfx_blender.formats.curves import CurveTolerance
+from hfx_blender.formats.signals import FrequencyRange, Transient, simplified_signals
+
+FORMATS = {
+    "ahap": (ahap.document, ahap_rules.validate, ahap.decode, 0.0),
+    "haptic": (haptic.document, haptic.validate, haptic.decode, 0.0),
+    "he": (he.document, he_rules.validate, he.decode, 0.5e-3),
+    "openxr": (lambda s, r: openxr.document([s], r), openxr.validate, openxr.decode, 0.0),
+}
+
+
+def round_trip(kind, content, frequencies=RANGE):
+    """Write a simplified signal, hold it against the rules, and read it back."""
+    document, validate, decode, _ = FORMATS[kind]
+    data = encoded(document(content, frequencies))
+    assert validate(data, "x") == []
+    (found, *others), hertz = decode(data, "x")
+    assert not others
+    return found, hertz
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@settings(max_examples=40, deadline=None)
+@given(content=signals())
+def test_a_signal_survives(kind, content):
+    (few,) = simplified_signals([content]).signals
+    if few.is_silent:
+        return
+    found, hertz = round_trip(kind, few)
+    assert hertz.lowest_hz == pytest.approx(RANGE.lowest_hz)
+    assert hertz.highest_hz == pytest.approx(RANGE.highest_hz)
+    off_s = FORMATS[kind][3]
+    times = np.linspace(0.0, content.duration_s, 301)[:-1]
+    around = np.clip(times[:, None] + np.linspace(-2 * off_s, 2 * off_s, 41), 0, None)
+    original = content.amplitude.at(around)
+    level = found.amplitude.at(times)
+    slack = 0.01 + 1e-4 + np.abs(np.diff(original, axis=1)).max(initial=0.0)
+    assert np.all(level >= original.min(axis=1) - slack)
+    assert np.all(level <= original.max(axis=1) + slack)
+    sounds = content.amplitude.at(times) > 0.05
+    off_hz = np.abs(found.frequency_hz.at(times) - content.frequency_hz.at(times))[sounds]
+    # .he: half a millisecond of 25 kHz a second at most, and two hundredths of the range.
+    assert off_hz.max(initial=0.0) <= 1.0 + 1e-2 + off_s * (25_000 + 8_000)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@settings(max_examples=40, deadline=None)
+@given(content=signals(most=20, ticks=True))
+def test_ticks_survive(kind, content):
+    (few,) = simplified_signals([content]).signals
+    if kind == "ahap":
+        data = encoded(ahap.ticks(few, RANGE))
+        assert ahap_rules.validate(data, "x") == []
+        ((found,), _) = ahap.decode(data, "x")
+    elif not few.is_silent:
+        found, _ = round_trip(kind, few)
+    else:
+        return
+    wanted = sorted(content.transients, key=lambda each: each.time_s)
+    ticks = sorted(found.transients, key=lambda each: each.time_s)
+    assert [t.time_s for t in ticks] == pytest.approx([t.time_s for t in wanted], abs=0.6e-3)
+    for one, other in zip(ticks, wanted, strict=True):
+        # Emphasis is never weaker than the envelope under it.
+        level = other.amplitude
+        if kind == "haptic":
+            level = max(level, float(few.amplitude.at(other.time_s)))
+        assert one.amplitude == pytest.approx(level, abs=0.006)
+        assert one.frequency_hz == pytest.approx(other.frequency_hz, abs=1.01)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_one_frequency_is_kept(kind):
+    (few,) = simplified_signals([signal([0.0, 1.0, 0.5, 0.0], [120.0] * 4)]).signals
+    found, hertz = round_trip(kind, few, FrequencyRange(120.0, 120.0))
+    assert found.frequency_hz.values == pytest.approx(120.0)
+    assert hertz == FrequencyRange(120.0, 120.0)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_very_many_keyframes(kind):
+    random = np.random.default_rng(4)
+    count = 100_000 if kind == "haptic" else 20_000
+    content = signal(random.random(count), rate_hz=100.0)
+    found, _ = round_trip(kind, content)
+    times = np.arange(0, count, 997) / 100.0
+    off = np.abs(found.amplitude.at(times) - content.amplitude.at(times))
+    assert off.max() <= 1e-3
+
+
+@pytest.mark.parametrize("kind", ["ahap", "haptic", "he"])
+def test_a_silent_actuator_gets_no_file(kind, tmp_path):
+    module = {"ahap": ahap, "haptic": haptic, "he": he}[kind]
+    written = module.write([signal([0, 0]), signal([0, 1], name="b")], RANGE, tmp_path / "x.pad")
+    assert [path.name for path in written.files] == [f"x.pad.b.{kind}"]
+    assert "r1c1" in written.notes[0]
+
+
+def test_names_that_are_no_file_names_get_files(tmp_path):
+    names = ["a/b\\c", "..", "", "Zoë 手", "con:", "x" * 60]
+    contents = [signal([0, 1, 0], name=name) for name in names]
+    written = haptic.write(contents, RANGE, tmp_path / "scene")
+    assert sorted(tmp_path.iterdir()) == sorted(written.files)
+    assert len(set(written.files)) == len(names)
+    titles = [haptic.read(path)[0][0].name for path in written.files]
+    assert titles == [name or path.stem for name, path in zip(names, written.files, strict=True)]
+
+
+# --- the limits of each format -------------------------------------------------------------
+
+
+def test_ahap_events_and_curves_keep_their_limits():
+    content = signal(np.random.default_rng(1).random(10_000), rate_hz=100.0)
+    pattern = ahap.document(content, RANGE)["Pattern"]
+    events = [each["Event"] for each in pattern if "Event" in each]
+    curves = [each["ParameterCurve"] for each in pattern if "ParameterCurve" in each]
+    assert max(each["EventDuration"] for each in events) <= 30.0
+    assert sum(each["EventDuration"] for each in events) == pytest.approx(99.99, abs=1e-5)
+    assert max(len(each["ParameterCurveControlPoints"]) for each in curves) == 16
+
+
+def test_ahap_puts_ticks_beside_an_envelope_into_a_second_pattern(tmp_path):
+    tick = Transient(0.01, 0.8, 150.0)
+    written = ahap.write([signal([0, 1, 0], transients=[tick])], RANGE, tmp_path / "x")
+    assert [path.name for path in written.files] == ["x.r1c1.ahap", "x.r1c1.transients.ahap"]
+
+
+def test_he_versions_keep_their_limits():
+    content = signal(np.random.default_rng(1).random(3000), rate_hz=100.0)
+    patterns = he.document(content, RANGE)["PatternList"]
+    events = [entry["Event"] for pattern in patterns for entry in pattern["Pattern"]]
+    assert max(len(pattern["Pattern"]) for pattern in patterns) == 16
+    assert max(len(event["Parameters"]["Curve"]) for event in events) <= 16
+    assert max(event["Duration"] for event in events) <= 5000
+    hold = he.document(signal([0, 1, 1, 0], rate_hz=0.05), RANGE)  # 60 s
+    assert he_rules.validate(encoded(hold), "x") == []
+
+
+def test_he_version_1_simplifies_more_or_refuses(tmp_path):
+    times = np.arange(1000) / 100.0
+    gentle = signal(0.5 + 0.5 * np.sin(times * 14), rate_hz=100.0)
+    written = he.write_v1([gentle], RANGE, tmp_path / "x", CurveTolerance(0.001))
+    assert any("kept within" in note for note in written.notes)
+    found = json.loads(written.files[0].read_text())
+    assert len(found["Pattern"]) <= 16
+    assert he_rules.validate(written.files[0].read_bytes(), "x") == []
+    wild = signal(np.random.default_rng(1).random(3000), rate_hz=100.0)
+    with pytest.raises(InputError, match=r"16 events within 50 s; version 2 holds more"):
+        he.write_v1([wild], RANGE, tmp_path / "wild")
+    assert not list(tmp_path.glob("wild*"))
+
+
+def test_an_openharmony_pattern_keeps_its_limits(tmp_path):
+    content = signal(0.5 + 0.5 * np.sin(np.arange(6000) / 20.0), rate_hz=100.0)
+    written = he.write_openharmony([content], RANGE, tmp_path / "x")
+    data = written.files[0].read_bytes()
+    assert len(data) <= 64 << 10
+    assert he_rules.validate(data, "x") == []
+    assert files.format_of(written.files[0]).name == "openharmony"
+    wild = signal(np.random.default_rng(1).random(9000), rate_hz=100.0)
+    with pytest.raises(InputError, match=r"128 events and 64 KiB"):
+        he.write_openharmony([wild], RANGE, tmp_path / "wild")
+
+
+def test_openxr_frames_hold_500_points_at_most():
+    content = signal(np.random.default_rng(1).random(4000), np.linspace(50, 250, 4000))
+    frames = openxr.document([content], RANGE)["channels"][0]["frames"]
+    assert max(len(frame["amplitudePoints"]) for frame in frames) == 500
+    kinds = [frame["streamFrameType"] for frame in frames]
+    assert kinds[0] == "FIRST_FRAME" and kinds[-1] == "LAST_FRAME"
+    assert set(kinds[1:-1]) == {"INTERMEDIATE_FRAME"}
+    bend = signal([0.0, 1.0, 0.0], rate_hz=1.0)
+    many = np.linspace(0.0, 2.0, 3000)
+    wavering = type(bend)(
+        "x", bend.amplitude, type(bend.amplitude)(many, 100 + 50 * np.sin(9 * many))
+    )
+    data = encoded(openxr.document([wavering], RANGE))
+    assert openxr.validate(data, "x") == []
+
+
+# --- rules, each broken once ---------------------------------------------------------------
+
+AHAP = {
+    "Version": 1.0,
+    "Pattern": [
+        {"Event": {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 1.0}},
+        {
+            "ParameterCurve": {
+                "ParameterID": "HapticIntensityControl",
+                "Time": 0.0,
+                "ParameterCurveControlPoints": [
+                    {"Time": 0.0, "ParameterValue": 0.0},
+                    {"Time": 1.0, "ParameterValue": 1.0},
+                ],
+            }
+        },
+    ],
+}
+HAPTIC = {
+    "version": {"major": 1, "minor": 0, "patch": 0},
+    "signals": {
+        "continuous": {
+            "envelopes": {
+                "amplitude": [
+                    {"time": 0.0, "amplitude": 0.2},
+                    {"time": 1.0, "amplitude": 0.5, "emphasis": {"amplitude": 0.6, "frequency": 1}},
+                ],
+                "frequency": [{"time": 0.0, "frequency": 0.5}, {"time": 1.0, "frequency": 0.5}],
+            }
+        }
+    },
+}
+CURVE = [{"Time": t, "Intensity": i, "Frequency": 0} for t, i in [(0, 0), (9, 1), (20, 1), (99, 0)]]
+EVENT = {
+    "Type": "continuous",
+    "RelativeTime": 0,
+    "Duration": 99,
+    "Index": 0,
+    "Parameters": {"Intensity": 90, "Frequency": 50, "Curve": CURVE},
+}
+HE2 = {
+    "Metadata": {"Version": 2, "Created": "", "Description": ""},
+    "PatternList": [
+        {"AbsoluteTime": 0, "Pattern": [{"Event": EVENT}]},
+        {"AbsoluteTime": 99, "Pattern": [{"Event": EVENT}]},
+    ],
+}
+HE1 = {"Metadata": {"Version": 1}, "Pattern": [{"Event": EVENT}]}
+CONTROL = ("Pattern", 1, "ParameterCurve", "ParameterCurveControlPoints")
+ENVELOPE = ("signals", "continuous", "envelopes")
+FIRST = ("PatternList", 0, "Pattern", 0, "Event")
+BROKEN = [
+    (AHAP, ("Pattern",), None, "AHAP-MISSING"),
+    (AHAP, ("Pattern", 0, "Event", "EventType"), "Haptic", "AHAP-CHOICE"),
+    (AHAP, ("Pattern", 0, "Event", "EventDuration"), 31.0, "AHAP-DURATION"),
+    (AHAP, ("Pattern", 0, "Event", "EventDuration"), None, "AHAP-DURATION-MISSING"),
+    (AHAP, ("Pattern", 0, "Event", "Time"), True, "AHAP-TYPE"),
+    (AHAP, ("Pattern", 0, "Event", "Time"), -1.0, "AHAP-RANGE"),
+    (AHAP, (*CONTROL, 0, "Time"), 2.0, "AHAP-CURVE-ORDER"),
+    (AHAP, (*CONTROL, 0, "ParameterValue"), 1.5, "AHAP-RANGE"),
+    (AHAP, CONTROL, [{"Time": 0, "ParameterValue": 0}] * 17, "AHAP-CURVE-POINTS"),
+    (AHAP, ("Pattern", 0), {}, "AHAP-ENTRY"),
+    (AHAP, ("Patern",), [], "AHAP-UNKNOWN"),
+    (HAPTIC, ("version", "major"), 2, "HAPTIC-RANGE"),
+    (HAPTIC, (*ENVELOPE, "amplitude"), [{"time": 0, "amplitude": 0}], "HAPTIC-COUNT"),
+    (HAPTIC, (*ENVELOPE, "amplitude", 1, "time"), 0.0, "HAPTIC-DURATION"),
+    (HAPTIC, (*ENVELOPE, "amplitude", 0, "time"), 2.0, "HAPTIC-ORDER"),
+    (HAPTIC, (*ENVELOPE, "amplitude", 0, "time"), 0.5, "HAPTIC-START"),
+    (HAPTIC, (*ENVELOPE, "amplitude", 1, "amplitude"), 0.9, "HAPTIC-EMPHASIS"),
+    (HAPTIC, (*ENVELOPE, "frequency", 1, "time"), 1.1, "HAPTIC-FREQUENCY-TIME"),
+    (HAPTIC, (*ENVELOPE, "frequency", 1, "frequency"), 1.1, "HAPTIC-RANGE"),
+    (HE2, ("Metadata", "Version"), 1, "HE-VERSION"),
+    (HE2, (*FIRST, "Index"), None, "HE-MISSING"),
+    (HE2, (*FIRST, "RelativeTime"), 50_001, "HE-RANGE"),
+    (HE2, (*FIRST, "Duration"), None, "HE-DURATION"),
+    (HE2, (*FIRST, "Duration"), 98, "HE-CURVE-ENDS"),
+    (HE2, (*FIRST, "Type"), "transient", "HE-TRANSIENT-CURVE"),
+    (HE2, (*FIRST, "Parameters", "Curve"), CURVE[:1] + CURVE[2:], "HE-CURVE-POINTS"),
+    (HE2, (*FIRST, "Parameters", "Curve", 1, "Time"), 30, "HE-CURVE-ORDER"),
+    (HE2, ("PatternList", 1, "AbsoluteTime"), 98, "HE-ABSOLUTE-TIME"),
+    (HE2, ("PatternList", 0, "Pattern"), [{"Event": EVENT}] * 17, "HE-EVENTS"),
+    (HE1, ("Pattern", 0, "Event", "Parameters", "Curve", 3, "Intensity"), 0.1, "HE-CURVE-ZERO"),
+]
+
+
+def changed(document, place, value):
+    """A copy with one member changed; None removes it."""
+    copy = json.loads(json.dumps(document))
+    at = copy
+    for key in place[:-1]:
+        at = at[key]
+    if value is None:
+        del at[place[-1]]
+    else:
+        at[place[-1]] = value
+    return encoded(copy)
+
+
+def check(document, data):
+    if document is AHAP:
+        return ahap_rules.validate(data, "x")
+    return haptic.validate(data, "x") if document is HAPTIC else he_rules.validate(data, "x")
+
+
+@pytest.mark.parametrize(("document", "place", "value", "code"), BROKEN, ids=lambda x: None)
+def test_a_broken_rule_is_found_by_its_code(document, place, value, code):
+    assert check(document, encoded(document)) == []
+    found = check(document, changed(document, place, value))
+    assert code in [each.code for each in found], found
+    named = next(each for each in found if each.code == code)
+    last = next((str(k) for k in reversed(place) if isinstance(k, str)), "")
+    assert last.split("[")[0] in named.place + named.message or place[0] in named.place
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"\xff",
+        b'{"a":1,"a":2}',
+        b'{"a":NaN}',
+        b'{"a":1e999}',
+        b"[" * 100_000,
+        b"9" * 100,
+    ],
+)
+@pytest.mark.parametrize("suffix", [".ahap", ".haptic", ".he", ".tact", ".openxr.json", ".hjif"])
+def test_what_is_no_document_is_refused_in_one_sentence(content, suffix, tmp_path):
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        files.read_signals(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+# --- files in the manner of other tools ----------------------------------------------------
+
+
+def test_an_ahap_of_defaults_is_read():
+    """Single parameters, ticks, values out of range and audio, as Apple's reader takes them."""
+    pattern = [
+        {"Event": {"Time": 0.5, "EventType": "HapticTransient"}},
+        {"Event": {"Time": 0.0, "EventType": "AudioCustom", "EventWaveformPath": "a.wav"}},
+        {
+            "Event": {
+                "Time": 1.0,
+                "EventType": "HapticContinuous",
+                "EventDuration": 2.0,
+                "EventParameters": [{"ParameterID": "HapticIntensity", "ParameterValue": 1.5}],
+            }
+        },
+        {
+            "Parameter": {
+                "ParameterID": "HapticIntensityControl",
+                "Time": 2.0,
+                "ParameterValue": 0.25,
+            }
+        },
+    ]
+    ((found,), hertz) = ahap.decode(encoded({"Pattern": pattern}), "folder/tap.ahap")
+    assert found.name == "tap" and hertz == ahap.DEFAULT_RANGE
+    assert [(t.time_s, t.amplitude) for t in found.transients] == [(0.5, 1.0)]
+    assert found.amplitude.at([0.9, 1.5, 2.5]).tolist() == [0.0, 1.0, 0.25]
+
+
+def test_overlapping_he_events_add(tmp_path: Path):
+    loud = json.loads(json.dumps(EVENT))
+    loud["Parameters"] = {"Intensity": 40, "Frequency": 50}
+    entries = [{"Event": loud}, {"Event": {**loud, "RelativeTime": 50}}]
+    found = {"Metadata": {"Version": 2}, "PatternList": [{"AbsoluteTime": 0, "Pattern": entries}]}
+    path = tmp_path / "two.he"
+    path.write_bytes(encoded(found))
+    ((both,), _) = he.read(path)
+    assert both.amplitude.at([0.02, 0.07, 0.12]) == pytest.approx([0.4, 0.8, 0.4])
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=50)
+def test_any_bytes_are_read_or_refused(content):
+    for decode in (ahap.decode, haptic.decode, he.decode, openxr.decode):
+        with pytest.raises(InputError):
+            decode(content, "x")

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""bHaptics .tact: dots where the device's actuators are, valid and read back."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from format_cases import raster_for, signal, signals
+from hypothesis import given, settings
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.formats import registry, tact, tact_rules
+from hfx_blender.formats.checking import encoded
+from hfx_blender.formats.tact_layouts import Motor, motors_of
+
+BACK = Motor("Vest", "VestBack", 0)
+
+
+def played(content):
+    data = encoded(tact.document([content], {content.name: BACK}, "Vest", "x"))
+    assert tact_rules.validate(data, "x") == []
+    return tact.decode(data, "x")[0]
+
+
+@given(signals())
+@settings(max_examples=40, deadline=None)
+def test_each_20_ms_has_the_strongest_of_it(content):
+    found = played(content)
+    if content.amplitude.values.max() < 0.005:
+        return
+    (one,) = found
+    for step in range(int(content.duration_s / 0.02)):
+        at = (step + np.linspace(0.0, 1.0, 21)) * 0.02
+        at = at[at <= content.duration_s]
+        strongest = content.amplitude.at(at).max()
+        inside = content.amplitude.times_s
+        rows = content.amplitude.values[(inside >= at[0]) & (inside <= at[-1])]
+        strongest = max(strongest, rows.max(initial=0.0))
+        assert one.amplitude.at(step * 0.02 + 0.01) == pytest.approx(strongest, abs=0.0101 + 0.06)
+
+
+def test_the_back_pad_is_the_back_of_the_vest():
+    motors = motors_of(load_device("back_pad"))
+    # r1c1 is at the left shoulder blade, which is dot 0; r5c4 is the last, at the right.
+    expected = {
+        f"r{r + 1}c{c + 1}": Motor("Vest", "VestBack", 4 * r + c)
+        for r in range(5)
+        for c in range(4)
+    }
+    assert motors == expected
+
+
+def test_a_forearm_band_is_a_sleeve_on_its_side():
+    for side, position in (("left", "ForearmL"), ("right", "ForearmR")):
+        motors = motors_of(load_device(f"forearm_band_{side}"))
+        assert {motor.position for motor in motors.values()} == {position}
+        assert sorted(m.index for m in motors.values()) == list(range(len(motors)))
+
+
+def test_what_has_no_motor_is_told(tmp_path):
+    device = load_device("insoles")
+    with pytest.raises(registry.InputError, match="torso or a forearm"):
+        registry.write("tact", raster_for(device), device, tmp_path / "x")
+    written = tact.write(
+        [signal([0, 1], name="a"), signal([1, 1], name="b")], {"a": BACK}, tmp_path / "x"
+    )
+    assert "b" in written.left_out[0]
+
+
+def test_a_device_is_written_and_read_back(tmp_path):
+    device = load_device("back_pad")
+    written = registry.write("tact", raster_for(device), device, tmp_path / "scene.back_pad")
+    assert [path.name for path in written.files] == ["scene.back_pad.tact"]
+    found, _ = tact.read(written.files[0])
+    assert {each.name for each in found} == {f"VestBack {k}" for k in range(20)}
+
+
+def test_everything_that_the_official_parser_needs_is_there():
+    found = tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")
+    assert {"intervalMillis", "size", "durationMillis", "project"} <= set(found)
+    (effect,) = found["project"]["tracks"][0]["effects"]
+    assert (
+        set(effect["modes"])
+        == {"VestFront", "VestBack"}
+        == set(found["project"]["layout"]["layouts"])
+    )
+    for mode in effect["modes"].values():
+        assert "dotMode" in mode and mode["pathMode"]["feedback"][0]["playbackType"] == "NONE"
+    assert "offsetTime" in effect
+
+
+def test_long_silence_ends_an_effect():
+    levels = np.zeros(300)
+    levels[[10, 200]] = 1.0
+    found = tact.document([signal(levels)], {"r1c1": BACK}, "Vest", "x")
+    assert len(found["project"]["tracks"][0]["effects"]) == 2
+
+
+def test_files_in_the_manner_of_other_tools_are_read():
+    """Numbers as text, fades, a path, a disabled track, members that we do not know."""
+    found = json.loads(encoded(tact.document([signal([0, 0])], {"r1c1": BACK}, "Vest", "x")))
+    dot = {
+        "startTime": 0,
+        "endTime": 200,
+        "playbackType": "FADE_OUT",
+        "pointList": [{"index": 9, "intensity": "0.500", "extra": 1}],
+    }
+    path = {
+        "playbackType": "NONE",
+        "movingPattern": "CONST_SPEED",
+        "pointList": [
+            {"x": "0.0", "y": "0.0", "intensity": "1.0", "time": 0},
+            {"x": "1.0", "y": "1.0", "intensity": "0.4", "time": 100},
+        ],
+    }
+    mode = {
+        "mode": "DOT_MODE",
+        "texture": 0,
+        "dotMode": {"feedback": [dot]},
+        "pathMode": {"feedback": [path]},
+    }
+    effect = {
+        "startTime": 100,
+        "offsetTime": 200,
+        "modes": {"VestFront": mode, "VestBack": {**mode, "mode": "PATH_MODE"}},
+    }
+    found["project"]["tracks"] = [
+        {"enable": True, "effects": [effect]},
+        {"enable": False, "effects": [effect]},
+    ]
+    found["durationMillis"] = 400
+    read = {each.name: each for each in tact.decode(encoded(found), "x")[0]}
+    assert set(read) == {"VestFront 9", "VestBack 0", "VestBack 19"}
+    assert read["VestFront 9"].amplitude.at([0.05, 0.1, 0.2, 0.31]) == pytest.approx(
+        [0, 0.5, 0.25, 0]
+    )
+    assert read["VestBack 0"].amplitude.at([0.15, 0.25]) == pytest.approx([1.0, 0.0])
+    assert read["VestBack 19"].amplitude.at([0.15, 0.25]) == pytest.approx([0.0, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "code"),
+    [
+        (("intervalMillis",), None, "TACT-MISSING"),
+        (("size",), None, "TACT-MISSING"),
+        (("project", "layout"), None, "TACT-MISSING"),
+        (("project", "tracks", 0, "effects", 0, "offsetTime"), None, "TACT-MISSING"),
+        (
+            ("project", "tracks", 0, "effects", 0, "modes", "VestBack", "pathMode"),
+            None,
+            "TACT-MISSING",
+        ),
+        (
+            ("project", "tracks", 0, "effects", 0, "modes", "VestBack", "dotMode"),
+            None,
+            "TACT-MISSING",
+        ),
+        (("project", "tracks", 0, "effects", 0, "startTime"), 10_000, "TACT-DURATION"),
+        (("project", "layout", "layouts", "VestBack"), None, "TACT-POSITION"),
+        (("project", "layout", "layouts", "VestBack"), [], "TACT-DOT"),
+    ],
+)
+def test_a_broken_rule_is_found_by_its_code(place, value, code):
+    found = json.loads(encoded(tact.document([signal([0, 1, 0])], {"r1c1": BACK}, "Vest", "x")))
+    at = found
+    for key in place[:-1]:
+        at = at[key]
+    if value is None:
+        del at[place[-1]]
+    else:
+        at[place[-1]] = value
+    assert code in [each.code for each in tact_rules.validate(encoded(found), "x")]
