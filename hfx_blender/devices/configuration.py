@@ -77,6 +77,23 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
     raise InputError(f"Device '{text[:100]}' is unknown; there are: {known}.")
 
 
+def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
+    """The file that :func:`load_device` reads for the same arguments; None: there is none."""
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
+        paths = [Path(text)]
+    else:
+        folders = [each for each in (folder, resources.device_configs()) if each is not None]
+        paths = [each / (text + SUFFIX) for each in folders]
+    for path in paths:
+        stem, _, side = path.stem.rpartition("_")
+        written = path.with_name(stem + SUFFIX) if stem and side in WEARABLE_SIDES else path
+        for found in (path, written):
+            if found.is_file():
+                return found
+    return None
+
+
 def _worn(path: Path) -> DeviceConfig | None:
     """The device of a file, or of the file without ``_left`` or ``_right``; None: neither."""
     if path.is_file():

@@ -19,7 +19,7 @@ from ..engine.rendering.device import (
     Substitution,
 )
 from ..errors import InputError
-from . import layout_reader
+from . import layout_reader, output_reader
 from .layout_reader import ID_DESCRIBED, ID_PATTERN
 from .strict_json import Node
 
@@ -41,6 +41,14 @@ _CONTROLS: Final = {
 """What an actuator of a modality is controlled by, its strength first."""
 
 
+_IN_TIME: Final = {
+    "slew_per_s": (0.001, 1e6),
+    "maximum_on_s": (0.01, 86_400.0),
+    "rest_s": (0.0, 86_400.0),
+}
+"""Limits in time that an actuator type may have, and their ranges."""
+
+
 def device_from(document: Node) -> DeviceConfig:
     """Understand a whole configuration.
 
@@ -60,6 +68,7 @@ def device_from(document: Node) -> DeviceConfig:
             "rendering",
             "substitutions",
             "defaults",
+            "output",
         ),
     )
     top["schema"].choice((SCHEMA,))
@@ -93,6 +102,7 @@ def device_from(document: Node) -> DeviceConfig:
         width_m=width_m,
         height_m=height_m,
         side=side,
+        output=output_reader.output(top["output"], actuators) if "output" in top else None,
     )
 
 
@@ -137,7 +147,8 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
             f"{node.file}: {node.path}: the name of an actuator type is {ID_DESCRIBED}."
         )
     members = node.members(
-        required=("modality", "parameters"), optional=("latency_ms", "update_interval_ms", "limits")
+        required=("modality", "parameters"),
+        optional=("latency_ms", "update_interval_ms", "limits", *_IN_TIME),
     )
     modality = members["modality"].choice(tuple(MODALITIES))
     names = _CONTROLS[modality]
@@ -151,6 +162,7 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         controls=tuple(_control(modality, each, ranges[each], limits.get(each)) for each in names),
         latency_ms=0.0 if latency is None else latency.number(0.0, 60_000.0, "ms"),
         update_interval_ms=10.0 if interval is None else interval.number(0.1, 60_000.0, "ms"),
+        **{name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members},
     )
 
 

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Shipped devices sit where they say, on all perceptual models."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import list_devices, load_device
+from hfx_blender.devices.configuration_reader import MAX_TEMPERATURE_C
+from hfx_blender.devices.live.opening import kind_of
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.rendering.device import BodyPlace
@@ -18,7 +22,25 @@ EXPECTED = {  # part, sides, actuators
     "pressure_vest": ("torso", None, 32),
     "insoles": ("foot_sole", {LEFT, RIGHT}, 8),
     "fan_heater": (None, None, 2),
+    "thalmic_myo_left": ("forearm", {LEFT}, 1),
+    "thalmic_myo_right": ("forearm", {RIGHT}, 1),
+    "subpac_m2": ("torso", None, 1),
+    "oculus_touch": ("hand_palm", {LEFT, RIGHT}, 2),
+    "dyson_pure_cool_link": (None, None, 2),
+    "mango_pad": ("torso", None, 10),
+    "waist_belt": ("torso", None, 8),
+    "phone_lra": ("hand_palm", {RIGHT}, 1),
+    "phone_wide_band": ("hand_palm", {RIGHT}, 1),
+    "bhaptics_tactsuit_x40": ("torso", None, 40),
+    "bhaptics_tactosy_left": ("forearm", {LEFT}, 6),
+    "bhaptics_tactosy_right": ("forearm", {RIGHT}, 6),
+    "arduino_uno_pwm": ("forearm", {LEFT}, 6),
+    "sound_card_8": ("torso", None, 8),
+    "peltier_sleeve_left": ("forearm", {LEFT}, 2),
+    "peltier_sleeve_right": ("forearm", {RIGHT}, 2),
 }
+IN_THE_ROOM = {name for name, (part, _, _) in EXPECTED.items() if part is None}
+ALL_ROUND = {"thalmic_myo_left", "thalmic_myo_right"}  # centred in the arm, reaches its skin
 
 
 def cells(name, model_id):
@@ -46,7 +68,7 @@ def test_actuators_lie_on_their_part(name, model_id):
         assert (np.diff(row) > 0).all()
 
 
-@pytest.mark.parametrize("name", sorted(set(EXPECTED) - {"fan_heater"}))
+@pytest.mark.parametrize("name", sorted(set(EXPECTED) - IN_THE_ROOM - ALL_ROUND))
 def test_actuators_are_centred_on_the_skin_and_tile_it(name):
     device, model, found = cells(name, "hfx-pressure-1")
     mirror = np.array([-1.0, 1.0, 1.0]) if device.is_mirrored else np.ones(3)
@@ -60,7 +82,7 @@ def test_actuators_are_centred_on_the_skin_and_tile_it(name):
     assert len({row.tobytes() for row in found.rows}) == len(found.rows)
 
 
-@pytest.mark.parametrize("name", ["back_pad", "pressure_vest"])
+@pytest.mark.parametrize("name", ["back_pad", "pressure_vest", "bhaptics_tactsuit_x40"])
 def test_a_torso_device_leaves_no_gap_between_its_actuators(name):
     device, model, found = cells(name, "hfx-pressure-1")
     for is_back in (True, False):
@@ -95,3 +117,80 @@ def test_the_band_goes_once_round_the_arm():
     assert np.linalg.norm(centres[0] - centres[4]) > 0.06
     assert np.argmax(centres[:, 0]) in (7, 0, 1)  # the first is on the outer side
     assert device.actuators[0].id == "m1"
+
+
+def centres_of(device):
+    return np.array([each.place.centre_m for each in device.actuators])
+
+
+def test_the_mango_pad_is_ten_tactors_in_triangles_of_63_5_mm_seen_and_felt_on_one_side():
+    device = load_device("mango_pad")
+    rows = [
+        [i for i, a in enumerate(device.actuators) if a.id.startswith(f"r{k}")] for k in (1, 2, 3)
+    ]
+    assert [len(row) for row in rows] == [3, 4, 3]
+    centres = centres_of(device)
+    gaps = np.linalg.norm(centres[:, None] - centres[None], axis=2)
+    np.fill_diagonal(gaps, np.inf)
+    np.testing.assert_allclose(gaps.min(axis=1), 0.0635, atol=1e-5)
+    assert (np.isclose(gaps, 0.0635, atol=1e-5).sum(axis=1) >= 3).all()
+    for row in rows:
+        assert (np.diff(centres[row, 0]) < 0.0).all()  # to the right on the screen: wearer's right
+    assert centres[rows[0], 2].min() > centres[rows[1], 2].max() > centres[rows[2], 2].max()
+    assert (device.scheme.name, device.scheme.law) == ("barycentric", "log")
+    assert (device.width_m, device.height_m) == (0.29, 0.21)
+
+
+def test_the_belt_goes_once_round_the_waist_in_equal_arcs():
+    device = load_device("waist_belt")
+    centres = centres_of(device)
+    assert np.ptp(centres[:, 2]) < 1e-3
+    x, y = centres[:, 0], centres[:, 1] - centres[:, 1].mean()
+    angles = np.unwrap(np.arctan2(x, -y))
+    assert (np.diff(angles) > 0.0).all() and angles[-1] - angles[0] < 2.0 * np.pi
+    assert device.actuators[0].id == "front" and y[0] == y.min() and abs(x[0]) < 0.005
+    assert x[2] == x.max() and device.actuators[2].id == "left"
+    chords = np.linalg.norm(np.roll(centres, -1, axis=0) - centres, axis=1)
+    assert np.ptp(chords) < 0.015  # equal along the skin, nearly so in the air
+    assert device.scheme.name == "ring"
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_small_peltier_between_temperature_vertices_still_fires(side):
+    device, model, found = cells(f"peltier_sleeve_{side}", "hfx-temperature-1")
+    mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
+    gaps = np.linalg.norm(model.vertices[None] - (centres_of(device) * mirror)[:, None], axis=2)
+    assert gaps.min(axis=1).max() > 0.02  # no vertex under the 40 mm of at least one element
+    assert (found.counts >= 1).all()
+    assert device.actuator_types["element"].strength.highest <= MAX_TEMPERATURE_C
+
+
+def test_the_first_motors_of_the_x40_are_at_the_wearers_upper_left():
+    device = load_device("bhaptics_tactsuit_x40")
+    for block, is_back in ((slice(0, 20), False), (slice(20, 40), True)):
+        x, y, z = centres_of(device)[block].T
+        assert ((y > 0.0) == is_back).all()
+        grid = x.reshape(5, 4)
+        assert (np.diff(grid, axis=1) < 0.0).all() and grid[0, 0] > 0.0
+        assert (np.diff(z.reshape(5, 4), axis=0) < 0.0).all()
+    dots = device.output.encoder.dots
+    assert dots == tuple((p, i) for p in ("VestFront", "VestBack") for i in range(20))
+
+
+def test_phones_and_known_figures_are_as_published():
+    lra = load_device("phone_lra").actuator_types["lra"]
+    assert lra.update_interval_ms == 50.0 and lra.controls[1].minimum == lra.controls[1].maximum
+    wide = load_device("phone_wide_band").actuator_types["actuator"]
+    assert (wide.controls[1].minimum, wide.controls[1].maximum) == (80.0, 260.0)
+    assert wide.strength.maximum == pytest.approx(1.3 * 9.80665, abs=0.01)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_each_device_says_on_its_page_what_drives_it(name):
+    page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    device = load_device(name)
+    stem = name.removesuffix(f"_{device.side}")
+    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{stem}`")]
+    *_, route, _ = row.split("|")
+    kinds = {None: "none live", "serial": "serial port", "websocket": "websocket", "udp": "OSC"}
+    assert kinds[kind_of(device)] in route

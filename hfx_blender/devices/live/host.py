@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The output process: it owns every port, and falls silent when anybody fails.
+
+Run as ``python -m hfx_blender.devices.live.host``: messages come over standard input, events
+go out as JSON lines over standard output. It needs neither Blender nor a window.
+
+Silence comes from: a stop message, the end of standard input, SIGTERM, an exception here, no
+sign of life for 250 ms, a lost output, a fault of a script. Only an arm message ends it.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import Any, BinaryIO, Final, TextIO
+
+from ...errors import InputError
+from ..configuration import load_device
+from .lane import Lane
+from .messages import (
+    EVERY_DEVICE,
+    Kind,
+    Message,
+    MessageError,
+    json_from,
+    read_message,
+    values_from,
+)
+from .outputs import open_output
+from .script_process import ScriptProcess
+
+HEARTBEAT_S: Final = 0.25
+"""Without a message for so long, Blender is taken to be frozen."""
+
+PAUSE_S: Final = 10.0
+"""So long Blender may work after it has said so; every device is silent meanwhile."""
+
+MAX_DEVICES: Final = 64
+_WATCH_S: Final = 0.02
+_MAX_EVENTS: Final = 1000
+
+_log = logging.getLogger(__name__)
+
+
+class Reporter:
+    """Writes events in a thread of its own: a reader that sleeps must not stop a device."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._events: deque[str] = deque(maxlen=_MAX_EVENTS)  # the oldest are dropped
+        self._wake = threading.Condition()
+        threading.Thread(target=self._run, name="events", daemon=True).start()
+
+    def __call__(self, event: str, device: int = EVERY_DEVICE, **facts: Any) -> None:
+        line = json.dumps({"event": event, "device": device, **facts})
+        with self._wake:
+            self._events.append(line)
+            self._wake.notify()
+
+    def _run(self) -> None:
+        while True:
+            with self._wake:
+                while not self._events:
+                    self._wake.wait()
+                lines = list(self._events)
+                self._events.clear()
+            try:
+                self._stream.write("\n".join(lines) + "\n")
+                self._stream.flush()
+            except (OSError, ValueError):
+                return  # nobody listens any more; the end of standard input tells the rest
+
+
+class Host:
+    """All devices, and what they are told."""
+
+    def __init__(self, report: Reporter) -> None:
+        self._report = report
+        self._lanes: dict[int, Lane] = {}
+        self._wake = threading.Condition()
+        self._last_sign_s = time.monotonic()
+        self._end = ""
+        self._patience_s = HEARTBEAT_S
+        self._is_frozen = False
+
+    def read(self, stream: BinaryIO) -> None:
+        """Take messages until there are no more; ends the process's work then."""
+        end = "Blender has gone"
+        try:
+            while True:
+                message = read_message(stream)
+                if message is None:
+                    break
+                self._patience_s = PAUSE_S if message.kind is Kind.PAUSE else HEARTBEAT_S
+                self._last_sign_s = time.monotonic()
+                self.take(message)
+        except MessageError as error:
+            end = f"Blender sent {error}"
+        except Exception as error:
+            _log.exception("messages")
+            end = f"{type(error).__name__}: {error}"
+        with self._wake:
+            self._end = end
+            self._wake.notify()
+        for lane in list(self._lanes.values()):  # at once, not when the main thread is up
+            lane.stop(end)
+
+    def take(self, message: Message) -> None:
+        """Do what a message says."""
+        kind = message.kind
+        if kind is Kind.CONNECT:
+            self._connect(message.device, json_from(message.body))
+            return
+        if message.device == EVERY_DEVICE:
+            lanes = list(self._lanes.values())
+        else:
+            lanes = [x for x in (self._lanes.get(message.device),) if x is not None]
+        for lane in lanes:
+            if kind is Kind.STOP:
+                lane.stop(message.body.decode(errors="replace") or "stopped by you")
+            elif kind is Kind.ARM:
+                lane.arm()
+            elif kind is Kind.PAUSE:
+                lane.pause()
+            elif kind is Kind.VALUES:
+                lane.feed(values_from(message.body))
+            elif kind is Kind.HAPTICS and lane.script is not None:
+                lane.script.ask(message.body)
+            elif kind is Kind.PULSE:
+                lane.pulse(int(json_from(message.body).get("actuator", -1)))
+            elif kind is Kind.SETTINGS:
+                lane.offset_s = _offset_s(json_from(message.body))
+            elif kind is Kind.DISCONNECT:
+                self._lanes.pop(lane.number, None)
+                lane.close("disconnected")
+        if kind is Kind.STOP:
+            self._report("silent")
+
+    def _connect(self, number: int, wish: dict[str, Any]) -> None:
+        before = self._lanes.pop(number, None)
+        if before is not None:
+            before.close("connected anew")
+        if len(self._lanes) >= MAX_DEVICES:
+            self._report("lost", number, text=f"more than {MAX_DEVICES} devices")
+            return
+        folder = wish.get("folder")
+        try:
+            device = load_device(
+                str(wish.get("configuration")), None if folder is None else Path(str(folder))
+            )
+        except (InputError, OSError) as error:
+            self._report("lost", number, text=str(error))
+            return
+        output = wish.get("output")
+        lane = Lane(
+            number,
+            device,
+            partial(open_output, device, output if isinstance(output, dict) else {}),
+            self._report,
+            offset_s=_offset_s(wish),
+        )
+        self._add_script(lane, wish)
+        self._lanes[number] = lane
+        lane.start()
+
+    def _add_script(self, lane: Lane, wish: dict[str, Any]) -> None:
+        script = wish.get("script")
+        if not isinstance(script, dict):
+            return
+        lane.script = ScriptProcess(
+            {**script, "device": wish.get("configuration"), "folder": wish.get("folder")},
+            lane.feed,
+            lane.fault,
+            lambda text: self._report("log", lane.number, text=text),
+        )
+
+    def watch(self) -> None:
+        """Wait for the end, and stop who does not answer."""
+        while True:
+            with self._wake:
+                if self._end:
+                    return
+                left_s = self._last_sign_s + self._patience_s - time.monotonic()
+                self._wake.wait(min(_WATCH_S, left_s + 0.001) if left_s > 0.0 else _WATCH_S)
+            now = time.monotonic()
+            lanes = list(self._lanes.values())
+            was_frozen = self._is_frozen
+            self._is_frozen = now - self._last_sign_s > self._patience_s
+            if self._is_frozen and not was_frozen:
+                for lane in lanes:
+                    lane.stop(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
+            for lane in lanes:
+                if lane.is_stuck(now):
+                    lane.fault("its output does not answer")
+
+    def silence(self, reason: str) -> None:
+        """The end: every device stops and gives its port back."""
+        lanes = list(self._lanes.values())
+        for lane in lanes:
+            lane.stop(reason)
+        for lane in lanes:
+            lane.close(reason)
+        for lane in lanes:
+            lane.wait_closed()
+
+
+def _offset_s(wish: dict[str, Any]) -> float:
+    found = wish.get("offset_ms", 0.0)
+    return min(max(float(found), 0.0), 1000.0) / 1000.0 if isinstance(found, int | float) else 0.0
+
+
+def _terminated(_signal: int, _frame: FrameType | None) -> None:
+    raise SystemExit("terminated")
+
+
+def main() -> None:
+    """Serve one Blender until it goes."""
+    logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
+    for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _terminated)
+    # Whatever prints must not garble the events.
+    events = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    host = Host(Reporter(events))
+    reader = threading.Thread(
+        target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True
+    )
+    reason = "the output process ended"
+    try:
+        reader.start()
+        host._report("ready", text=str(os.getpid()))
+        host.watch()
+    except SystemExit:
+        reason = "the output process was told to end"
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        host.silence(reason)
+        time.sleep(0.02)  # for the last events
+        os._exit(0)  # a port that hangs must not keep the process
+
+
+if __name__ == "__main__":
+    main()

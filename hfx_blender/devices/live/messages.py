@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Messages between Blender, the output process and script workers: length-prefixed, bounded.
+
+A message is its body's length (uint32), its kind (uint8), the device's number (uint16), all
+little-endian, and the body: nothing, float64 values, or JSON followed by plain arrays. Nothing
+in it is ever run.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from enum import IntEnum
+from typing import IO, Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
+
+MAX_BODY: Final = 1 << 24
+"""More than this is not one of ours: 16 MiB."""
+
+EVERY_DEVICE: Final = 0xFFFF
+
+_HEAD: Final = struct.Struct("<IBH")
+_LENGTH: Final = struct.Struct("<I")
+_DTYPES: Final = ("<f8", "<f4", "<i4", "<i8")
+
+
+class Kind(IntEnum):
+    """What a message is about."""
+
+    # Blender to the output process
+    HEARTBEAT = 0
+    CONNECT = 1  # JSON
+    DISCONNECT = 2
+    ARM = 3
+    STOP = 4
+    VALUES = 5  # float64, one for each column
+    HAPTICS = 6  # packed; also on to a script
+    PULSE = 7  # JSON
+    SETTINGS = 8  # JSON
+    PAUSE = 9  # Blender works: silence, without a stop
+    # a script worker back to the output process
+    READY = 16
+    ANSWER = 17  # float64
+    FAULT = 18  # text
+    LOG = 19  # text
+
+
+class Message(NamedTuple):
+    """One message as it was read."""
+
+    kind: Kind
+    device: int
+    body: bytes
+
+
+class MessageError(Exception):
+    """The other side does not speak as it should."""
+
+
+def message(kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
+    """The bytes of a message.
+
+    Raises
+    ------
+    MessageError
+        The body is longer than :data:`MAX_BODY`.
+    """
+    if len(body) > MAX_BODY:
+        raise MessageError(f"a message of {len(body)} bytes, allowed are {MAX_BODY}")
+    return _HEAD.pack(len(body), kind, device) + body
+
+
+def read_message(stream: IO[bytes]) -> Message | None:
+    """The next message of a blocking stream; None at its end, also in the middle of one.
+
+    Raises
+    ------
+    MessageError
+        What comes is not a message.
+    """
+    head = _read(stream, _HEAD.size)
+    if head is None:
+        return None
+    length, kind, device = _HEAD.unpack(head)
+    if length > MAX_BODY:
+        raise MessageError(f"a message of {length} bytes, allowed are {MAX_BODY}")
+    try:
+        known = Kind(kind)
+    except ValueError:
+        raise MessageError(f"a message of the unknown kind {kind}") from None
+    body = _read(stream, length)
+    return None if body is None else Message(known, device, body)
+
+
+def _read(stream: IO[bytes], count: int) -> bytes | None:
+    parts = []
+    while count:
+        part = stream.read(count)
+        if not part:
+            return None
+        parts.append(part)
+        count -= len(part)
+    return b"".join(parts)
+
+
+def values_to(values: npt.ArrayLike) -> bytes:
+    """Values (columns,) as a body."""
+    return np.ascontiguousarray(values, "<f8").tobytes()
+
+
+def values_from(body: bytes) -> F64:
+    """Values (columns,) of a body; bytes that are none are no values, which the guard refuses."""
+    return np.frombuffer(body, "<f8") if len(body) % 8 == 0 else np.zeros(0)
+
+
+def json_to(content: Any) -> bytes:
+    return json.dumps(content, separators=(",", ":")).encode()
+
+
+def json_from(body: bytes) -> dict[str, Any]:
+    """A JSON object.
+
+    Raises
+    ------
+    MessageError
+        It is none.
+    """
+    try:
+        found = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise MessageError(f"not JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise MessageError("not a JSON object")
+    return found
+
+
+def pack(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
+    """A JSON object and named arrays in one body."""
+    parts = [np.ascontiguousarray(each, _dtype(each)) for each in arrays.values()]
+    shapes = [
+        [name, each.dtype.str, list(each.shape)] for name, each in zip(arrays, parts, strict=True)
+    ]
+    head = json_to({"content": content, "arrays": shapes})
+    return b"".join((_LENGTH.pack(len(head)), head, *(each.tobytes() for each in parts)))
+
+
+def unpack(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+    """What :func:`pack` put together.
+
+    Raises
+    ------
+    MessageError
+        The body is not such a one.
+    """
+    try:
+        (length,) = _LENGTH.unpack_from(body)
+        head = json_from(body[_LENGTH.size : _LENGTH.size + length])
+        place = _LENGTH.size + length
+        arrays: dict[str, Array] = {}
+        for name, dtype, shape in head["arrays"]:
+            if dtype not in _DTYPES:
+                raise MessageError(f"array '{name}' of type {dtype}")
+            count = math.prod(shape)
+            found = np.frombuffer(body, dtype, count, place)
+            arrays[name] = found.reshape(shape)
+            place += found.nbytes
+        return dict(head["content"]), arrays
+    except (struct.error, KeyError, ValueError, TypeError) as error:
+        raise MessageError(f"not packed arrays: {error}") from None
+
+
+def _dtype(array: Array) -> str:
+    dtype = array.dtype.newbyteorder("<").str
+    return dtype if dtype in _DTYPES else "<f8"

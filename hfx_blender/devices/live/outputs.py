@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Outputs that a device may be connected to: the simulator, or what really drives it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from ...engine.rendering.device import DeviceConfig
+from . import opening
+from .output import Output
+from .simulator import Simulator
+
+SIMULATOR: Final = "simulator"
+
+
+def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    """The open output that ``target`` names.
+
+    Parameters
+    ----------
+    device : DeviceConfig
+    target : mapping
+        ``{"kind": "simulator"}``, with the ``path`` of a log if one is wanted; other kinds as
+        :func:`~hfx_blender.devices.live.opening.open_output` takes them.
+
+    Raises
+    ------
+    OutputLostError
+        There is no such output, or it cannot be opened.
+    """
+    if target.get("kind") == SIMULATOR:
+        path = target.get("path")
+        return Simulator(None if path is None else Path(str(path)))
+    return opening.open_output(device, target)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Runs one device script in a process of its own: haptic data in, values out.
+
+Started by the output process as ``python -m hfx_blender.devices.live.script_worker``. The
+script is read once, compared with what the user approved, and these very bytes are run. The
+process isolates from faults; it is no sandbox.
+"""
+
+from __future__ import annotations
+
+import builtins
+import os
+import sys
+import threading
+import time
+import traceback
+from contextlib import suppress
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, BinaryIO, Final
+
+from ...engine.rendering.device import DeviceConfig
+from ..configuration import load_device
+from .approval import fingerprint_of
+from .haptics import as_values, unpacked
+from .messages import Kind, Message, MessageError, json_from, message, read_message, values_to
+
+MAX_MEMORY: Final = 4 << 30
+_LOGS_PER_S: Final = 10
+_LONGEST_TEXT: Final = 500
+
+
+class _Outlet:
+    """The pipe back; a script's own printing goes through it, a few lines a second."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+        self._since, self._count = 0.0, 0
+
+    def tell(self, kind: Kind, body: bytes = b"") -> None:
+        with self._lock:
+            self._stream.write(message(kind, 0, body))
+            self._stream.flush()
+
+    def fault(self, text: str) -> None:
+        self.tell(Kind.FAULT, text[:_LONGEST_TEXT].encode(errors="replace"))
+
+    def printed(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
+        """Takes the place of ``print``."""
+        now = time.monotonic()
+        if now - self._since > 1.0:
+            self._since, self._count = now, 0
+        self._count += 1
+        if self._count <= _LOGS_PER_S:
+            text = (" " if sep is None else sep).join(map(str, parts))
+            self.tell(Kind.LOG, text[:_LONGEST_TEXT].encode(errors="replace"))
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    outlet = _Outlet(os.fdopen(os.dup(1), "wb"))
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    source = os.fdopen(os.dup(0), "rb")
+    for number in (0, 1, 2):  # what it writes there belongs to nobody
+        os.dup2(nowhere, number)
+    _restrain()
+    first = read_message(source)
+    if first is None:
+        os._exit(0)
+    try:
+        device, render = _load(first, outlet)
+    except BaseException as error:
+        outlet.fault(_told(error))
+        os._exit(1)
+    waiting: SimpleQueue[Message] = SimpleQueue()
+    threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
+    outlet.tell(Kind.READY)
+    while True:
+        asked = waiting.get()
+        try:
+            haptics = unpacked(asked.body, device)
+            values = as_values(render(haptics), haptics)
+        except BaseException as error:
+            outlet.fault(_told(error))
+            os._exit(1)
+        outlet.tell(Kind.ANSWER, values_to(values))
+
+
+def _read(source: BinaryIO, waiting: SimpleQueue[Message]) -> None:
+    """Ends the process with its owner, also while the script hangs."""
+    with suppress(MessageError, OSError):
+        while True:
+            found = read_message(source)
+            if found is None:
+                break
+            waiting.put(found)
+    os._exit(0)
+
+
+def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
+    wish = json_from(first.body)
+    path, configuration = Path(wish["path"]), Path(wish["configuration"])
+    source = path.read_bytes()
+    if fingerprint_of(source, configuration.read_bytes()) != wish["fingerprint"]:
+        raise PermissionError(f"{path.name} has changed since it was approved")
+    name, folder = wish["device"], wish.get("folder")
+    device = load_device(name, None if folder is None else Path(folder))
+    builtins.print = outlet.printed
+    names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    exec(compile(source, str(path), "exec"), names)
+    render = names.get("render")
+    if not callable(render):
+        raise TypeError(f"{path.name} has no function render(haptics)")
+    return device, render
+
+
+def _restrain() -> None:
+    """Memory has an end, and others go first; where the system can."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if hasattr(os, "nice"):
+        os.nice(5)
+
+
+def _told(error: BaseException) -> str:
+    """One line: what, and where in the script."""
+    frames = traceback.extract_tb(sys.exc_info()[2])
+    where = ""
+    if frames and frames[-1].filename != __file__:
+        where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
+    return f"{type(error).__name__}: {error}{where}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A device without hardware: writes down what a real one would do, a JSON line each time."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .output import OutputLostError
+
+F64 = npt.NDArray[np.float64]
+
+MAX_BYTES: Final = 64 << 20
+"""At this size the file begins anew: half an hour of a large device."""
+
+
+def _opener(path: str, flags: int) -> int:
+    # Opened by a process without a terminal, one would become its own.
+    return os.open(path, flags | getattr(os, "O_NOCTTY", 0), 0o644)
+
+
+class Simulator:
+    """An output whose hardware is a file, or nothing at all.
+
+    Parameters
+    ----------
+    path : Path, optional
+        ``{"time_s": ..., "values": [...]}`` or ``{"time_s": ..., "stop": true}`` on each line;
+        times are of the system's monotonic clock.
+
+    Raises
+    ------
+    OutputLostError
+        The file cannot be written.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._size = 0
+        try:
+            self._file = None if path is None else open(path, "wb", buffering=0, opener=_opener)
+        except OSError as error:
+            raise OutputLostError(f"{path}: cannot be written ({error.strerror}).") from None
+
+    def send(self, values: F64) -> None:
+        self._write({"time_s": time.monotonic(), "values": values.tolist()})
+
+    def stop(self) -> None:
+        with suppress(OutputLostError):
+            self._write({"time_s": time.monotonic(), "stop": True})
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def _write(self, content: dict[str, object]) -> None:
+        if self._file is None or self._file.closed:
+            return
+        line = json.dumps(content).encode() + b"\n"
+        try:
+            if self._size + len(line) > MAX_BYTES:
+                self._file.seek(0)
+                self._file.truncate()
+                self._size = 0
+            self._file.write(line)
+            self._size += len(line)
+        except (OSError, ValueError) as error:
+            raise OutputLostError(f"the simulator's file cannot be written ({error})") from None

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A log instead of hardware: one CSV row each time values are sent or the device is stopped."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ....engine.rendering.device import DeviceConfig
+from ..encoders import Channels
+from ..output import OutputLostError
+
+F64 = npt.NDArray[np.float64]
+
+MAX_BYTES: Final = 256 << 20
+"""Then the log ends with an error: a forgotten one must not fill the disk."""
+
+
+class CsvLog:
+    """Writes ``time_s`` since the log began, ``event`` (values, stop), then one column a channel.
+
+    Parameters
+    ----------
+    device : DeviceConfig
+    path : Path
+        Must not exist: a log never overwrites a file.
+
+    Raises
+    ------
+    OutputLostError
+        The file exists or cannot be written.
+    """
+
+    def __init__(self, device: DeviceConfig, path: Path) -> None:
+        self._channels = Channels(device)
+        self._began_s = time.monotonic()
+        self._left = MAX_BYTES
+        self._path = path
+        try:
+            self._file = open(path, "xb", buffering=0)
+        except FileExistsError:
+            raise OutputLostError(f"{path} exists already; a log starts a new file.") from None
+        except (OSError, ValueError) as error:
+            raise OutputLostError(f"{path} cannot be written ({error}).") from None
+        units = [f"{actuator}.{control}" for actuator, control in self._channels.names]
+        self._write(",".join(["time_s", "event", *units]))
+
+    def send(self, values: F64) -> None:
+        """Write a row for values (columns,)."""
+        self._row("values", self._channels.values(values))
+
+    def stop(self) -> None:
+        """Write a row of neutral values."""
+        with suppress(OutputLostError):
+            self._row("stop", self._channels.neutral)
+
+    def close(self) -> None:
+        """End the log."""
+        with suppress(OSError):
+            self._file.close()
+
+    def _row(self, event: str, values: F64) -> None:
+        now = time.monotonic() - self._began_s
+        self._write(",".join([f"{now:.4f}", event, *(f"{each:g}" for each in values)]))
+
+    def _write(self, line: str) -> None:
+        content = line.encode("ascii") + b"\n"
+        self._left -= len(content)
+        if self._left < 0:
+            raise OutputLostError(f"{self._path} is full: a log takes {MAX_BYTES >> 20} MiB.")
+        try:
+            self._file.write(content)
+        except (OSError, ValueError) as error:
+            raise OutputLostError(f"{self._path} cannot be written ({error}).") from None

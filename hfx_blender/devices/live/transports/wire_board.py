@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A board with our firmware: configured first, then fed; what it says ends up as one sentence."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import time
+import zlib
+from contextlib import suppress
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ....engine.rendering.device import DeviceConfig
+from .. import wire
+from ..encoders import Channels
+from ..output import OutputLostError
+from .serial_port import STOPS, SerialPort
+
+F64 = npt.NDArray[np.float64]
+
+START_S: Final = 5.0
+"""An Arduino Uno restarts when its port is opened, and its boot loader takes two seconds."""
+
+ANSWER_S: Final = 0.5
+_RETRY_S: Final = 0.1
+
+
+class WireBoard:
+    """A device with our firmware.
+
+    Parameters
+    ----------
+    device : DeviceConfig
+    port : SerialPort
+        Open; it belongs to the board from now on.
+    start_s : float
+        How long the board may take to answer.
+
+    Raises
+    ------
+    OutputLostError
+        The board does not answer, or is not one for this device.
+    """
+
+    def __init__(self, device: DeviceConfig, port: SerialPort, start_s: float = START_S) -> None:
+        self._name = port.name
+        self._port = port
+        self._channels = Channels(device, strengths_only=True)
+        longest_s = min(each.maximum_on_s for each in device.actuator_types.values())
+        self._maximum_on_ms = 0 if math.isinf(longest_s) else round(longest_s * 1000.0)
+        self._receiver = wire.Receiver()
+        self._sequence = 0
+        self._is_ready = False
+        self._is_stopped = True
+        try:
+            self._begin(start_s)
+            while not self._is_ready:
+                time.sleep(0.005)
+                self._listen()
+                self._ask_again()
+        except OutputLostError:
+            port.close()
+            raise
+
+    def send(self, values: F64) -> None:
+        """Hand over values (columns,); a board that was stopped is configured anew first."""
+        if self._is_stopped:
+            self._begin(ANSWER_S)
+        self._listen()
+        if not self._is_ready:
+            self._ask_again()
+            return
+        levels = self._channels.whole(self._channels.values(values), wire.FULL_SCALE)
+        payload = wire.values(self._crc, [int(each) for each in levels])
+        self._port.write_newest(self._frame(wire.Kind.VALUES, payload))
+
+    def stop(self) -> None:
+        """Stop, before anything that waits; the board then takes no values."""
+        self._is_stopped, self._is_ready = True, False
+        with suppress(OutputLostError):
+            frames = [self._frame(wire.Kind.STOP) for _ in range(STOPS)]
+            self._port.write_first(b"".join(frames))
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()
+
+    def _begin(self, patience_s: float) -> None:
+        """Ask for a new session: values of the last one are void."""
+        self._configuration = wire.configuration(
+            secrets.randbits(32), len(self._channels), self._maximum_on_ms
+        )
+        self._crc = zlib.crc32(self._configuration)
+        self._is_stopped, self._is_ready = False, False
+        self._patience_ends_s = time.monotonic() + patience_s
+        self._asked_s = -math.inf
+        self._ask_again()
+
+    def _ask_again(self) -> None:
+        now = time.monotonic()
+        if now > self._patience_ends_s:
+            raise OutputLostError(f"The board at {self._name} does not answer; is it ours?")
+        if now >= self._asked_s + _RETRY_S:
+            self._asked_s = now
+            self._port.write_newest(self._frame(wire.Kind.CONFIGURE, self._configuration))
+
+    def _listen(self) -> None:
+        for each in self._receiver.take(self._port.read()):
+            if each.kind == wire.Kind.READY:
+                self._understand_ready(each.payload)
+            elif each.kind == wire.Kind.STOPPED and self._is_ready:
+                if wire.stopped(each.payload) == wire.Reason.NO_VALUES:
+                    told = f"it got no values for {wire.DEAD_MAN_MS} ms"
+                else:
+                    told = "it was restarted or stopped by somebody else"
+                raise OutputLostError(f"The board at {self._name} stopped itself: {told}.")
+
+    def _understand_ready(self, payload: bytes) -> None:
+        told = wire.ready(payload)
+        if told is None or told[0] != self._crc:
+            return  # of a session before
+        if told[1] < len(self._channels):
+            raise OutputLostError(
+                f"The board at {self._name} has {told[1]} channels; "
+                f"the device needs {len(self._channels)}."
+            )
+        self._is_ready = True
+
+    def _frame(self, kind: wire.Kind, payload: bytes = b"") -> bytes:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        return wire.frame(kind, self._sequence, payload)

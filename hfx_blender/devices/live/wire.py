@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The protocol of our firmware: frames as bytes, without any port. See docs/wire-protocol.md.
+
+A frame is ``version, type, sequence (2), payload, CRC-32 (4)``, little-endian, then COBS
+(Cheshire and Baker, IEEE/ACM Transactions on Networking 1999), then a zero byte.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+VERSION: Final = 1
+DEAD_MAN_MS: Final = 250
+"""Without valid values for so long, the board is silent until it is configured anew."""
+
+MAX_CHANNELS: Final = 32
+MAX_FRAME: Final = 96
+"""Bytes of a frame as sent; what is longer is no frame."""
+
+FULL_SCALE: Final = 0xFFFF
+
+_HEAD: Final = struct.Struct("<BBH")
+_CRC: Final = struct.Struct("<I")
+_CONFIGURE: Final = struct.Struct("<IBHI")  # session, channels, dead-man ms, most on ms
+_VALUES: Final = struct.Struct("<IH")  # CRC of the configuration, time to live ms
+_READY: Final = struct.Struct("<IB")  # CRC of the configuration, channels
+_STOPPED: Final = struct.Struct("<B")
+
+
+class Kind(IntEnum):
+    """What a frame says; replies have the highest bit."""
+
+    CONFIGURE = 0x01
+    VALUES = 0x02
+    STOP = 0x03
+    READY = 0x81
+    STOPPED = 0x83
+
+
+class Reason(IntEnum):
+    """Why a board fell silent."""
+
+    ASKED = 0
+    NO_VALUES = 1
+    REFUSED = 2  # values before a configuration, or for another one
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that arrived whole."""
+
+    kind: int
+    sequence: int
+    payload: bytes
+
+
+def cobs(content: bytes) -> bytes:
+    """Content without zero bytes, at most one byte in 254 longer."""
+    found = bytearray()
+    for piece in content.split(b"\0"):
+        while len(piece) >= 254:  # a full block stands for no zero
+            found.append(255)
+            found += piece[:254]
+            piece = piece[254:]
+        found.append(len(piece) + 1)
+        found += piece
+    return bytes(found)
+
+
+def uncobs(content: bytes) -> bytes | None:
+    """What :func:`cobs` was given; None: it is not of its making."""
+    found = bytearray()
+    at = 0
+    while at < len(content):
+        length = content[at]
+        if length == 0 or at + length > len(content):
+            return None
+        block = content[at + 1 : at + length]
+        if 0 in block:
+            return None
+        found += block
+        at += length
+        if length < 255 and at < len(content):
+            found.append(0)
+    return bytes(found) if content else None
+
+
+def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
+    """A frame as it is sent. The zero in front ends whatever was cut off before it."""
+    content = _HEAD.pack(VERSION, kind, sequence & 0xFFFF) + payload
+    return b"\0" + cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
+
+
+def configuration(session: int, channels: int, maximum_on_ms: int) -> bytes:
+    """Payload of CONFIGURE; its CRC-32 is what values are valid for.
+
+    Parameters
+    ----------
+    session : int
+        A number of 32 bits that differs each time.
+    channels : int
+        1 to :data:`MAX_CHANNELS`.
+    maximum_on_ms : int
+        0: the board's own maximum.
+    """
+    return _CONFIGURE.pack(session, channels, DEAD_MAN_MS, min(maximum_on_ms, 0xFFFFFFFF))
+
+
+def values(configuration_crc: int, levels: Sequence[int], live_ms: int = DEAD_MAN_MS) -> bytes:
+    """Payload of VALUES: levels 0..65535, valid for ``live_ms`` after they arrive."""
+    return _VALUES.pack(configuration_crc, live_ms) + struct.pack(f"<{len(levels)}H", *levels)
+
+
+def ready(payload: bytes) -> tuple[int, int] | None:
+    """CRC of the configuration and number of channels of a READY; None: garbled."""
+    if len(payload) != _READY.size:
+        return None
+    crc, channels = _READY.unpack(payload)
+    return crc, channels
+
+
+def stopped(payload: bytes) -> int | None:
+    """Reason of a STOPPED; None: garbled."""
+    return payload[0] if len(payload) == _STOPPED.size else None
+
+
+class Receiver:
+    """Frames out of a stream; whatever is not a whole, intact frame is dropped."""
+
+    def __init__(self) -> None:
+        self._waiting = bytearray()
+        self._is_skipping = False
+
+    def take(self, content: bytes) -> list[Frame]:
+        """The frames that ``content`` completes."""
+        found = []
+        for byte in content:
+            if byte == 0:
+                each = None if self._is_skipping else parsed(bytes(self._waiting))
+                if each is not None:
+                    found.append(each)
+                self._waiting.clear()
+                self._is_skipping = False
+            elif len(self._waiting) >= MAX_FRAME:
+                self._is_skipping = True
+            else:
+                self._waiting.append(byte)
+        return found
+
+
+def parsed(content: bytes) -> Frame | None:
+    """A frame without its zeros; None: not one of this version, or damaged."""
+    plain = uncobs(content)
+    if plain is None or len(plain) < _HEAD.size + _CRC.size:
+        return None
+    body, (crc,) = plain[: -_CRC.size], _CRC.unpack(plain[-_CRC.size :])
+    version, kind, sequence = _HEAD.unpack(body[: _HEAD.size])
+    if version != VERSION or zlib.crc32(body) != crc:
+        return None
+    return Frame(kind, sequence, body[_HEAD.size :])

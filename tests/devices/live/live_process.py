@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The output process for tests: a client whose heart beats while it waits, devices that log."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hfx_blender.devices.live.client import LiveClient
+
+BAND = "forearm_band_left"  # eight motors: amplitude and frequency in turn
+PATIENCE_S = 15.0  # for a machine that is busy
+
+
+def playing(amplitude: float = 10.0) -> np.ndarray:
+    """Values of the band: every motor plays."""
+    return np.tile([amplitude, 100.0], 8)
+
+
+def rows_of(log: Path) -> list[dict[str, Any]]:
+    """What a simulator has written down; a line in the making is left out."""
+    lines = log.read_text().split("\n")[:-1] if log.exists() else []
+    return [json.loads(line) for line in lines]
+
+
+def is_loud(row: dict[str, Any]) -> bool:
+    return "values" in row and any(row["values"][::2])
+
+
+def wait(
+    client: LiveClient,
+    until: Callable[[], object],
+    each: Callable[[], None] | None = None,
+    *,
+    is_patient: bool = False,
+) -> None:
+    """Live on until something is true.
+
+    On a machine that is busy this process may not come to its heartbeat; who ``is_patient``
+    plays again after such a stop.
+    """
+    end = time.monotonic() + PATIENCE_S
+    while not until():
+        assert time.monotonic() < end, f"never happened; devices: {client.devices}"
+        client.events()
+        client.heartbeat()
+        for name, state in client.devices.items():
+            if is_patient and state.state == "stopped" and "did not answer" in state.text:
+                client.arm(name)
+        if each is not None:
+            each()
+        time.sleep(0.005)
+
+
+def play(client: LiveClient, name: str, log: Path, values: np.ndarray | None = None) -> None:
+    """Connect a simulator, and play until it can be felt."""
+    client.connect(name, BAND, {"kind": "simulator", "path": str(log)})
+    sent = playing() if values is None else values
+    wait(
+        client,
+        lambda: any(is_loud(row) for row in rows_of(log)),
+        lambda: client.send(name, sent),
+        is_patient=True,
+    )
+    client.events()

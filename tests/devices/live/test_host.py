@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The output process: silence, whoever fails, and only the one who does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from live_process import BAND, PATIENCE_S, is_loud, play, playing, rows_of, wait
+
+from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.live.messages import Kind, message
+
+pytestmark = pytest.mark.usefixtures("real_time")
+
+SENDER = """
+import sys, time
+from live_process import BAND, playing
+from hfx_blender.devices.live.client import LiveClient
+client = LiveClient()
+client.connect("band", BAND, {"kind": "simulator", "path": sys.argv[1]})
+while True:
+    client.send("band", playing())
+    client.heartbeat()
+    time.sleep(0.01)
+"""
+
+
+def is_silent(log: Path) -> bool:
+    rows = rows_of(log)
+    return "stop" in rows[-1] and any(map(is_loud, rows))
+
+
+def until(happened) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not happened():
+        assert time.monotonic() < end, "never happened"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def sender(log: Path):
+    """A process in Blender's place, which plays."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SENDER, str(log)],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+    )
+    until(lambda: any(map(is_loud, rows_of(log))))
+    yield process
+    process.kill()
+    process.wait()
+
+
+def test_stop_all_silences_until_it_is_armed(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    client.stop_all()
+    wait(client, lambda: client.devices["band"].state == "stopped")
+    count = len(rows_of(log))
+    for _ in range(10):
+        client.send("band", playing())
+        client.heartbeat()
+        time.sleep(0.01)
+    assert is_silent(log)
+    assert len(rows_of(log)) == count
+    client.arm()
+    wait(client, lambda: is_loud(rows_of(log)[-1]), lambda: client.send("band", playing()))
+
+
+def test_one_device_is_stopped_and_another_plays_on(client: LiveClient, tmp_path: Path) -> None:
+    logs = tmp_path / "a", tmp_path / "b"
+    for log in logs:
+        play(client, log.name, log)
+    client.stop("a")
+    wait(client, lambda: client.devices["a"].state == "stopped")
+    count = len(rows_of(logs[1]))
+    wait(client, lambda: len(rows_of(logs[1])) > count + 5)
+    assert is_silent(logs[0])
+    assert is_loud(rows_of(logs[1])[-1])
+
+
+def test_no_heartbeat_is_silence_until_it_is_armed(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    until(lambda: is_silent(log))
+    for _ in range(10):
+        client.send("band", playing())
+        time.sleep(0.01)
+    assert is_silent(log)
+    wait(client, lambda: client.devices["band"].state == "stopped")
+    assert "250 ms" in client.devices["band"].text
+
+
+def test_a_pause_is_silence_that_ends_by_itself(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    client.pause()
+    time.sleep(0.6)  # more than a heartbeat may be late
+    assert client.devices["band"].is_armed
+    rows = rows_of(log)
+    assert not is_loud(rows[-1]) and "stop" not in rows[-1]
+    client.send("band", playing())
+    wait(client, lambda: is_loud(rows_of(log)[-1]), lambda: client.send("band", playing()))
+
+
+def test_closing_is_silence(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    client.close()
+    assert is_silent(log)
+    client.close()  # may be done again
+    assert not client.is_running
+
+
+def test_a_new_start_after_closing_plays(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    client.close()
+    log.unlink()
+    play(client, "band", log)
+    assert is_loud(rows_of(log)[-1])
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="POSIX signals")
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGSTOP"])
+def test_blender_killed_or_frozen_is_silence(
+    sender: subprocess.Popen[bytes], log: Path, name: str
+) -> None:
+    os.kill(sender.pid, getattr(signal, name))
+    until(lambda: is_silent(log))
+    time.sleep(0.05)
+    assert is_silent(log)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows knows no SIGTERM")
+def test_the_output_process_told_to_end_is_silent_first(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    os.kill(client.pid or 0, signal.SIGTERM)
+    wait(client, lambda: client.devices["band"].state == "lost")
+    assert is_silent(log)
+
+
+def test_garbage_instead_of_messages_is_silence(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    client._process.stdin.write(b"\xff" * 64)
+    until(lambda: is_silent(log))
+
+
+@pytest.mark.parametrize(
+    ("kind", "body"),
+    [
+        (Kind.CONNECT, b"{"),
+        (Kind.PULSE, b'{"actuator": null}'),
+        (Kind.SETTINGS, b"[]"),
+        (Kind.HAPTICS, b"nonsense"),
+    ],
+)
+def test_nonsense_inside_a_message_does_not_leave_anything_on(
+    client: LiveClient, log: Path, kind: Kind, body: bytes
+) -> None:
+    play(client, "band", log)
+    client._process.stdin.write(message(kind, client.devices["band"].number, body))
+    time.sleep(0.1)
+    client.close()
+    assert is_silent(log)
+
+
+def test_what_cannot_be_opened_is_told_and_others_play(client: LiveClient, log: Path) -> None:
+    client.connect("none", "no_such_device", {"kind": "simulator"})
+    client.connect("odd", BAND, {"kind": "telepathy"})
+    client.connect("closed", BAND, {"kind": "simulator", "path": str(log / "no" / "folder")})
+    play(client, "band", log)
+    wait(
+        client,
+        lambda: all(client.devices[n].state == "lost" for n in ("none", "odd", "closed")),
+        lambda: client.send("band", playing()),
+        is_patient=True,
+    )
+    assert "unknown" in client.devices["none"].text
+    assert "telepathy" in client.devices["odd"].text
+    assert "closed" in client.devices["closed"].name
+    wait(client, lambda: client.devices["band"].is_armed, is_patient=True)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals")
+def test_a_port_that_stalls_stops_its_device_only(client: LiveClient, log: Path) -> None:
+    controller, port = os.openpty()  # nobody reads: it takes a few lines, then it blocks
+    try:
+        play(client, "band", log)
+        client.connect("stalled", BAND, {"kind": "simulator", "path": os.ttyname(port)})
+
+        def feed() -> None:
+            client.send("stalled", playing())
+            client.send("band", playing())
+
+        wait(client, lambda: client.devices["stalled"].state == "fault", feed, is_patient=True)
+        assert "does not answer" in client.devices["stalled"].text
+        count = len(rows_of(log))
+        wait(client, lambda: len(rows_of(log)) > count + 5, feed, is_patient=True)
+        client.stop_all()
+        wait(client, lambda: is_silent(log))
+    finally:
+        os.close(port)
+        os.close(controller)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="POSIX signals")
+def test_an_output_process_that_confirms_no_stop_is_ended(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    os.kill(client.pid or 0, signal.SIGSTOP)
+    time.sleep(0.05)  # until all of its threads sleep
+    client.stop_all()
+    wait(client, lambda: not client.is_running)
+    wait(client, lambda: client.devices["band"].state == "lost")
+    assert "ended" in client.devices["band"].text
+
+
+def test_sending_never_waits_for_an_output_process_that_sleeps(
+    client: LiveClient, log: Path
+) -> None:
+    play(client, "band", log)
+    os.kill(client.pid or 0, signal.SIGSTOP)
+    begun = time.monotonic()
+    for _ in range(20000):  # far more than a pipe takes
+        client.send("band", playing())
+        client.heartbeat()
+    assert time.monotonic() - begun < PATIENCE_S
+    assert len(client._newest) <= 1
+    assert len(client._urgent) <= 1
+    os.kill(client.pid or 0, signal.SIGKILL)
+
+
+def test_without_blender_no_device_is_left_behind(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    process = client._process
+    process.stdin.close()
+    assert process.wait(PATIENCE_S) == 0
+    assert is_silent(log)

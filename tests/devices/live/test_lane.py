@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A lane: what its output is given, whatever that output and its sender do."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from live_process import BAND, PATIENCE_S, playing
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live.lane import PULSE_SHARE, Lane
+from hfx_blender.devices.live.output import OutputLostError
+
+pytestmark = pytest.mark.usefixtures("real_time")
+
+DEVICE = load_device(BAND)
+
+
+class Recorder:
+    """An output that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.given: list[Any] = []
+        self.fault: Exception | None = None
+        self.hangs = threading.Event()
+        self.goes_on = threading.Event()
+        self.is_closed = False
+
+    def send(self, values: np.ndarray) -> None:
+        if self.fault is not None:
+            raise self.fault
+        if self.hangs.is_set():
+            self.goes_on.wait(PATIENCE_S)
+        self.given.append(values)
+
+    def stop(self) -> None:
+        self.given.append("stop")
+
+    def close(self) -> None:
+        self.is_closed = True
+
+    def ends_in_stops(self) -> bool:
+        return len(self.given) > 3 and all(isinstance(each, str) for each in self.given[-3:])
+
+    def loud(self) -> list[np.ndarray]:
+        return [each for each in self.given if not isinstance(each, str) and each[::2].any()]
+
+
+class Playing:
+    """A lane with its output and its reports."""
+
+    def __init__(self) -> None:
+        self.output = Recorder()
+        self.reports: list[tuple[str, str]] = []
+        self.lane = Lane(0, DEVICE, lambda: self.output, self._told)
+        self.lane.start()
+        self.lane.arm()
+        self.until(lambda: "armed" in self.events())
+
+    def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
+        self.reports.append((event, text))
+
+    def events(self) -> list[str]:
+        return [event for event, _ in self.reports]
+
+    def until(self, happened: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not happened():
+            assert time.monotonic() < end, f"never happened: {self.reports}"
+            time.sleep(0.002)
+
+    def play(self, values: np.ndarray | None = None) -> None:
+        self.lane.feed(playing() if values is None else values)
+        self.until(self.output.loud)
+
+    def stop(self) -> None:
+        self.lane.stop("enough")
+        self.until(lambda: self.output.ends_in_stops())
+
+
+@pytest.fixture
+def played() -> Iterator[Playing]:
+    found = Playing()
+    yield found
+    found.output.goes_on.set()
+    found.lane.close("the test is over")
+
+
+def test_values_arrive_and_stay(played: Playing) -> None:
+    played.play()
+    count = len(played.output.given)
+    played.until(lambda: len(played.output.given) > count + 3)
+    assert played.output.given[-1].tolist() == playing().tolist()
+
+
+def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None:
+    played.play()
+    played.stop()
+    count = len(played.output.given)
+    for _ in range(5):
+        played.lane.feed(playing())
+        time.sleep(0.01)
+    assert len(played.output.given) == count
+    assert ("stopped", "enough") in played.reports
+
+
+def test_a_step_that_was_under_way_sends_nothing_after_a_stop(played: Playing) -> None:
+    played.play()
+    played.stop()
+    count = len(played.output.given)
+    played.lane._step(time.monotonic(), 0.01)  # it had looked before the stop came
+    assert len(played.output.given) == count
+
+
+def test_values_that_came_during_a_stop_are_not_played_after_it(played: Playing) -> None:
+    played.play()
+    played.stop()
+    played.lane.feed(playing())
+    count = len(played.output.given)
+    played.lane.arm()
+    played.until(lambda: len(played.output.given) > count + 3)
+    assert not any(each[::2].any() for each in played.output.given[count:])
+
+
+def test_after_a_stop_it_plays_when_it_is_armed_and_from_silence(played: Playing) -> None:
+    played.play()
+    played.stop()
+    played.lane.arm()
+    count = len(played.output.given)
+    played.until(lambda: len(played.output.given) > count + 3)
+    assert not any(each[::2].any() for each in played.output.given[count:])
+    played.lane.feed(playing())
+    played.until(lambda: played.output.given[-1][::2].any())
+
+
+def test_a_stop_does_not_wait_for_an_output_that_hangs(played: Playing) -> None:
+    played.play()
+    played.output.hangs.set()
+    played.until(lambda: played.lane.is_stuck(time.monotonic()))
+    played.lane.fault("does not answer")
+    played.until(lambda: played.output.ends_in_stops())
+    assert not played.output.goes_on.is_set()
+    # What hung comes after the stop; so the stop comes once more.
+    count = len(played.output.given)
+    played.output.goes_on.set()
+    played.until(lambda: len(played.output.given) > count + 3 and played.output.ends_in_stops())
+
+
+@pytest.mark.parametrize(
+    ("fault", "event"), [(OutputLostError("unplugged"), "lost"), (ZeroDivisionError(), "fault")]
+)
+def test_an_output_with_a_fault_is_stopped_and_told(
+    played: Playing, fault: Exception, event: str
+) -> None:
+    played.play()
+    played.output.fault = fault
+    played.until(lambda: event in played.events())
+    played.until(lambda: played.output.ends_in_stops())
+
+
+@pytest.mark.parametrize("nonsense", [np.full(16, np.nan), np.full(16, np.inf), np.zeros(3)])
+def test_nonsense_is_silence(played: Playing, nonsense: np.ndarray) -> None:
+    played.play()
+    played.lane.feed(nonsense)
+    count = len(played.output.given)
+    played.until(lambda: len(played.output.given) > count + 5)
+    assert not played.output.given[-1][::2].any()
+    assert np.isfinite(played.output.given[-1]).all()
+
+
+def test_more_than_is_allowed_is_cut(played: Playing) -> None:
+    played.play(playing(1e9))
+    assert max(each[::2].max() for each in played.output.loud()) == 15.0
+
+
+def test_a_pulse_is_soft_short_and_of_one_actuator(played: Playing) -> None:
+    played.lane.pulse(2)
+    played.until(played.output.loud)
+    played.until(lambda: not played.output.given[-1][::2].any())
+    strengths = np.array([each[::2] for each in played.output.loud()])
+    assert np.flatnonzero(strengths.any(axis=0)).tolist() == [2]
+    assert 0.5 * PULSE_SHARE * 15.0 < strengths.max() <= PULSE_SHARE * 15.0
+
+
+def test_an_offset_holds_values_back(played: Playing) -> None:
+    played.lane.offset_s = 0.15
+    begun = time.monotonic()
+    played.play()
+    assert time.monotonic() - begun >= 0.15
+
+
+def test_values_that_wait_for_their_offset_do_not_survive_a_stop(played: Playing) -> None:
+    played.lane.offset_s = 0.1
+    played.lane.feed(playing())
+    played.lane.stop("enough")
+    played.lane.arm()
+    time.sleep(0.2)
+    assert not played.output.loud()
+
+
+def test_a_closed_lane_has_stopped_first(played: Playing) -> None:
+    played.play()
+    played.lane.close("bye")
+    played.until(lambda: played.output.is_closed)
+    assert played.output.given[-1] == "stop"
+
+
+def test_what_cannot_be_opened_is_told() -> None:
+    def refuse() -> Any:
+        raise OutputLostError("no such port")
+
+    reports: list[tuple[str, str]] = []
+    lane = Lane(0, DEVICE, refuse, lambda event, _d, text="": reports.append((event, text)))
+    lane.start()
+    lane.arm()
+    lane.wait_closed()
+    assert reports == [("lost", "no such port")]

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Between frames: ramps that arrive, update intervals that are kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from live_process import BAND, playing
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live.pacing import LONGEST_RAMP_S, Pace, Ramp, tick_s
+from hfx_blender.engine.rendering.device import DeviceConfig
+
+pytestmark = pytest.mark.usefixtures("real_time")
+
+DEVICE = load_device(BAND)
+TICK = 0.01
+
+
+def updating_every(interval_ms: float) -> DeviceConfig:
+    kinds = {
+        n: replace(k, update_interval_ms=interval_ms) for n, k in DEVICE.actuator_types.items()
+    }
+    actuators = tuple(replace(a, type=kinds[a.type.name]) for a in DEVICE.actuators)
+    return replace(DEVICE, actuator_types=kinds, actuators=actuators)
+
+
+def test_the_first_frame_is_there_at_the_first_tick():
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(), 5.0)
+    assert ramp.at(5.0).tolist() == playing().tolist()
+
+
+def test_from_frame_to_frame_strengths_go_straight_and_frequencies_jump():
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(0.0), 1.0)
+    second = np.tile([8.0, 200.0], 8)
+    ramp.aim(second, 1.04)  # the next frame is expected 40 ms later
+    found = np.array([ramp.at(1.04 + k * TICK) for k in range(5)])
+    assert found[:, 0] == pytest.approx([2.0, 4.0, 6.0, 8.0, 8.0])
+    assert (found[:, 1] == 200.0).all()
+
+
+@given(st.lists(st.tuples(st.floats(0.001, 0.3), st.floats(0.0, 15.0)), min_size=1, max_size=20))
+@settings(deadline=None)
+def test_no_frame_is_delayed_by_more_than_the_longest_ramp_and_none_overshoots(frames):
+    ramp = Ramp(DEVICE, TICK)
+    now, before = 0.0, 0.0
+    for gap, strength in frames:
+        now += gap
+        ramp.aim(playing(strength), now)
+        low, high = min(before, strength), max(before, strength)
+        for tick in np.arange(0.0, 0.3, TICK):
+            value = ramp.at(now + tick)[0]
+            assert low - 1e-9 <= value <= high + 1e-9 or gap < 0.06
+        assert ramp.at(now + LONGEST_RAMP_S)[0] == strength
+        before = strength
+
+
+@pytest.mark.parametrize("wrong", [np.zeros(0), np.zeros(3), np.zeros((2, 16)), None])
+def test_what_is_no_frame_goes_to_silence_at_once(wrong):
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(), 1.0)
+    ramp.aim(wrong, 1.02)
+    assert not ramp.at(1.02)[::2].any()
+
+
+def test_not_a_number_is_forgotten_with_the_next_frame():
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(np.full(16, np.nan), 1.0)
+    ramp.aim(playing(), 1.02)
+    assert np.isfinite(ramp.at(1.03)).all()
+
+
+def test_an_actuator_changes_no_more_often_than_it_can():
+    device = updating_every(50.0)
+    pace = Pace(device, TICK)
+    rng = np.random.default_rng(1)
+    found = np.array([pace.paced(playing(rng.uniform(1, 15)), k * TICK)[0] for k in range(100)])
+    changes = np.flatnonzero(np.diff(found)) + 1
+    assert len(changes) > 15
+    assert np.diff(changes).min() >= 5
+
+
+def test_a_contact_shorter_than_an_interval_is_given_when_its_turn_comes():
+    pace = Pace(updating_every(50.0), TICK)
+    asked = [2.0, 2.0, 15.0, 2.0, 2.0, 2.0, 2.0, 2.0]
+    found = [pace.paced(playing(s), k * TICK)[0] for k, s in enumerate(asked)]
+    assert found == [2.0] * 5 + [15.0] * 3
+
+
+def test_silence_does_not_wait_for_an_interval():
+    pace = Pace(updating_every(50.0), TICK)
+    assert pace.paced(playing(), 0.0)[0] == 10.0
+    assert pace.paced(playing(0.0), TICK)[0] == 0.0
+
+
+@pytest.mark.parametrize(("interval_ms", "tick"), [(0.1, 0.005), (10, 0.01), (500, 0.05)])
+def test_a_device_is_sent_values_as_fast_as_it_takes_them_but_never_seldom(interval_ms, tick):
+    assert tick_s(updating_every(interval_ms)) == tick

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Devices to drive, made of plain data."""
+
+from hfx_blender.engine.rendering.device import (
+    Actuator,
+    ActuatorType,
+    Control,
+    DeviceConfig,
+    RoomPlace,
+    Scheme,
+)
+
+
+def vibration(maximum=10.0, highest=None, fixed=False, **limits):
+    """A motor with amplitude and frequency."""
+    top = 175.0 if fixed else 250.0
+    low = 175.0 if fixed else 50.0
+    return ActuatorType(
+        "motor",
+        "vibration",
+        (
+            Control("amplitude_m_s2", 0.0, maximum, 0.0, highest or maximum, 0.0),
+            Control("frequency_hz", low, top, low, top, 175.0 if fixed else 100.0),
+        ),
+        latency_ms=0.0,
+        update_interval_ms=10.0,
+        **limits,
+    )
+
+
+def heat():
+    """An element that is neutral in the middle of its range."""
+    control = Control("temperature_c", 14.0, 44.0, 15.0, 40.0, 29.0)
+    return ActuatorType("element", "temperature", (control,), 0.0, 100.0)
+
+
+def device(*types, output=None, **facts):
+    """A device with one actuator of each type, a0, a1, ..."""
+    actuators = tuple(Actuator(f"a{i}", kind, RoomPlace(())) for i, kind in enumerate(types))
+    return DeviceConfig(
+        id=facts.pop("id", "bench"),
+        name="Bench",
+        description="",
+        actuator_types={each.name: each for each in types},
+        actuators=actuators,
+        scheme=Scheme(),
+        substitutions={},
+        gain=1.0,
+        output=output,
+        **facts,
+    )

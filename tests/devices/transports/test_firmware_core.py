@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a board does and refuses to do: its C core on this computer, time moved by hand."""
+
+import zlib
+
+import pytest
+from firmware_core import Board, built, compiler
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.devices.live import wire
+from hfx_blender.devices.live.wire import Kind, Reason
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+SILENT = [0] * 6
+LOUD = [100, 200, 300, 400, 500, 65535]
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return built(tmp_path_factory.mktemp("core"))
+
+
+@pytest.fixture
+def board(library):
+    return Board(library)
+
+
+def configured(board, session=1, maximum_on_ms=0, channels=6):
+    payload = wire.configuration(session, channels, maximum_on_ms)
+    board.take(wire.frame(Kind.CONFIGURE, 0, payload))
+    return zlib.crc32(payload)
+
+
+def play(board, crc, levels=LOUD, sequence=1, live_ms=250):
+    board.take(wire.frame(Kind.VALUES, sequence, wire.values(crc, levels, live_ms)))
+
+
+def test_a_board_answers_its_configuration_and_plays(board):
+    crc = configured(board)
+    (answer,) = board.replies()
+    assert answer.kind == Kind.READY and wire.ready(answer.payload) == (crc, 6)
+    assert board.levels == SILENT
+    play(board, crc)
+    assert board.levels == LOUD and board.replies() == []
+
+
+def test_values_without_or_for_another_configuration_are_refused(board):
+    play(board, 0)
+    assert board.levels == SILENT
+    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
+    crc = configured(board)
+    play(board, crc)
+    board.replies()
+    play(board, crc ^ 1, sequence=2)
+    assert board.levels == SILENT
+    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.REFUSED]
+
+
+def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(board):
+    crc = configured(board)
+    play(board, crc)
+    board.wait(249)
+    assert board.levels == LOUD
+    board.replies()
+    board.wait(1)
+    assert board.levels == SILENT
+    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.NO_VALUES]
+    play(board, crc, sequence=2)
+    assert board.levels == SILENT
+    crc = configured(board, session=2)
+    assert board.levels == SILENT
+    play(board, crc)
+    assert board.levels == LOUD
+
+
+def test_values_live_no_longer_than_they_say(board):
+    crc = configured(board)
+    play(board, crc, live_ms=40)
+    board.wait(39)
+    assert board.levels == LOUD
+    board.wait(1)
+    assert board.levels == SILENT
+    play(board, crc, sequence=2, live_ms=65535)  # the dead-man ends these
+    board.wait(250)
+    assert board.levels == SILENT
+
+
+def test_stop_is_always_taken_and_disarms(board):
+    crc = configured(board)
+    play(board, crc, sequence=500)
+    board.replies()
+    board.take(wire.frame(Kind.STOP, 3))  # an old number does not matter
+    assert board.levels == SILENT
+    assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.ASKED]
+    play(board, crc, sequence=501)
+    assert board.levels == SILENT
+
+
+def test_stop_passes_a_frame_that_was_cut_off(board):
+    crc = configured(board)
+    play(board, crc)
+    half = wire.frame(Kind.VALUES, 2, wire.values(crc, LOUD))[:11]
+    board.take(half + wire.frame(Kind.STOP, 3))
+    assert board.levels == SILENT
+
+
+def test_older_and_repeated_values_are_dropped_also_where_numbers_wrap(board):
+    crc = configured(board)
+    play(board, crc, [1] * 6, sequence=65535)
+    play(board, crc, [2] * 6, sequence=65534)
+    play(board, crc, [2] * 6, sequence=65535)
+    assert board.levels == [1] * 6
+    play(board, crc, [3] * 6, sequence=0)
+    assert board.levels == [3] * 6
+
+
+def test_a_channel_on_for_too_long_is_off_until_silence_was_asked_for(board):
+    crc = configured(board, maximum_on_ms=1000)
+    for k in range(9):
+        play(board, crc, [9, 0, 0, 0, 0, 0], sequence=k + 1)
+        assert board.levels[0] == 9
+        board.wait(100)
+    play(board, crc, [9, 7, 0, 0, 0, 0], sequence=10)
+    board.wait(100)
+    assert board.levels[:2] == [0, 7]
+    play(board, crc, [9, 7, 0, 0, 0, 0], sequence=11)
+    assert board.levels[:2] == [0, 7]
+    play(board, crc, [0, 7, 0, 0, 0, 0], sequence=12)
+    play(board, crc, [9, 7, 0, 0, 0, 0], sequence=13)
+    assert board.levels[:2] == [9, 7]
+
+
+def test_the_boards_own_maximum_holds_whatever_the_host_allows(board):
+    crc = configured(board, maximum_on_ms=2**32 - 1)
+    for k in range(1, 320):
+        play(board, crc, sequence=k)
+        board.wait(100)
+    assert board.levels == SILENT
+
+
+def test_a_device_with_too_many_channels_is_told_and_not_played(board):
+    crc = configured(board, channels=7)
+    (answer,) = board.replies()
+    assert wire.ready(answer.payload) == (crc, 6)
+    play(board, crc, [1] * 7)
+    assert board.levels == SILENT
+
+
+def test_the_clock_may_wrap(board):
+    board.now_ms = 2**32 - 100
+    crc = configured(board)
+    for k in range(1, 5):
+        play(board, crc, sequence=k)
+        board.wait(60)
+        assert board.levels == LOUD
+    board.wait(190)
+    assert board.levels == SILENT
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.one_of(st.binary(max_size=200), st.just(b"\0")), max_size=20))
+def test_garbage_never_makes_a_sound_or_a_crash(library, pieces):
+    board = Board(library)
+    configured(board)
+    for piece in pieces:
+        board.take(piece)
+        board.wait(1)
+        assert board.levels == SILENT
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.binary(max_size=94).filter(lambda content: 0 not in content))
+def test_any_stuffed_bytes_are_understood_as_python_does(library, content):
+    board = Board(library)
+    board.take(content + b"\0")
+    found = wire.parsed(content)
+    if found is None or found.kind not in (Kind.STOP, Kind.VALUES, Kind.CONFIGURE):
+        assert board.replies() == []
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 255), st.integers(0, 65535), st.binary(max_size=80))
+def test_any_intact_frame_is_taken_without_a_crash(library, kind, sequence, payload):
+    board = Board(library)
+    configured(board)
+    board.replies()
+    board.take(wire.frame(kind, sequence, payload))
+    board.wait(300)
+    assert board.levels == SILENT
+
+
+def test_values_with_one_changed_bit_are_not_played(library):
+    board = Board(library)
+    crc = configured(board)
+    sent = wire.frame(Kind.VALUES, 1, wire.values(crc, LOUD))
+    for bit in range(8, 8 * len(sent) - 8):  # not of the zeros at both ends
+        changed = bytearray(sent)
+        changed[bit // 8] ^= 1 << bit % 8
+        board.take(bytes(changed))
+        assert board.levels == SILENT
+    board.take(sent)
+    assert board.levels == LOUD

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""OSC over UDP, read by an independent library."""
+
+import socket
+
+import numpy as np
+import pytest
+from bench_devices import device, heat, vibration
+
+from hfx_blender.devices.live.opening import open_output
+from hfx_blender.devices.live.output import OutputLostError
+from hfx_blender.devices.live.transports.osc import MAX_DATAGRAM, message
+from hfx_blender.engine.rendering.device_output import OscEncoder, OutputConfig, UdpTransport
+
+packets = pytest.importorskip("pythonosc.osc_packet")
+
+
+@pytest.fixture
+def listener():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(("127.0.0.1", 0))
+        found.settimeout(1.0)
+        yield found
+
+
+def opened(listener, how, *types, **facts):
+    output = OutputConfig(how, UdpTransport("127.0.0.1", listener.getsockname()[1]))
+    return open_output(device(*types, output=output, **facts), {"kind": "udp"})
+
+
+def received(listener, datagrams=1):
+    found = []
+    for _ in range(datagrams):
+        packet = packets.OscPacket(listener.recv(65536))
+        found += [(each.message.address, each.message.params) for each in packet.messages]
+    return found
+
+
+def test_a_message_is_these_bytes():  # after the examples of the specification
+    assert message("/oscillator/4/frequency", 440.0).hex() == (
+        "2f6f7363696c6c61746f722f342f6672657175656e637900" + "2c660000" + "43dc0000"
+    )
+
+
+def test_own_addresses_carry_each_control(listener):
+    how = OscEncoder(("/hfx/{device}/{actuator}/{control}",), False, True)
+    output = opened(listener, how, vibration(), heat())
+    output.send(np.array([2.5, 80.0, 33.0]))
+    assert received(listener) == [
+        ("/hfx/bench/a0/amplitude_m_s2", [2.5]),
+        ("/hfx/bench/a0/frequency_hz", [80.0]),
+        ("/hfx/bench/a1/temperature_c", [33.0]),
+    ]
+    output.close()
+
+
+def test_vrchat_parameters_are_fractions_counted_from_1(listener):
+    how = OscEncoder(("/avatar/parameters/bHapticsOSC_Arm_{Side}_{number}",), True, False)
+    output = opened(listener, how, *[vibration(fixed=True)] * 2, side="left")
+    output.send(np.array([2.5, 175.0, 99.0, 175.0]))
+    assert received(listener, 2) == [
+        ("/avatar/parameters/bHapticsOSC_Arm_Left_1", [0.25]),
+        ("/avatar/parameters/bHapticsOSC_Arm_Left_2", [1.0]),
+    ]
+    output.close()
+
+
+def test_stop_is_silence_three_times(listener):
+    output = opened(listener, OscEncoder(("/{actuator}",), False, True), heat())
+    output.stop()
+    assert received(listener, 3) == [("/a0", [29.0])] * 3
+    output.close()
+
+
+def test_a_large_device_goes_in_datagrams_that_pass_a_network(listener):
+    count = 200
+    how = OscEncoder(("/hfx/{device}/{actuator}",), True, True)
+    output = opened(listener, how, *[vibration(fixed=True)] * count)
+    output.send(np.tile([5.0, 175.0], count))
+    found = {}
+    while len(found) < count:
+        content = listener.recv(65536)
+        assert len(content) <= MAX_DATAGRAM
+        found.update(
+            (m.message.address, m.message.params) for m in packets.OscPacket(content).messages
+        )
+    assert found == {f"/hfx/bench/a{i}": [0.5] for i in range(count)}
+    output.close()
+
+
+def test_nobody_listening_is_no_fault_and_a_closed_socket_is_lost(listener):
+    output = opened(listener, OscEncoder(("/{actuator}",), True, True), heat())
+    listener.close()
+    for _ in range(5):
+        output.send(np.array([29.0]))
+    output.close()
+    with pytest.raises(OutputLostError):
+        output.send(np.array([29.0]))
+    output.stop()
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        {"host": "8.8.8.8"},
+        {"host": "example.com"},
+        {"host": None},
+        {"port": 0},
+        {"port": "9000"},
+        {"port": True},
+    ],
+)
+def test_a_target_outside_the_private_network_is_refused(listener, target):
+    output = OutputConfig(OscEncoder(("/a",), True, True), UdpTransport("127.0.0.1", 9000))
+    with pytest.raises(OutputLostError):
+        open_output(device(heat(), output=output), {"kind": "udp", **target})

@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Websocket devices against servers of an independent library."""
+
+import json
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+from bench_devices import device, heat, vibration
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.devices.live.opening import open_output
+from hfx_blender.devices.live.output import OutputLostError
+from hfx_blender.devices.live.transports import buttplug, websocket
+from hfx_blender.devices.live.transports.websocket import WebSocket
+from hfx_blender.engine.rendering.device_output import (
+    BhapticsEncoder,
+    ButtplugEncoder,
+    OutputConfig,
+    WebsocketTransport,
+)
+
+server_of = pytest.importorskip("websockets.sync.server")
+
+TWO = (vibration(fixed=True), vibration(maximum=20.0))
+HALF = np.array([5.0, 175.0, 10.0, 80.0])
+SILENT = np.array([0.0, 175.0, 0.0, 80.0])
+
+
+class Server:
+    """A server that notes what it is told; ``answer`` may reply to each message."""
+
+    def __init__(self, answer=lambda text: (), **settings):
+        self.heard = []
+        self.paths = []
+        self.connections = []
+        self._answer = answer
+        self._server = server_of.serve(self._serve, "127.0.0.1", 0, **settings)
+        self.port = self._server.socket.getsockname()[1]
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def _serve(self, connection):
+        self.connections.append(connection)
+        self.paths.append(connection.request.path)
+        for text in connection:
+            self.heard.append(json.loads(text))
+            for reply in self._answer(json.loads(text)):
+                connection.send(json.dumps(reply))
+
+    def wait(self, is_true, within_s=2.0):
+        until = time.monotonic() + within_s
+        while not is_true():
+            assert time.monotonic() < until, self.heard
+            time.sleep(0.002)
+
+    def close(self):
+        self._server.shutdown()
+
+
+@pytest.fixture
+def serve():
+    servers = []
+
+    def started(*arguments, **settings):
+        servers.append(Server(*arguments, **settings))
+        return servers[-1]
+
+    yield started
+    for each in servers:
+        each.close()
+
+
+@pytest.mark.parametrize("size", [0, 1, 125, 126, 65535, 65536, 200_000])
+def test_texts_of_any_length_go_both_ways(serve, size):
+    server = serve(lambda text: [text])
+    heard = []
+    connection = WebSocket("127.0.0.1", server.port, "/x?y=z", heard.append)
+    text = json.dumps("ü" * (size // 2) + "a" * (size % 2), ensure_ascii=False)
+    connection.send(text)
+    server.wait(lambda: heard)
+    assert json.loads(heard[0]) == json.loads(text)
+    assert server.paths == ["/x?y=z"]
+    connection.close()
+
+
+def test_pings_are_answered_and_fragments_joined(serve):
+    server = serve()
+    heard = []
+    connection = WebSocket("127.0.0.1", server.port, "/", heard.append)
+    server.wait(lambda: server.connections)
+    assert server.connections[0].ping("hello").wait(2.0)
+    server.connections[0].send(["one ", "two ", "three"])
+    server.wait(lambda: heard)
+    assert heard == ["one two three"]
+    connection.close()
+
+
+def test_a_server_that_goes_is_told_at_the_next_message(serve):
+    server = serve()
+    connection = WebSocket("127.0.0.1", server.port, "/", print)
+    server.wait(lambda: server.connections)
+    server.connections[0].close()
+    with pytest.raises(OutputLostError, match=r"closed|gone"):
+        server.wait(lambda: connection.send('"x"'))
+    connection.close()
+
+
+def test_a_server_that_does_not_read_costs_neither_time_nor_memory():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def deaf():
+            taken, _ = listener.accept()
+            request = taken.recv(4096).decode()
+            key = request.split("Sec-WebSocket-Key: ")[1].split("\r\n")[0]
+            taken.sendall(_accepted(key))
+            held.append(taken)
+
+        held = []
+        thread = threading.Thread(target=deaf)
+        thread.start()
+        connection = WebSocket("127.0.0.1", listener.getsockname()[1], "/", print)
+        thread.join()
+        began = time.monotonic()
+        with pytest.raises(OutputLostError, match="does not read"):
+            for _ in range(100_000):
+                connection.send("x" * 1000)
+        assert time.monotonic() - began < 10.0
+        assert len(connection._waiting) < 2 * websocket.MAX_WAITING
+        connection.close()
+        held[0].close()
+
+
+def _accepted(key):
+    import base64
+    import hashlib
+
+    digest = hashlib.sha1((key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()
+    return (
+        b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"Sec-WebSocket-Accept: " + base64.b64encode(digest) + b"\r\n\r\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"garbage",
+        b"HTTP/1.1 200 OK\r\n\r\n",
+        b"HTTP/1.1 101 X\r\nUpgrade: websocket\r\nSec-WebSocket-Accept: wrong\r\n\r\n",
+        b"x" * 100_000,
+    ],
+)
+def test_what_is_no_websocket_server_is_refused(answer):
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def reply():
+            taken, _ = listener.accept()
+            with taken:
+                taken.recv(4096)
+                taken.sendall(answer)
+
+        threading.Thread(target=reply, daemon=True).start()
+        with pytest.raises(OutputLostError):
+            WebSocket("127.0.0.1", listener.getsockname()[1], "/", print)
+
+
+def test_no_server_at_all_is_told():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    with pytest.raises(OutputLostError, match="does not answer"):
+        WebSocket("127.0.0.1", port, "/", print)
+
+
+def bhaptics(server, *types, **facts):
+    how = BhapticsEncoder((("ForearmL", 0), ("VestFront", 19)))
+    output = OutputConfig(how, WebsocketTransport("127.0.0.1", server.port))
+    return open_output(device(*types, output=output, **facts), {"kind": "websocket"})
+
+
+def test_the_bhaptics_player_gets_frames_of_dots_and_is_turned_off(serve):
+    server = serve()
+    output = bhaptics(server, *TWO)
+    output.send(HALF)
+    server.wait(lambda: server.heard)
+    assert server.paths == ["/v2/feedbacks?app_id=hfx_blender&app_name=HFX"]
+    first, second = server.heard[0]["Submit"]
+    assert first == {
+        "Type": "frame",
+        "Key": "hfx-bench-ForearmL",
+        "Frame": {
+            "position": "ForearmL",
+            "dotPoints": [{"index": 0, "intensity": 50}],
+            "pathPoints": [],
+            "durationMillis": 100,
+        },
+    }
+    assert second["Frame"]["dotPoints"] == [{"index": 19, "intensity": 50}]
+    output.stop()
+    server.wait(lambda: len(server.heard) == 2)
+    assert server.heard[1] == {
+        "Submit": [
+            {"Type": "turnOff", "Key": "hfx-bench-ForearmL"},
+            {"Type": "turnOff", "Key": "hfx-bench-VestFront"},
+        ]
+    }
+    output.close()
+    output.stop()
+
+
+def test_silent_positions_are_turned_off_and_then_left_alone(serve):
+    server = serve()
+    output = bhaptics(server, *TWO)
+    for values in (HALF, SILENT, SILENT, HALF):
+        output.send(values)
+        time.sleep(0.03)
+    server.wait(lambda: len(server.heard) == 3)
+    kinds = [[each["Type"] for each in message["Submit"]] for message in server.heard]
+    assert kinds == [["frame"] * 2, ["turnOff"] * 2, ["frame"] * 2]
+    output.close()
+
+
+def test_a_mirrored_sleeve_is_the_other_arms(serve):
+    server = serve()
+    output = bhaptics(server, *TWO, is_mirrored=True, side="right")
+    output.send(HALF)
+    server.wait(lambda: server.heard)
+    assert [e["Frame"]["position"] for e in server.heard[0]["Submit"]] == ["ForearmR", "VestFront"]
+    output.close()
+
+
+def intiface(ping_ms=0, version=4, name="Lovense Edge", devices=None):
+    features = {
+        "0": {"FeatureIndex": 0, "Output": {"Vibrate": {"Value": [0, 20]}}},
+        "1": {"FeatureIndex": 1, "Output": {"Temperature": {"Value": [-10, 10]}}},
+    }
+    there = {"3": {"DeviceName": name, "DeviceIndex": 3, "DeviceFeatures": features}}
+
+    def answer(messages):
+        for each in messages:
+            ((kind, content),) = each.items()
+            if kind == "RequestServerInfo":
+                yield [
+                    {
+                        "ServerInfo": {
+                            "Id": content["Id"],
+                            "ServerName": "x",
+                            "MaxPingTime": ping_ms,
+                            "ProtocolVersionMajor": version,
+                            "ProtocolVersionMinor": 0,
+                        }
+                    }
+                ]
+            elif kind == "RequestDeviceList":
+                found = there if devices is None else devices
+                yield [{"DeviceList": {"Id": content["Id"], "Devices": found}}]
+            else:
+                yield [{"Ok": {"Id": content["Id"]}}]
+
+    return answer
+
+
+def lovense(server, name="Lovense"):
+    how = ButtplugEncoder(name, ((0, "Vibrate"), (1, "Temperature")))
+    output = OutputConfig(how, WebsocketTransport("127.0.0.1", server.port))
+    return open_output(device(TWO[0], heat(), output=output), {"kind": "websocket"})
+
+
+def told(server, kind):
+    return [each[kind] for message in server.heard for each in message if kind in each]
+
+
+def test_buttplug_gets_whole_numbers_of_each_features_range(serve):
+    server = serve(intiface())
+    output = lovense(server)
+    assert told(server, "RequestServerInfo") == [
+        {"Id": 1, "ClientName": "HFX", "ProtocolVersionMajor": 4, "ProtocolVersionMinor": 0}
+    ]
+    output.send(np.array([5.0, 175.0, 29.0]))
+    time.sleep(0.03)
+    output.send(np.array([5.0, 175.0, 21.5]))  # half way from 29 down to 14
+    server.wait(lambda: len(told(server, "OutputCmd")) == 3)
+    commands = [
+        (e["DeviceIndex"], e["FeatureIndex"], e["Command"]) for e in told(server, "OutputCmd")
+    ]
+    assert commands == [
+        (3, 0, {"Vibrate": {"Value": 10}}),
+        (3, 1, {"Temperature": {"Value": 0}}),
+        (3, 1, {"Temperature": {"Value": -5}}),
+    ]
+    output.stop()
+    server.wait(lambda: told(server, "StopCmd"))
+    assert told(server, "StopCmd")[0]["DeviceIndex"] == 3
+    ids = [content["Id"] for message in server.heard for e in message for content in e.values()]
+    assert len(set(ids)) == len(ids) and min(ids) >= 1
+    time.sleep(0.03)
+    output.send(np.array([5.0, 175.0, 29.0]))  # after a stop everything is said anew
+    server.wait(lambda: len(told(server, "OutputCmd")) == 5)
+    output.close()
+
+
+def test_buttplug_pings_while_nothing_is_sent(serve):
+    server = serve(intiface(ping_ms=200))
+    output = lovense(server)
+    server.wait(lambda: len(told(server, "Ping")) >= 3)
+    output.close()
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (intiface(version=3), "version 4"),
+        (intiface(name="Other"), "no device 'Lovense' that fits; it has: Other"),
+        (intiface(devices={}), "it has: none"),
+        (intiface(devices={"0": {"DeviceName": "Lovense"}}), "that fits"),
+        (lambda text: [["nonsense"]], "lost|does not answer"),
+        (lambda text: [{"a": 1}], "does not answer"),
+        (lambda text: [[{"Error": {"Id": 1, "ErrorMessage": "bad"}}]], "reports a fault: bad"),
+    ],
+)
+def test_a_buttplug_server_that_does_not_fit_is_refused(serve, monkeypatch, answer, expected):
+    monkeypatch.setattr(buttplug, "ANSWER_S", 0.3)
+    with pytest.raises(OutputLostError, match=expected):
+        lovense(serve(answer))
+
+
+def test_a_device_that_leaves_the_server_is_lost(serve):
+    server = serve(intiface())
+    output = lovense(server)
+    server.connections[0].send(json.dumps([{"DeviceList": {"Id": 0, "Devices": {}}}]))
+    with pytest.raises(OutputLostError, match="left the server"):
+        server.wait(lambda: output.send(np.array([5.0, 175.0, 29.0])))
+    output.close()
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=300))
+def test_any_bytes_of_a_server_are_frames_or_a_lost_connection(content):
+    try:
+        found = websocket._parsed(bytearray(content))
+    except OutputLostError:
+        return
+    if found is not None:
+        _, code, payload, size = found
+        assert 0 <= code <= 15 and 2 <= size <= len(content) and len(payload) <= size

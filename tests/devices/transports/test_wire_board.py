@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The host's side of our protocol, against the firmware's own core behind a pseudo-terminal."""
+
+import os
+import select
+import threading
+import time
+
+import numpy as np
+import pytest
+from bench_devices import device, vibration
+from firmware_core import Board, built, compiler
+
+from hfx_blender.devices.live import wire
+from hfx_blender.devices.live.opening import open_output
+from hfx_blender.devices.live.output import OutputLostError
+from hfx_blender.devices.live.transports import serial_port, wire_board
+from hfx_blender.engine.rendering.device_output import (
+    OutputConfig,
+    SerialTransport,
+    WireEncoder,
+)
+
+pytest.importorskip("serial")
+pytestmark = pytest.mark.skipif(
+    os.name != "posix" or compiler() is None, reason="needs a pseudo-terminal and a C compiler"
+)
+
+OUTPUT = OutputConfig(WireEncoder(), SerialTransport(115200))
+TWO = device(vibration(fixed=True), vibration(maximum=20.0), output=OUTPUT)
+HALF = np.array([5.0, 175.0, 10.0, 80.0])
+
+
+class LiveBoard(Board):
+    """The core on a terminal, with the true clock."""
+
+    def __init__(self, library, terminal, channels=6):
+        super().__init__(library, channels)
+        self._terminal = terminal
+        self._is_over = False
+        self.is_deaf = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        master = self._terminal.master
+        while not self._is_over:
+            if select.select([master], [], [], 0.002)[0]:
+                content = os.read(master, 4096)
+                if not self.is_deaf:
+                    self.now_ms = int(time.monotonic() * 1000)
+                    self.take(content)
+            self.now_ms = int(time.monotonic() * 1000) - 1
+            self.wait(1)
+            if self.sent:
+                content, self.sent[:] = bytes(self.sent), b""
+                os.write(master, content)
+
+    def close(self):
+        self._is_over = True
+        self._thread.join()
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return built(tmp_path_factory.mktemp("core"))
+
+
+@pytest.fixture
+def board(library, terminal):
+    found = LiveBoard(library, terminal)
+    yield found
+    found.close()
+    serial_port._open_ports.clear()
+
+
+def opened(terminal):
+    return open_output(TWO, {"kind": "serial", "port": terminal.name})
+
+
+def eventually(is_true, within_s=1.0):
+    until = time.monotonic() + within_s
+    while not is_true():
+        assert time.monotonic() < until
+        time.sleep(0.002)
+
+
+def keep_sending(output, is_true):
+    def tried():
+        output.send(HALF)
+        return is_true()
+
+    eventually(tried)
+
+
+def test_values_reach_the_pins_and_stop_silences_them(board, terminal):
+    output = opened(terminal)
+    output.send(HALF)
+    eventually(lambda: board.levels[:3] == [32768, 32768, 0])
+    output.stop()
+    eventually(lambda: board.levels[:2] == [0, 0])
+    output.close()
+
+
+def test_after_a_stop_the_next_values_begin_a_new_session(board, terminal):
+    output = opened(terminal)
+    for _ in range(3):
+        keep_sending(output, lambda: board.levels[0] == 32768)
+        output.stop()
+        eventually(lambda: board.levels[0] == 0)
+    output.close()
+
+
+def test_a_host_that_falls_silent_is_told_that_the_board_stopped(board, terminal):
+    output = opened(terminal)
+    output.send(HALF)
+    eventually(lambda: board.levels[0] == 32768)
+    eventually(lambda: board.levels[0] == 0)
+    with pytest.raises(OutputLostError, match="no values for 250 ms"):
+        keep_sending(output, lambda: False)
+    output.close()
+
+
+def test_a_board_that_restarts_is_noticed(board, terminal):
+    output = opened(terminal)
+    keep_sending(output, lambda: board.levels[0] == 32768)
+    board.restart()
+    with pytest.raises(OutputLostError, match="restarted"):
+        keep_sending(output, lambda: False)
+    assert board.levels[0] == 0
+    output.close()
+
+
+def test_a_board_that_does_not_answer_is_refused_and_its_port_is_free_again(
+    board, terminal, monkeypatch
+):
+    board.is_deaf = True
+    monkeypatch.setattr(wire_board.WireBoard.__init__, "__defaults__", (0.3,))
+    for _ in range(2):
+        with pytest.raises(OutputLostError, match="does not answer"):
+            opened(terminal)
+    board.is_deaf = False
+    opened(terminal).close()
+
+
+def test_a_board_that_starts_slowly_is_waited_for(board, terminal):
+    board.is_deaf = True
+    threading.Timer(0.4, lambda: setattr(board, "is_deaf", False)).start()
+    opened(terminal).close()
+
+
+def test_a_board_with_too_few_channels_is_refused(library, terminal):
+    board = LiveBoard(library, terminal, channels=1)
+    try:
+        with pytest.raises(OutputLostError, match="has 1 channels; the device needs 2"):
+            opened(terminal)
+    finally:
+        board.close()
+        serial_port._open_ports.clear()
+
+
+def test_a_stalled_port_is_stopped_as_soon_as_it_is_read_again(board, terminal):
+    output = opened(terminal)
+    keep_sending(output, lambda: board.levels[0] == 32768)
+    board.close()  # nobody reads any more
+    for _ in range(3_000):
+        output.send(HALF)
+    output.stop()
+    found = wire.Receiver().take(terminal.read(wait_s=0.1, least=1 << 20))
+    assert [each.kind for each in found[-3:]] == [wire.Kind.STOP] * 3
+    output.close()
