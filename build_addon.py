@@ -1,58 +1,192 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Build the Blender extension: ``python build_addon.py`` makes ``dist/hfx_blender-VERSION.zip``.
+"""Build the Blender extension: ``python build_addon.py`` makes the zip for this computer.
 
-The zip holds the package, the body models and the device configurations. It brings no wheels:
-painting, placing and exporting need nothing but the numpy that Blender has.
+A zip holds the package, the body models, the device configurations and the wheels of what the
+package imports and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
+Blender unpacks the wheels that fit. One zip for all platforms would be five times as large.
 """
 
 from __future__ import annotations
 
 import argparse
+import platform
 import sys
 import tomllib
 import zipfile
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+import addon_wheels
+from addon_wheels import PLATFORMS, PYTHONS, WheelError
 
 ROOT = Path(__file__).resolve().parent
 PACKAGE = ROOT / "hfx_blender"
-DATA = ("body_models", "device_configs")
+MANIFEST = "blender_manifest.toml"
+DATA = ("body_models", "device_configs", "effect_library")
 LICENCE = ROOT / "LICENSE"
-_LEFT_OUT = {"__pycache__"}
+WHEELS = ROOT / "build" / "wheels"
+_LEFT_OUT = {"__pycache__", MANIFEST}
+_STRAY = {".tmp", ".bak", ".orig", ".pyc", ".blend1"}
 _TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content
 
 
 def files() -> dict[str, Path]:
-    """What goes into the zip: name inside it -> file."""
+    """What goes into every zip but its manifest: name inside it -> file."""
     found = {"LICENSE": LICENCE}
     for root, prefix in ((PACKAGE, ""), *((ROOT / name, f"{name}/") for name in DATA)):
         for path in sorted(root.rglob("*")):
-            if path.is_file() and not _LEFT_OUT & set(path.parts) and path.suffix != ".tmp":
-                found[prefix + path.relative_to(root).as_posix()] = path
+            name = path.relative_to(root)
+            hidden = any(part.startswith(".") for part in name.parts)
+            if path.is_file() and not hidden and not _LEFT_OUT & set(name.parts):
+                if path.suffix not in _STRAY:
+                    found[prefix + name.as_posix()] = path
     return found
 
 
-def build(folder: Path) -> Path:
-    """Write the extension into a folder and return its path."""
-    manifest = tomllib.loads((PACKAGE / "blender_manifest.toml").read_text(encoding="utf-8"))
+def manifest(wheels: Iterable[str] = (), platforms: Iterable[str] = ()) -> str:
+    """The text of the manifest for a zip with these wheels on these platforms."""
+    text = (PACKAGE / MANIFEST).read_text(encoding="utf-8")
+    keys = {"platforms": list(platforms), "wheels": [f"./wheels/{name}" for name in wheels]}
+    lines = "".join(
+        f"{key} = [\n" + "".join(f'  "{value}",\n' for value in values) + "]\n"
+        for key, values in keys.items()
+        if values
+    )
+    head, table, tail = text.partition("\n[permissions]")  # the first table ends the plain keys
+    return f"{head}{lines}{table}{tail}"
+
+
+def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = ()) -> Path:
+    """Write one zip into a folder and return its path.
+
+    Parameters
+    ----------
+    folder : Path
+    tag : str
+        What follows the version in the zip's name: platform and Python.
+    text : str
+        The manifest; without wheels if not given.
+    wheels : sequence of Path
+        Stored as they are; they are compressed already.
+    """
+    text = text or manifest()
+    identity = tomllib.loads(text)
+    content = {MANIFEST: text.encode()}
+    content |= {name: path.read_bytes() for name, path in files().items()}
+    content |= {f"wheels/{path.name}": path.read_bytes() for path in wheels}
+    own = {addon_wheels.own_licence(path.name) for path in wheels}
+    content |= {f"licences/{path.name}": path.read_bytes() for path in own if path.exists()}
     folder.mkdir(parents=True, exist_ok=True)
-    target = folder / f"{manifest['id']}-{manifest['version']}.zip"
+    target = folder / ("-".join(filter(None, (identity["id"], identity["version"], tag))) + ".zip")
     temporary = target.with_suffix(".zip.tmp")
-    with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for name, path in files().items():
+    with zipfile.ZipFile(temporary, "w") as archive:
+        for name in sorted(content):
             entry = zipfile.ZipInfo(name, _TIME)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, path.read_bytes())
+            stored = name.endswith(".whl")
+            entry.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
+            entry.create_system = 3  # Unix, also when built on Windows
+            entry.external_attr = 0o100644 << 16
+            archive.writestr(entry, content[name], compresslevel=9)
     temporary.replace(target)
     return target
 
 
-def main() -> None:
+def build_for(name: str, pythons: Sequence[str], folder: Path, cache: Path) -> Path:
+    """Build the zip for one platform with wheels for some Pythons.
+
+    Raises
+    ------
+    WheelError
+        A wheel cannot be had or is not what was pinned.
+    """
+    lock = addon_wheels.read_lock()
+    wanted = addon_wheels.imported(PACKAGE)
+    chosen: dict[str, Path] = {}
+    for python in pythons:
+        found = addon_wheels.select(lock, wanted, name, python)
+        for distribution in sorted(wanted - set(found)):
+            _say(f"{name}, Python {python}: there is no wheel of {distribution}, built without")
+        for wheel in found.values():
+            chosen[wheel] = addon_wheels.fetch(wheel, lock[wheel], cache)
+    tag = name.replace("-", "_")
+    if tuple(pythons) != addon_wheels.default_pythons(name):
+        tag += "-py" + "_".join(python.replace(".", "") for python in pythons)
+    return build(folder, tag, manifest(sorted(chosen), [name]), [chosen[key] for key in chosen])
+
+
+def this_platform() -> str:
+    """Blender's name of the platform that this runs on."""
+    systems = {"darwin": "macos"}
+    machines = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
+    system, machine = platform.system().lower(), platform.machine().lower()
+    return f"{systems.get(system, system)}-{machines.get(machine, machine)}"
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Build the Blender extension.")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "dist", metavar="DIR")
-    target = build(parser.parse_args().output)
-    sys.stdout.write(f"{target} ({target.stat().st_size / 1e6:.1f} MB)\n")
+    parser.add_argument(
+        "--platform",
+        action="append",
+        choices=(*PLATFORMS, "all"),
+        help="for which computers (default: this one; may be given several times)",
+    )
+    parser.add_argument(
+        "--python",
+        action="append",
+        choices=PYTHONS,
+        help="for Blenders with this Python (default: those of blender.org's Blender 4.2 to 5.2; "
+        "Debian's 4.3 has 3.13, its 5.2 has 3.14; may be given several times)",
+    )
+    parser.add_argument(
+        "--no-wheels",
+        action="store_true",
+        help="a small zip for every platform, without fitting avatars of your own",
+    )
+    parser.add_argument(
+        "--wheels", type=Path, default=WHEELS, metavar="DIR", help="where fetched wheels are kept"
+    )
+    parser.add_argument(
+        "--lock", action="store_true", help="pin the wheels anew instead of building"
+    )
+    return parser
+
+
+def main() -> int:
+    arguments = _parser().parse_args()
+    names = sorted(set(arguments.platform or [this_platform()]))
+    names = list(PLATFORMS) if "all" in names else names
+    if not arguments.no_wheels and not arguments.lock and set(names) - set(PLATFORMS):
+        _say(f"There are no wheels for {names[0]}: name a --platform, or build with --no-wheels.")
+        return 2
+    try:
+        if arguments.lock:
+            addon_wheels.lock(addon_wheels.VERSIONS, arguments.wheels, _say)
+            return 0
+        if arguments.no_wheels:
+            built = [build(arguments.output, "no_wheels")]
+        else:
+            built = [
+                build_for(
+                    name,
+                    tuple(sorted(set(arguments.python or addon_wheels.default_pythons(name)))),
+                    arguments.output,
+                    arguments.wheels,
+                )
+                for name in names
+            ]
+    except WheelError as error:
+        sys.stderr.write(f"{error}\nTo build without wheels: {Path(__file__).name} --no-wheels\n")
+        return 3
+    for target in built:
+        _say(f"{target} ({target.stat().st_size / 1e6:.1f} MB)")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which wheels an extension zip brings, for which platform and which Blender's Python.
+
+Blender has numpy; whatever else the package imports comes as a wheel. ``addon_wheels.sha256`` pins
+every file (``sha256sum -c`` reads it too); pip fetches the files once into a folder.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent
+LOCK = ROOT / "addon_wheels.sha256"
+LICENCES = ROOT / "licences"  # of distributions whose wheels forget theirs
+
+# Import name -> distribution. Bundled is what the package imports, never more.
+DISTRIBUTIONS = {
+    "fast_simplification": "fast-simplification",
+    "scipy": "scipy",
+    "serial": "pyserial",
+    "trimesh": "trimesh",
+}
+IN_BLENDER = {
+    *("addon_utils", "aud", "bl_ui", "blf", "bmesh", "bpy", "bpy_extras", "gpu", "gpu_extras"),
+    *("idprop", "imbuf", "mathutils", "numpy", "rna_prop_ui"),
+}
+
+# blender.org's Blender: 4.2 LTS to 5.0 have Python 3.11, 5.1 and 5.2 LTS have 3.13. Distributions
+# build with their own Python: Debian's 4.3 has 3.13, its 5.2 has 3.14.
+OFFICIAL = ("3.11", "3.13")
+PYTHONS = (*OFFICIAL, "3.14")
+
+# The first of these versions that has a wheel. Blender 4.2 and 4.3 have NumPy 1.24, which scipy
+# supports up to 1.15; that one has no wheel for Windows on ARM, where Blender begins with 4.5.
+VERSIONS: dict[str, dict[str, tuple[str, ...]]] = {
+    "scipy": {"3.11": ("1.15.3", "1.17.1"), "3.13": ("1.18.1",), "3.14": ("1.18.1",)},
+    "fast-simplification": dict.fromkeys(PYTHONS, ("0.2.0",)),
+    "trimesh": dict.fromkeys(PYTHONS, ("5.2.0",)),
+    "pyserial": dict.fromkeys(PYTHONS, ("3.5",)),
+}
+
+
+class Platform(NamedTuple):
+    """How wheels of a platform are tagged: system, its release, machine."""
+
+    system: str
+    machine: str
+    releases: tuple[str, ...] = ("",)  # the oldest first
+
+    def runs(self, tag: str) -> bool:
+        """Blender's own rule: it compares the names and leaves the releases out."""
+        return tag == "any" or (tag.startswith(self.system) and tag.endswith("_" + self.machine))
+
+    def tags(self) -> list[str]:
+        return [f"{self.system}{release}_{self.machine}" for release in self.releases]
+
+
+PLATFORMS = {
+    "linux-x64": Platform("manylinux", "x86_64", ("2014", "_2_27", "_2_28")),
+    "macos-arm64": Platform("macosx", "arm64", ("_11_0", "_12_0", "_13_0")),
+    "macos-x64": Platform("macosx", "x86_64", ("_10_15", "_11_0")),
+    "windows-arm64": Platform("win", "arm64"),
+    "windows-x64": Platform("win", "amd64"),
+}
+_LAST_INTEL_MAC = "3.11"  # Blender 4.5 LTS is the last that blender.org builds for Intel Macs
+
+
+class WheelError(Exception):
+    """A wheel that cannot be had or is not what was pinned."""
+
+
+def default_pythons(platform: str) -> tuple[str, ...]:
+    """Pythons of the Blenders that blender.org publishes for a platform."""
+    return (_LAST_INTEL_MAC,) if platform == "macos-x64" else OFFICIAL
+
+
+def imported(package: Path) -> set[str]:
+    """Distributions that a package's source imports and Blender does not have.
+
+    What it can do without (imports under ``except ImportError``) is left out.
+
+    Raises
+    ------
+    WheelError
+        An import that is neither Python's, nor Blender's, nor in ``DISTRIBUTIONS``.
+    """
+    found = set()
+    for path in sorted(package.rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        optional = {id(each) for node in ast.walk(tree) for each in _guarded(node)}
+        for node in ast.walk(tree):
+            if id(node) in optional:
+                continue
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module or ""]
+            else:
+                continue
+            for top in {name.partition(".")[0] for name in names}:
+                if top in sys.stdlib_module_names or top in IN_BLENDER or top == package.name:
+                    continue
+                if top not in DISTRIBUTIONS:
+                    raise WheelError(
+                        f"{path}: imports '{top}', which Blender does not have; add it to "
+                        f"DISTRIBUTIONS and VERSIONS in {Path(__file__).name}."
+                    )
+                found.add(DISTRIBUTIONS[top])
+    return found
+
+
+def _guarded(node: ast.AST) -> Iterable[ast.AST]:
+    """What is inside a ``try`` that expects a missing module."""
+    if not isinstance(node, ast.Try):
+        return ()
+    caught = {getattr(handler.type, "id", "") for handler in node.handlers}
+    if not caught & {"ImportError", "ModuleNotFoundError"}:
+        return ()
+    return (each for child in node.body for each in ast.walk(child))
+
+
+def read_lock(lock: Path = LOCK) -> dict[str, str]:
+    """File name of each pinned wheel -> its SHA-256 in hexadecimal."""
+    lines = lock.read_text(encoding="utf-8").split("\n")
+    return {name: digest for digest, name in (line.split() for line in lines if line)}
+
+
+def select(
+    files: Iterable[str], distributions: set[str], platform: str, python: str
+) -> dict[str, str]:
+    """The pinned file of each distribution for one platform and Python, where there is one."""
+    chosen = {}
+    for name in files:
+        distribution, _version, python_tag, _abi, platform_tag = name[: -len(".whl")].split("-")
+        distribution = distribution.replace("_", "-")
+        fits = "py3" in python_tag.split(".") or python_tag == "cp" + python.replace(".", "")
+        runs = PLATFORMS[platform].runs(platform_tag)
+        if distribution in distributions and fits and runs:
+            chosen[distribution] = name
+    return chosen
+
+
+def fetch(name: str, digest: str, folder: Path) -> Path:
+    """A pinned wheel from the folder, by pip if it is not there yet.
+
+    Raises
+    ------
+    WheelError
+        pip cannot get it, its bytes are not the pinned ones, or it carries no licence.
+    """
+    path = folder / name
+    if not path.exists():
+        distribution, version, python_tag, _, platform_tag = name[: -len(".whl")].split("-")
+        requirement = f"{distribution}=={version} --hash=sha256:{digest}"
+        python = f"3.{python_tag[3:]}" if python_tag.startswith("cp3") else OFFICIAL[0]
+        _download(requirement, platform_tag.split("."), python, folder)
+    if not path.exists() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+        raise WheelError(
+            f"{path}: not the file that {LOCK.name} pins; delete it to fetch it again."
+        )
+    if not carries_licence(path) and not own_licence(name).exists():
+        raise WheelError(f"{name}: carries no licence; put it into {own_licence(name)}.")
+    return path
+
+
+def own_licence(wheel: str) -> Path:
+    """Where we keep the licence of a wheel that does not carry it."""
+    return LICENCES / f"{wheel.partition('-')[0]}.txt"
+
+
+def lock(
+    distributions: Iterable[str], folder: Path, say: Callable[[str], None], target: Path = LOCK
+) -> None:
+    """Pin the wheels of every platform and Python, and say which are not to be had."""
+    found: dict[str, str] = {}
+    for name, platform in PLATFORMS.items():
+        for python in PYTHONS:
+            if python not in default_pythons(name) and name != "linux-x64":
+                continue  # other Pythons are those of Linux distributions
+            for distribution in sorted(distributions):
+                wheel = _newest(distribution, platform, python, folder)
+                if wheel is None:
+                    say(f"{name}, Python {python}: no wheel of {distribution}")
+                else:
+                    found[wheel.name] = hashlib.sha256(wheel.read_bytes()).hexdigest()
+    lines = [f"{found[wheel]}  {wheel}\n" for wheel in sorted(found)]
+    target.write_text("".join(lines), encoding="utf-8", newline="\n")
+
+
+def _newest(distribution: str, platform: Platform, python: str, folder: Path) -> Path | None:
+    for version in VERSIONS[distribution][python]:
+        for tag in platform.tags():  # one by one: the wheel for the oldest system wins
+            try:
+                return _download(f"{distribution}=={version}", [tag], python, folder)
+            except WheelError:
+                continue
+    return None
+
+
+def _download(requirement: str, tags: Iterable[str], python: str, folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as temporary:
+        requirements = Path(temporary, "requirements.txt")
+        requirements.write_text(requirement + "\n", encoding="utf-8")
+        command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps"]
+        command += ["--disable-pip-version-check", "--only-binary=:all:"]
+        command += ["--python-version", python, "--dest", temporary, "-r", str(requirements)]
+        for tag in tags:
+            command += ["--platform", tag]
+        done = subprocess.run(command, capture_output=True, text=True)
+        wheels = list(Path(temporary).glob("*.whl"))
+        if done.returncode or not wheels:
+            last = (done.stderr.strip().splitlines() or ["pip said nothing"])[-1]
+            raise WheelError(f"pip cannot fetch {requirement.split()[0]}: {last}")
+        return wheels[0].replace(folder / wheels[0].name)
+
+
+def carries_licence(wheel: Path) -> bool:
+    """Whether a wheel brings the text of its licence."""
+    with zipfile.ZipFile(wheel) as archive:
+        names = [name.upper() for name in archive.namelist() if ".dist-info/" in name]
+    files = [name.rpartition("/")[2] for name in names]
+    return any(file.startswith(("LICENSE", "LICENCE", "COPYING")) for file in files)

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The extension's zip: what is in it, what its manifest says, the same bytes every time."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hfx_blender
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+import addon_wheels  # noqa: E402 (beside the package, not installed)
+import build_addon  # noqa: E402
+
+
+def manifest_of(path: Path) -> dict[str, Any]:
+    with zipfile.ZipFile(path) as archive:
+        return tomllib.loads(archive.read("blender_manifest.toml").decode())
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The zip without wheels."""
+    return build_addon.build(tmp_path_factory.mktemp("dist"), "no_wheels")
+
+
+@pytest.fixture
+def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Stand-ins for the pinned wheels, by their names, in a folder; the lock pins them."""
+    folder = tmp_path / "wheels"
+    folder.mkdir()
+    lines = []
+    for name in addon_wheels.read_lock():
+        path = folder / name
+        with zipfile.ZipFile(path, "w") as archive:
+            information = "-".join(name.split("-")[:2]) + ".dist-info"
+            archive.writestr(f"{information}/METADATA", name)
+            if not name.startswith("pyserial"):  # the real one brings none either
+                archive.writestr(f"{information}/licenses/LICENSE", "MIT")
+        lines.append(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {name}\n")
+    lock = tmp_path / "lock"
+    lock.write_text("".join(lines), encoding="utf-8")
+    real = addon_wheels.read_lock
+    monkeypatch.setattr(addon_wheels, "read_lock", lambda: real(lock))
+
+    def no_download(*_: object) -> None:
+        raise AssertionError("a test must not fetch anything")
+
+    monkeypatch.setattr(addon_wheels, "_download", no_download)
+    monkeypatch.setattr(build_addon, "DATA", ())  # quicker
+    yield folder
+
+
+# What is in it
+
+
+def test_the_zip_holds_the_package_the_data_and_the_licence(small: Path) -> None:
+    names = set(zipfile.ZipFile(small).namelist())
+    expected = {
+        path.relative_to(ROOT / "hfx_blender").as_posix()
+        for path in (ROOT / "hfx_blender").rglob("*.py")
+    }
+    for folder in ("body_models", "device_configs"):
+        expected |= {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).glob("*.json")}
+    assert expected | {"LICENSE", "blender_manifest.toml"} <= names
+
+
+def test_nothing_else_strays_into_the_zip(small: Path) -> None:
+    allowed = {
+        "",
+        ".py",
+        ".toml",
+        ".json",
+        ".npz",
+        ".md",
+        ".svg",
+        ".png",
+        ".blend",
+        ".csv",
+        ".hfxeffect",
+    }
+    for name in zipfile.ZipFile(small).namelist():
+        path = Path(name)
+        assert path.suffix in allowed, name
+        assert path.suffix or name == "LICENSE", name
+        assert not any(part.startswith((".", "__pycache__")) for part in path.parts), name
+
+
+@pytest.mark.parametrize("stray", ["x.py.orig", "x.pyc", "x.tmp", ".hidden", "__pycache__/x.py"])
+def test_what_editors_leave_behind_is_left_out(
+    stray: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "hfx_blender"
+    (package / stray).parent.mkdir(parents=True)
+    (package / stray).touch()
+    (package / "kept.py").touch()
+    monkeypatch.setattr(build_addon, "PACKAGE", package)
+    monkeypatch.setattr(build_addon, "DATA", ())
+    assert set(build_addon.files()) == {"LICENSE", "kept.py"}
+
+
+def test_no_host_and_no_home_is_named(small: Path) -> None:
+    host = re.compile(rb"(index-url|file:///|/home/|/root/|\blocalhost\b)")
+    with zipfile.ZipFile(small) as archive:
+        for name in archive.namelist():
+            if Path(name).suffix in {".toml", ".json"}:
+                assert not host.search(archive.read(name)), name
+    assert re.fullmatch(r"([0-9a-f]{64}  [\w.+-]+\.whl\n)+", addon_wheels.LOCK.read_text())
+
+
+def test_the_same_content_gives_the_same_bytes(wheels: Path, tmp_path: Path) -> None:
+    build = build_addon.build_for
+    first = build("linux-x64", ("3.11", "3.13"), tmp_path / "a", wheels)
+    second = build("linux-x64", ("3.11", "3.13"), tmp_path / "b", wheels)
+    assert first.name == second.name == f"hfx_blender-{hfx_blender.__version__}-linux_x64.zip"
+    assert first.read_bytes() == second.read_bytes()
+
+
+# Its manifest
+
+
+def test_the_manifest_says_what_the_package_says(small: Path) -> None:
+    manifest = manifest_of(small)
+    assert manifest["version"] == hfx_blender.__version__
+    assert manifest["blender_version_min"] == "4.2.0"
+    assert manifest["blender_version_max"] == "5.3.0", "the first that is not supported"
+    assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
+    assert "wheels" not in manifest and "platforms" not in manifest
+
+
+def test_only_the_permissions_that_are_used_are_asked_for(small: Path) -> None:
+    permissions = manifest_of(small)["permissions"]
+    source = "\n".join(
+        path.read_text(encoding="utf-8") for path in (ROOT / "hfx_blender").rglob("*.py")
+    )
+    used = {"files"}  # exports
+    if re.search(r"^\s*(import|from) (socket|ssl|http|urllib\.request|asyncio)\b", source, re.M):
+        used.add("network")
+    if "wm.clipboard" in source or "window_manager.clipboard" in source:
+        used.add("clipboard")
+    assert set(permissions) == used
+    assert all(0 < len(reason) <= 64 and reason[-1] != "." for reason in permissions.values())
+
+
+@pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
+def test_blender_accepts_the_zip_of_each_platform(
+    platform: str, wheels: Path, tmp_path: Path
+) -> None:
+    pythons = addon_wheels.default_pythons(platform)
+    built = build_addon.build_for(platform, pythons, tmp_path, wheels)
+    tools = "bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
+    tool = next(path for folder in sys.path for path in Path(folder or ".").glob(tools))
+    done = subprocess.run([sys.executable, tool, "validate", built], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    manifest = manifest_of(built)
+    assert manifest["platforms"] == [platform]
+    assert manifest["permissions"], "the wheels did not slip into its table"
+    with zipfile.ZipFile(built) as archive:
+        names = {name for name in archive.namelist() if name.startswith("wheels/")}
+        assert {f"./{name}" for name in names} == set(manifest["wheels"])
+        for name in names:
+            assert archive.read(name) == (wheels / Path(name).name).read_bytes()
+
+
+# In Blender
+
+INSTALL = """
+import os, sys
+import bpy
+import addon_utils
+
+package, name = sys.argv[1], "bl_ext.user_default.hfx_blender"
+addon_utils.enable("bl_pkg")
+bpy.ops.extensions.package_install_files(
+    filepath=package, repo="user_default", enable_on_install=True
+)
+assert name in bpy.context.preferences.addons
+bpy.ops.hfx.add_avatar()
+bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE")
+assert "hfx_blender" not in sys.modules, "imported from elsewhere"
+for _ in range(2):
+    bpy.ops.preferences.addon_disable(module=name)
+    assert not hasattr(bpy.types.Object, "hfx")
+    bpy.ops.preferences.addon_enable(module=name)
+assert bpy.context.object.hfx.role == "EFFECT"
+index = bpy.context.preferences.extensions.repos.find("User Default")
+bpy.ops.extensions.package_uninstall(repo_index=index, pkg_id="hfx_blender")
+assert not [each for each in sys.modules if each.startswith(name)]
+print("installed and gone", flush=True)
+os._exit(0)
+"""
+
+
+def test_it_is_installed_used_switched_and_uninstalled(small: Path, tmp_path: Path) -> None:
+    pytest.importorskip("bpy")
+    resources = tmp_path / "resources"
+    resources.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", INSTALL, str(small)],
+        env={**os.environ, "BLENDER_USER_RESOURCES": str(resources)},
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.stdout.rstrip().endswith("installed and gone"), done.stdout + done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert not [path for path in resources.rglob("*") if "hfx" in path.name]
+
+
+# Its wheels
+
+
+@pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
+def test_every_blender_gets_scipy(platform: str) -> None:
+    lock = addon_wheels.read_lock()
+    for python in addon_wheels.default_pythons(platform):
+        found = addon_wheels.select(lock, {"scipy"}, platform, python)
+        assert set(found) == {"scipy"}, python
+        assert f"-cp{python.replace('.', '')}-" in found["scipy"]
+
+
+def test_blender_4_2_gets_a_scipy_that_knows_its_numpy() -> None:
+    for platform in ("linux-x64", "macos-arm64", "macos-x64", "windows-x64"):
+        found = addon_wheels.select(addon_wheels.read_lock(), {"scipy"}, platform, "3.11")
+        major, minor = found["scipy"].split("-")[1].split(".")[:2]
+        assert (int(major), int(minor)) <= (1, 15), "1.16 asks for NumPy 1.25, it has 1.24"
+
+
+@pytest.mark.parametrize(
+    ("tag", "platforms"),
+    [
+        ("manylinux_2_17_x86_64.manylinux2014_x86_64", {"linux-x64"}),
+        ("manylinux_2_28_aarch64", set()),
+        ("macosx_11_0_arm64", {"macos-arm64"}),
+        ("macosx_10_13_x86_64", {"macos-x64"}),
+        ("win_amd64", {"windows-x64"}),
+        ("win_arm64", {"windows-arm64"}),
+        ("win32", set()),
+        ("any", set(addon_wheels.PLATFORMS)),
+    ],
+)
+def test_wheels_go_where_they_run(tag: str, platforms: set[str]) -> None:
+    name = f"scipy-1.0-cp313-cp313-{tag}.whl"
+    runs = {
+        platform
+        for platform in addon_wheels.PLATFORMS
+        if addon_wheels.select([name], {"scipy"}, platform, "3.13")
+    }
+    assert runs == platforms
+    assert not addon_wheels.select([name], {"scipy"}, "linux-x64", "3.11")
+    assert not addon_wheels.select([name], {"trimesh"}, "windows-x64", "3.13")
+
+
+def test_wheels_are_those_of_what_the_package_imports(wheels: Path, tmp_path: Path) -> None:
+    imported = addon_wheels.imported(ROOT / "hfx_blender")
+    assert "scipy" in imported and "numpy" not in imported
+    built = build_addon.build_for("linux-x64", ("3.13",), tmp_path, wheels)
+    found = {
+        Path(each).name.split("-")[0].replace("_", "-") for each in manifest_of(built)["wheels"]
+    }
+    assert found == imported
+    assert built.stem.endswith("-linux_x64-py313")
+
+
+def test_an_import_that_nobody_bundles_stops_the_build(tmp_path: Path) -> None:
+    (tmp_path / "x.py").write_text("import json\n\ndef f():\n    import pandas.core\n")
+    with pytest.raises(addon_wheels.WheelError, match="'pandas', which Blender does not have"):
+        addon_wheels.imported(tmp_path)
+
+
+def test_what_the_package_can_do_without_is_not_bundled(tmp_path: Path) -> None:
+    optional = (
+        "try:\n    import trimesh, pandas\nexcept ImportError:\n    pass\nimport scipy.sparse\n"
+    )
+    (tmp_path / "x.py").write_text(optional)
+    assert addon_wheels.imported(tmp_path) == {"scipy"}
+    (tmp_path / "y.py").write_text("try:\n    import trimesh\nexcept ValueError:\n    pass\n")
+    assert addon_wheels.imported(tmp_path) == {"scipy", "trimesh"}
+
+
+def test_a_wheel_with_other_bytes_is_refused(wheels: Path, tmp_path: Path) -> None:
+    name = next(name for name in addon_wheels.read_lock() if "cp313-manylinux" in name)
+    (wheels / name).write_bytes((wheels / name).read_bytes() + b" ")
+    with pytest.raises(addon_wheels.WheelError, match="not the file"):
+        build_addon.build_for("linux-x64", ("3.13",), tmp_path, wheels)
+    assert not list(tmp_path.glob("*.zip")), "nothing half built"
+
+
+def test_every_bundled_wheel_has_its_licence(wheels: Path, tmp_path: Path) -> None:
+    name = next(name for name in addon_wheels.read_lock() if name.startswith("scipy"))
+    with zipfile.ZipFile(wheels / name, "w") as archive:
+        archive.writestr("scipy-1.dist-info/METADATA", "")
+    digest = hashlib.sha256((wheels / name).read_bytes()).hexdigest()
+    with pytest.raises(addon_wheels.WheelError, match="carries no licence"):
+        addon_wheels.fetch(name, digest, wheels)
+
+
+def test_a_licence_that_a_wheel_forgets_comes_along(wheels: Path, tmp_path: Path) -> None:
+    name = next(name for name in addon_wheels.read_lock() if name.startswith("pyserial"))
+    wheel = addon_wheels.fetch(name, addon_wheels.read_lock()[name], wheels)
+    built = build_addon.build(tmp_path, "x", build_addon.manifest([name]), [wheel])
+    with zipfile.ZipFile(built) as archive:
+        assert b"Redistribution and use" in archive.read("licences/pyserial.txt")

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What journeys do again and again with the haptic editor, by mouse and keyboard."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import numpy as np
+
+AVATAR_ROW, VOLUME_ROW, PAINTED_ROW = 0, 1, 6  # of Add > Haptic; volumes: a row for each shape
+SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")
+MODALITIES = ("vibration", "pressure", "temperature", "wind")
+
+
+def empty_scene(h: Any, frames_per_second: int = 24) -> Iterator[float]:
+    """Blender's start-up file without its cube, and the HFX tab open."""
+    for name in ("Cube", "Light", "Camera"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    bpy.context.scene.render.fps = frames_per_second
+    h.fast()
+    h.undo_push()
+    yield from h.sidebar("HFX")
+
+
+def add_haptic(h: Any, row: int, entry: int | None = None, shot: str = "") -> Iterator[float]:
+    """Choose an entry of Add > Haptic as a person does."""
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("shift+a")
+    yield 0.4
+    rows = yield from h.menu()
+    entries = yield from h.submenu(rows[-1])  # Haptic is the last
+    chosen = entries[row]
+    if entry is not None:
+        kinds = yield from h.submenu(chosen)
+        chosen = kinds[entry]
+        yield from h.move(*chosen)
+    if shot:
+        h.shot(shot)
+    yield from h.click(*chosen)
+    yield 0.8
+
+
+def add_avatar(h: Any) -> Iterator[float]:
+    """The built-in avatar, seen from the front and as large as the viewport."""
+    yield from add_haptic(h, AVATAR_ROW)
+    h.check(bpy.context.object and bpy.context.object.hfx.role == "BODY", "an avatar is added")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("KP_1")
+    yield 0.5
+    yield from h.key("KP_Decimal")  # View Selected
+    yield 1.0
+
+
+def zoom_out(h: Any, times: int) -> Iterator[float]:
+    """A step of the view's zoom for each time."""
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    for _ in range(times):
+        yield from h.key("KP_Subtract")
+    yield 0.6
+
+
+def ruler(h: Any, frame: int) -> tuple[float, float]:
+    """Where a frame is in the timeline's ruler."""
+    region = next(region for region in timeline(h).regions if region.type == "WINDOW")
+    x, _ = region.view2d.view_to_region(frame, 0, clip=False)
+    return region.x + x, h.window.height - (region.y + region.height - 10)
+
+
+def go_to(h: Any, frame: int) -> Iterator[float]:
+    """Click a frame in the timeline's ruler."""
+    yield from h.click(*ruler(h, frame))
+    yield 0.4
+    at = bpy.context.scene.frame_current
+    h.check(abs(at - frame) <= 1, f"a click in the timeline goes to frame {frame} ({at})")
+
+
+def timeline(h: Any) -> bpy.types.Area:
+    return next(area for area in h.window.screen.areas if area.type == "DOPESHEET_EDITOR")
+
+
+def adjust(h: Any, values: dict[int, str], shot: str = "") -> Iterator[float]:
+    """Type values into the number fields of "Adjust Last Operation", by their row."""
+    region = h.region("HUD")
+    fields = yield from h.fields(region)
+    if not fields:  # folded, as at first
+        yield from h.click(region.x + 20, h.window.height - (region.y + region.height - 12))
+        yield 0.8
+        fields = yield from h.fields(h.region("HUD"))
+    for row, value in values.items():
+        yield from h.enter(fields[row], value)
+        yield 0.5
+    if shot:
+        h.shot(shot)
+
+
+def fill_part(h: Any, row: int, shot: str = "") -> Iterator[float]:
+    """Fill Body Part in the sidebar: a row of its menu."""
+    paint = yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_begin)
+    menus = yield from h.choices(h.region("UI"))
+    yield from h.click(*next(place for place in menus if place[1] > paint[1]))
+    yield 0.6
+    if shot:
+        h.shot(shot)
+    parts = yield from h.menu_rows()
+    yield from h.click(*parts[row])
+    yield 0.8
+
+
+def effect(modality: str) -> bpy.types.Object:
+    """The scene's effect of a modality; to be asked again after whatever may have been undone."""
+    (found,) = (
+        o for o in bpy.data.objects if o.hfx.role == "EFFECT" and o.hfx.modality == modality
+    )
+    return found
+
+
+def clips_of(obj: bpy.types.Object) -> list[bpy.types.NlaStrip]:
+    """An effect's clips, the first one first."""
+    data = obj.animation_data
+    tracks = data.nla_tracks if data is not None else ()
+    return sorted((strip for track in tracks for strip in track.strips), key=start_of)
+
+
+def start_of(strip: bpy.types.NlaStrip) -> float:
+    return float(strip.frame_start)
+
+
+def painted_parts(obj: bpy.types.Object) -> set[str]:
+    """The body parts that an effect is painted on."""
+    model, parts = model_of(obj)
+    return {parts[model.part[vertex]] for vertex in obj.get("hfx_vertices", [])}
+
+
+def model_of(obj: bpy.types.Object) -> tuple[Any, tuple[str, ...]]:
+    """An effect's perceptual model and the names of the body parts, from the add-on itself."""
+    package = bpy.types.HFX_OT_paint_begin.__module__.rpartition(".operators")[0]
+    library = importlib.import_module(f"{package}.engine.body.model")
+    parts = importlib.import_module(f"{package}.engine.body.parts")
+    return library.load_model(obj.hfx.model_id), parts.PARTS
+
+
+def tint(pixels: np.ndarray, place: tuple[float, float], half: int = 6) -> np.ndarray:
+    """Mean red, green and blue (0..255) around a place of the window."""
+    x, y = (round(each) for each in place)
+    return pixels[y - half : y + half + 1, x - half : x + half + 1].reshape(-1, 3).mean(axis=0)

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shift+A > Haptic: an avatar and a sphere; the export from the HFX tab."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+
+AVATAR_ROW, SPHERE_ROW = 0, 2  # of Add > Haptic
+
+
+def add_haptic(h: Any, row: int, entry: int | None = None, shot: str = "") -> Iterator[float]:
+    """Choose an entry of Add > Haptic as a person does."""
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("shift+a")
+    yield 0.4
+    rows = yield from h.menu()
+    entries = yield from h.submenu(rows[-1])  # Haptic is the last
+    chosen = entries[row]
+    if entry is not None:
+        kinds = yield from h.submenu(chosen)
+        chosen = kinds[entry]
+        yield from h.move(*chosen)
+    if shot:
+        h.shot(shot)
+    yield from h.click(*chosen)
+    yield 0.8
+
+
+def steps(h: Any) -> Iterator[float]:
+    h.show_files_inside()
+    for name in ("Cube", "Light", "Camera"):
+        bpy.data.objects.remove(bpy.data.objects[name])
+    h.undo_push()
+    yield from h.sidebar("HFX")
+    h.shot("1_empty_scene.png")
+
+    yield from add_haptic(h, AVATAR_ROW, shot="2_add_haptic.png")
+    h.check(bpy.context.object and bpy.context.object.hfx.role == "BODY", "an avatar is added")
+    with h.context():
+        bpy.ops.view3d.view_selected()
+    yield 0.8
+    h.shot("3_avatar.png")
+
+    yield from add_haptic(h, SPHERE_ROW, 0, shot="4_add_sphere.png")
+    effect = bpy.context.object.hfx
+    h.check(effect.role == "EFFECT" and effect.shape == "SPHERE", "a sphere is added")
+    h.shot("5_sphere.png")
+
+    bpy.context.scene.frame_end = 5  # a short recording
+    buttons = yield from h.op_buttons(h.region("UI"))
+    h.check(buttons, "the HFX tab has buttons")
+    yield from h.click(*buttons[-1])
+    yield 1.0
+    h.shot("6_file_browser.png")
+    track = h.out / "first.hfxtrack"
+    yield from h.save_as(track)
+    yield from h.until(track.exists, "the track is written", 120)
+    yield 0.5
+    h.shot("7_exported.png")
+
+    for _ in range(2):
+        yield from h.key("ctrl+z")
+        yield 0.3
+    h.check(effect_names() == [], "Ctrl+Z takes the sphere back")
+
+
+def effect_names() -> list[str]:
+    return [obj.name for obj in bpy.data.objects if obj.hfx.role == "EFFECT"]

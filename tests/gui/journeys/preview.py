@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Everyone sees it: a volume dragged through the body colours it at once; solo, mute, palettes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import hands
+
+CHEST = (0.0, -0.1, 1.25)
+COLOUR_BLIND_ROW = 2  # of the palettes
+MARGIN, ICON = 8, 20  # of the sidebar, pixels
+
+
+def steps(h: Any) -> Iterator[float]:
+    yield from hands.empty_scene(h)
+    yield from hands.add_avatar(h)
+    sphere = hands.VOLUME_ROW + hands.SHAPES.index("SPHERE")
+    yield from hands.add_haptic(h, sphere, hands.MODALITIES.index("vibration"))
+    h.check(not is_red(h, h.shot("1_at_the_feet.png")), "at the feet, it is not felt on the chest")
+
+    start = h.xy(h.region(), 0.3, 0.2)
+    goal = start[0], start[1] + h.xy_of((0, 0, 1.25))[1] - h.xy_of((0, 0, 0))[1]
+    yield from h.move(*start)
+    yield from h.key("g")
+    for share in (0.3, 0.6, 0.8, 1.0):
+        yield from h.move(start[0], start[1] + (goal[1] - start[1]) * share)
+        yield 0.3
+    yield from h.until(lambda: is_red(h, h.shot("2_dragged.png")), "dragging colours it at once")
+    h.check(
+        any(op.bl_idname == "TRANSFORM_OT_translate" for op in h.window.modal_operators),
+        "while the mouse still drags",
+    )
+    yield from h.click(*goal)
+    height = hands.effect("vibration").location.z
+    h.check(abs(height - 1.25) < 0.1, f"G moved it up: {height:.2f} m")
+
+    warmth = hands.MODALITIES.index("temperature")
+    yield from hands.add_haptic(h, sphere, warmth)  # at the feet
+    for name, first, second in (("is_muted", 1, 1), ("is_solo", 0, 0)):
+        row = 0  # by name: the temperature is the first
+        place = yield from icon(h, row, first)
+        yield from h.click(*place)
+        yield 0.8
+        switched = getattr(hands.effect("temperature").hfx, name)
+        h.check(switched, f"a click on the row's icon: {name}")
+        red = is_red(h, h.shot(f"3_{name}.png"))
+        h.check(red == (name == "is_muted"), "the other one is felt unless this one is solo")
+        place = yield from icon(h, row, second)
+        yield from h.click(*place)
+        yield 0.5
+        switched = getattr(hands.effect("temperature").hfx, name)
+        h.check(not switched, "and back")
+    pixels = h.shot("4_both.png")
+    h.check(is_red(h, pixels), "both are felt again")
+    before = hands.tint(pixels, h.xy_of(CHEST))
+
+    x, y = yield from icon(h, 0, 0)
+    above = y - 26  # the switch and, right of it, the palette
+    yield from h.click(x + 8, above)
+    yield 0.6
+    h.shot("5_palettes.png")
+    rows = yield from h.menu_rows()
+    yield from h.click(*rows[COLOUR_BLIND_ROW])
+    yield 0.8
+    h.check(bpy.context.scene.hfx.palette == "COLOUR_BLIND", "the palette is chosen")
+    pixels = h.shot("6_colour_blind.png")
+    change = abs(hands.tint(pixels, h.xy_of(CHEST)) - before).max()
+    h.check(change > 40, f"the chest has another colour, {change:.0f} of 255 away")
+    yield from h.click(h.region("UI").x + 100, above)
+    yield 0.8
+    h.check(not bpy.context.window_manager.hfx_preview, "Show What Is Felt is switched off")
+    red, green, blue = hands.tint(h.shot("7_off.png"), h.xy_of(CHEST))
+    h.check(max(red, green, blue) - min(red, green, blue) < 12, "the avatar is as it was")
+
+
+def icon(h: Any, row: int, which: int) -> Iterator[float]:
+    """Centre of an effect's star (0) or loudspeaker (1), squares beside the button of its name."""
+    region = h.region("UI")
+    buttons = yield from h.op_buttons(region)  # the names of the effects are the first
+    x, y = buttons[row]
+    right = 2 * x - (region.x + MARGIN)  # where the name ends: as far from its middle
+    return right + ICON * (which + 0.5), y
+
+
+def is_red(h: Any, pixels: Any) -> bool:
+    red, green, blue = hands.tint(pixels, h.xy_of(CHEST))
+    return bool(red > 1.5 * green and red > 1.5 * blue)
