@@ -8,22 +8,15 @@ from __future__ import annotations
 
 from types import ModuleType
 
+from . import registration
+
 __version__ = "0.1.0"
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import handlers, operators, properties, ui
+    from . import handlers, live, operators, preview, properties, ui
 
-    return properties, operators, ui, handlers
-
-
-def register() -> None:
-    """Register everything with Blender."""
-    for module in _modules():
-        module.register()
+    return properties, operators, ui, handlers, preview, live
 
 
-def unregister() -> None:
-    """Take everything back, in reverse order."""
-    for module in reversed(_modules()):
-        module.unregister()
+register, unregister = registration.of_modules(_modules)

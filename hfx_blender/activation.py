@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, auto
+from itertools import pairwise
 
 import bpy
 import numpy as np
@@ -45,6 +46,10 @@ class Activation:
         return on
 
 
+SILENCED = Activation(Source.OFF)
+"""Of an effect that its user has muted."""
+
+
 def activation_of(effect: bpy.types.Object) -> Activation:
     """Read an effect's clips, curves and drivers."""
     data = effect.animation_data
@@ -52,11 +57,15 @@ def activation_of(effect: bpy.types.Object) -> Activation:
         return Activation(Source.ALWAYS_ON)
     pairs = clips.strips_of(effect)
     named = tuple(Clip(strip.name, strip.frame_start, strip.frame_end) for _, strip in pairs)
-    curve = any(
-        curve.data_path == clips.DATA_PATH and not curve.mute for curve in compat.fcurves(effect)
-    )
+    curves = [
+        curve
+        for curve in compat.fcurves(effect)
+        if curve.data_path == clips.DATA_PATH and not curve.mute
+    ]
     driver = any(d.data_path == clips.DATA_PATH and not d.mute for d in data.drivers)
-    if curve or driver:
+    if len(curves) == 1 and not driver and not len(data.nla_tracks):
+        return Activation(Source.ANIMATED, _spans_of(curves[0]), named)
+    if curves or driver:
         return Activation(Source.ANIMATED, clips=named)
     if not pairs:
         return Activation(Source.ALWAYS_ON)
@@ -72,3 +81,23 @@ def activation_of(effect: bpy.types.Object) -> Activation:
         return Activation(Source.ANIMATED, clips=named)
     spans = tuple((strip.frame_start, strip.frame_end) for strip in playing)
     return Activation(Source.ANIMATED, spans, named)
+
+
+def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
+    """Frames at which a curve can be above 0; it certainly is not at all others."""
+    keys = list(curve.keyframe_points)
+    kinds = {key.interpolation for key in keys}
+    plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"
+    if not keys or not plain or len(curve.modifiers):
+        return ((-np.inf, np.inf),)
+    spans = [(-np.inf, keys[0].co[0])] if keys[0].co[1] > 0.0 else []
+    for key, following in pairwise(keys):
+        # A Bezier curve stays within the hull of its keys and handles.
+        values = [key.co[1], following.co[1]]
+        if key.interpolation == "BEZIER":
+            values += [key.handle_right[1], following.handle_left[1]]
+        if max(values) > 0.0:
+            spans.append((key.co[0], following.co[0]))
+    if keys[-1].co[1] > 0.0:
+        spans.append((keys[-1].co[0], np.inf))
+    return tuple(spans)

@@ -10,20 +10,36 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import body_binding, compat, retargeting
-from .engine.body.model import Avatar, Skeleton, WalkCycle, load_avatar, load_walk
+from . import avatar_meshes, body_binding, bone_table, compat, retargeting
+from .engine.body import variants
+from .engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from .engine.body.rigs.mapping import BoneMapping
 from .errors import InputError
 
 
 def add_avatar(
-    context: bpy.types.Context, name: str = "Avatar"
+    context: bpy.types.Context, name: str = "Avatar", avatar_id: str = AVATAR_ID
 ) -> tuple[bpy.types.Object, bpy.types.Object]:
-    """The built-in avatar, as a haptic body: its armature and its mesh."""
-    avatar = load_avatar()
+    """The built-in avatar, as a haptic body: its armature and its mesh.
+
+    Parameters
+    ----------
+    avatar_id : str
+        That of an installed variant makes another person of it. Effects and devices go on
+        speaking of the canonical models, which stand on the variant's skin.
+
+    Raises
+    ------
+    InputError
+        There is no such avatar, or a model of the variant is missing.
+    """
+    avatar = load_avatar(avatar_id)
+    placed = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
     armature = _armature(context, avatar.skeleton, name)
     mesh = _skin(context, avatar, armature, f"{name} Skin")
-    mark_body(armature, mesh)
+    if placed:
+        retargeting.store(armature, retargeting.Fit((mesh,), tuple(placed)))
+    mark_body(armature, [mesh])
     return armature, mesh
 
 
@@ -31,15 +47,22 @@ def add_body(
     armature: bpy.types.Object,
     avatar: bpy.types.Object | None,
     mapping: BoneMapping | None = None,
+    parts: Sequence[bpy.types.Object] = (),
 ) -> list[str]:
     """Make an avatar a haptic body: the perceptual models are fitted to it.
 
-    The canonical armature needs no fit. Nothing is changed if the avatar cannot be used.
+    The canonical armature needs no fit. Nothing is changed if the avatar cannot be used. A body
+    that is fitted again keeps its id, and with the vertex ids what is painted on it.
 
     Parameters
     ----------
+    avatar : Object or None
+        The mesh that shows the body, or the first of several.
     mapping : BoneMapping, optional
-        A corrected one; found from the bones by default.
+        Which bone stands for which joint; by default the armature's bone table if a user
+        corrected it, else found from the bones.
+    parts : sequence of Object
+        Further meshes of an avatar that is in several pieces.
 
     Returns
     -------
@@ -51,33 +74,75 @@ def add_body(
     InputError
         The avatar cannot become a haptic body; says why.
     """
-    _check_armature(armature)
+    check_armature(armature)
+    meshes = [mesh for mesh in dict.fromkeys((avatar, *parts)) if mesh is not None]
+    if body_binding.from_canonical(armature) is None:
+        retargeting.forget(armature)
+        mark_body(armature, meshes)
+        return []
+    if not meshes:
+        raise InputError(
+            f"'{armature.name}' has no mesh that a body could be fitted to: select the avatar's "
+            "mesh and then its armature."
+        )
+    retargeting.check_scipy()
+    mapping = mapping or bone_table.mapping_of(armature)
+    fit = retargeting.fit_body(armature, meshes, mapping)
+    retargeting.store(armature, fit)
+    bone_table.keep(armature, mapping)
+    mark_body(armature, fit.meshes)
+    return [*fit.notes, *fit.warnings]
+
+
+def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """The meshes that a body is fitted to: the selected ones, or those that form the skin.
+
+    Without a selection these are, of the visible meshes that the armature deforms or carries,
+    the fewest that cover the body: hair, and clothes over skin, are left out. For a body that
+    was fitted before they are the same again.
+
+    Raises
+    ------
+    InputError
+        Several meshes are there, and no human bones tell what they cover.
+    """
+    selected = [
+        obj
+        for obj in context.selected_objects
+        if obj.type == "MESH" and not avatar_meshes.is_ours(obj)
+    ]
+    if selected:
+        return _largest_first(selected)
+    known = avatar_meshes.meshes_of(armature)
+    if known and armature.hfx.role == "BODY":
+        return known
+    found = avatar_meshes.meshes_on(context, armature)
+    if len(found) < 2 or body_binding.from_canonical(armature) is None:
+        return _largest_first(found)[:1]
+    return avatar_meshes.skin_among(armature, found, bone_table.mapping_of(armature))
+
+
+def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    return sorted(meshes, key=lambda mesh: (-len(mesh.data.vertices), mesh.name))
+
+
+def check_armature(armature: bpy.types.Object) -> None:
+    """Refuse what is no armature, or cannot hold anything of ours."""
+    if armature.type != "ARMATURE":
+        raise InputError(f"'{armature.name}' is a {armature.type.lower()}, not an armature.")
     if armature.library is not None:
         raise InputError(
             f"'{armature.name}' is linked from '{armature.library.filepath}', so nothing can be "
             "stored on it; make it local or a library override, or mark it in its own file."
         )
-    if body_binding.from_canonical(armature) is None:
-        retargeting.forget(armature)
-        mark_body(armature, avatar)
-        return []
-    fitted, warnings = retargeting.fit_body(armature, avatar, mapping)
-    retargeting.store(armature, avatar, fitted)
-    mark_body(armature, avatar)
-    return warnings
 
 
-def _check_armature(armature: bpy.types.Object) -> None:
-    if armature.type != "ARMATURE":
-        raise InputError(f"'{armature.name}' is a {armature.type.lower()}, not an armature.")
-
-
-def mark_body(armature: bpy.types.Object, avatar: bpy.types.Object | None) -> None:
-    """Make an armature a haptic body, shown by a mesh; nothing is fitted."""
-    _check_armature(armature)
+def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
+    """Make an armature a haptic body, shown by meshes; nothing is fitted."""
+    check_armature(armature)
     armature.hfx.role = "BODY"
     armature.hfx.uid = armature.hfx.uid or uuid.uuid4().hex
-    armature.hfx.avatar = avatar
+    avatar_meshes.keep_meshes(armature, meshes)
 
 
 def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:

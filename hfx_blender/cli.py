@@ -33,7 +33,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """The parser of all commands."""
-    from .commands import bench, body, demo, device, export, info
+    from .commands import bench, body, convert, demo, device, export, info, validate
 
     parser = _Parser(
         prog=prog,
@@ -43,7 +43,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (demo, export, info, body, device, bench):
+    for module in (demo, export, info, validate, convert, body, device, bench):
         module.add_parser(commands)
     return parser
 

@@ -102,6 +102,72 @@ def add_heartbeat(
     )
 
 
+def draw_fades(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
+    """Give a clip's strength a curve of its own, to be drawn in the Graph or NLA editor.
+
+    It starts as the fades that the clip has, which it takes the place of.
+    """
+    start, end = strip.frame_start, strip.frame_end
+    rise, fall = strip.blend_in, strip.blend_out
+    strip.use_animated_influence = True
+    keys = [(start, 0.0 if rise else 1.0)]
+    keys += [(start + rise, 1.0)] if rise else []
+    keys += [(end - fall, 1.0)] if fall else []
+    keys += [(end, 0.0 if fall else 1.0)]
+    curve = strip.fcurves.find("influence")
+    compat.set_keys(curve, keys, "BEZIER")
+    strip.blend_in = strip.blend_out = 0.0
+    return curve
+
+
+def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
+    """Give an effect clips like those of another, at the same times; how many."""
+    copied = strips_of(source)
+    for _, strip in copied:
+        if strip.type == "META" or strip.action is None:
+            raise InputError(
+                f"Clip '{strip.name}' of '{source.name}' is a group of clips; take it apart first "
+                "(NLA editor, Remove Meta-Strips)."
+            )
+    for _, strip in copied:
+        keys = [
+            (key.co[0], key.co[1])
+            for curve in compat.strip_fcurves(strip)
+            if curve.data_path == DATA_PATH
+            for key in curve.keyframe_points
+        ]
+        made = add_clip(
+            target,
+            strip.frame_start,
+            strip.frame_end,
+            name=strip.name,
+            fade_in=strip.blend_in,
+            fade_out=strip.blend_out,
+            profile=keys,
+            repeat=strip.repeat,
+        )
+        made.mute = strip.mute
+    return len(copied)
+
+
+def remove_clip(effect: bpy.types.Object, name: str) -> None:
+    """Take a clip off the timeline; a track without clips goes with it.
+
+    Raises
+    ------
+    InputError
+        The effect has no clip of that name.
+    """
+    for track, strip in strips_of(effect):
+        if strip.name == name:
+            track.strips.remove(strip)
+            if not track.strips:
+                effect.animation_data.nla_tracks.remove(track)
+            return
+    names = ", ".join(f"'{strip.name}'" for _, strip in strips_of(effect)) or "none"
+    raise InputError(f"Effect '{effect.name}' has no clip '{name}'; it has: {names}.")
+
+
 def _free_track(data: bpy.types.AnimData, start: float, end: float) -> bpy.types.NlaTrack:
     """A track with room between two frames; strips of one track cannot overlap."""
     for track in data.nla_tracks:

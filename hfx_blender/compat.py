@@ -61,3 +61,12 @@ def set_keys(
     for point in curve.keyframe_points:
         point.interpolation = interpolation
     curve.update()
+
+
+def set_paint_strength(context: bpy.types.Context, strength: float) -> None:
+    """The weight that Weight Paint's brushes lay down (a setting of the scene before 5.0)."""
+    tools = context.tool_settings
+    unified = getattr(tools.weight_paint, "unified_paint_settings", None)
+    if unified is None:
+        unified = tools.unified_paint_settings
+    unified.weight = strength

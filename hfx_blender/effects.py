@@ -34,6 +34,13 @@ def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return sorted(found, key=lambda obj: obj.name)
 
 
+def silenced(found: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those of a scene's effects that are muted, or not solo where others are."""
+    found = list(found)
+    any_solo = any(effect.hfx.is_solo for effect in found)
+    return [e for e in found if e.hfx.is_muted or (any_solo and not e.hfx.is_solo)]
+
+
 def model_id_for(modality: str) -> str:
     """The perceptual model on which a modality is painted and felt."""
     return f"hfx-{MODALITIES[modality].model}-1"
@@ -86,6 +93,22 @@ def add_painted(
     effect.hfx.body = body
     set_area(effect, [], [])
     return effect
+
+
+def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
+    """A copy of an effect with an id and clips of its own, in the same collections."""
+    copy = effect.copy()
+    copy.hfx.uid = uuid.uuid4().hex
+    if copy.animation_data is not None:
+        if copy.animation_data.action is not None:
+            copy.animation_data.action = copy.animation_data.action.copy()
+        for track in copy.animation_data.nla_tracks:
+            for strip in track.strips:
+                if strip.action is not None:
+                    strip.action = strip.action.copy()
+    for collection in effect.users_collection:
+        collection.objects.link(copy)
+    return copy
 
 
 def _make_effect(

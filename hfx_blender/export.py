@@ -29,12 +29,18 @@ from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.raster import Raster, unrendered
 from .engine.rendering.render import Renderer, blocks
+from .engine.scene import AnimationBlock
+from .engine.tolerance import Tolerance, parse
 from .engine.track import SUFFIX, TrackHeader, TrackReader, TrackWriter, as_kept
 from .errors import InputError, OutputError, UsageError
-from .formats import csv_raster, wav
+from .formats import registry
+from .formats.curves import CurveTolerance
+from .formats.glb_scene import VolumeRecorder
+from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
+from .formats.signals import DEFAULT_TOLERANCE
 from .scene_reader import SceneReader
 
-FORMATS = ("track", "csv", "wav")
+FORMATS = registry.FORMATS
 
 Progress = Callable[[float], None]
 
@@ -47,21 +53,13 @@ class ExportSettings:
     devices: tuple[DeviceConfig, ...] = ()
     frames: tuple[int, int] | None = None  # both included; None: the scene's own
     rate_hz: Fraction | None = None  # None: the scene's own
+    tolerance: Tolerance | None = None  # None: the scene's own
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
     record: tuple[str, ...] = ()  # engine.evaluate.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
 
     def __post_init__(self) -> None:
-        unknown = sorted(set(self.formats) - set(FORMATS))
-        if unknown:
-            raise UsageError(f"format '{unknown[0]}' is unknown; there are: {', '.join(FORMATS)}")
-        if set(self.formats) - {"track"} and not self.devices:
-            raise UsageError(
-                "the formats csv and wav hold what a device plays: choose one with --device "
-                "('hfx device list' shows them)"
-            )
-        if "wav" in self.formats and not any("vibration" in d.modalities for d in self.devices):
-            raise UsageError("none of the devices has vibration actuators, which WAV files play")
+        registry.check(self.formats, self.devices)
 
 
 @dataclass(frozen=True)
@@ -74,6 +72,7 @@ class ExportReport:
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
     warnings: tuple[str, ...]
     engine: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data; file names without folders."""
@@ -90,6 +89,7 @@ class ExportReport:
             "felt": list(self.felt),
             "unrendered": list(self.unrendered),
             "warnings": list(self.warnings),
+            "notes": list(self.notes),
             "engine": self.engine,
         }
 
@@ -110,35 +110,57 @@ def export_scene(
     OutputError
         The folder cannot be written to; nothing was left there.
     """
+    tolerance = settings.tolerance or scene_tolerance(scene)
     reader = SceneReader(
         scene,
         frames=settings.frames,
         rate_hz=settings.rate_hz,
+        tolerance=tolerance,
         with_positions="positions" in settings.record,
         with_velocities="velocities" in settings.record,
     )
     if settings.strict and reader.description.warnings:
         raise InputError("; ".join(reader.description.warnings) + ".")
-    engine = Engine(reader.description, record=settings.record)
+    engine = Engine(reader.description, record=settings.record, tolerance=tolerance)
     with _staging(folder, stem) as stage:
         track = stage / (stem + SUFFIX)
-        played = record_track(reader, engine, track, settings, progress)
+        volumes = VolumeRecorder(reader.description)
+        watch = volumes.add if "glb" in settings.formats else None
+        played = record_track(reader, engine, track, settings, progress, watch)
         files = [track] if "track" in settings.formats else []
         with TrackReader(track) as recorded:
             felt = felt_effects(recorded)
             lost = not_played(recorded.header, [raster for _, raster in played])
-        written, left_out = write_rasters(played, stage, stem, settings.formats)
+            written = registry.write_all(
+                settings.formats,
+                _named(played),
+                recorded,
+                settings.devices,
+                stage / stem,
+                CurveTolerance(min(tolerance.amplitude, DEFAULT_TOLERANCE.value)),
+            )
+            if watch is not None:
+                models = [load_model(model.id) for model in recorded.header.models]
+                hjif = quote(stem + HJIF_SUFFIX) if "hjif" in settings.formats else None
+                written += volumes.write(models, stage / stem, hjif)
+        if settings.strict and written.left_out:
+            raise InputError("; ".join(written.left_out) + ".")
         report = ExportReport(
             scene=scene.name,
-            files=(*files, *written),
+            files=(*files, *written.files),
             felt=felt,
             unrendered=lost,
             warnings=(
                 *reader.description.warnings,
                 *_counted(engine.counters.warnings),
-                *left_out,
+                *written.left_out,
             ),
-            engine={"stepping": reader.stepping_note, **engine.counters.as_dict()},
+            engine={
+                "tolerance": tolerance.name,
+                "stepping": reader.stepping_note,
+                **engine.counters.as_dict(),
+            },
+            notes=tuple(dict.fromkeys(written.notes)),
         )
         report_file = stage / f"{stem}.report.json"
         with atomic_file(report_file) as file:
@@ -153,6 +175,7 @@ def record_track(
     path: Path,
     settings: ExportSettings,
     progress: Progress = lambda share: None,
+    watch: Callable[[AnimationBlock], None] | None = None,
 ) -> list[tuple[DeviceConfig, Raster]]:
     """Evaluate a scene block by block, record it, and render it for the devices on the way.
 
@@ -163,7 +186,7 @@ def record_track(
     header = TrackHeader.of(
         scene,
         models,
-        settings={"record": sorted(settings.record)},
+        settings={"record": sorted(settings.record), "tolerance": reader.tolerance.name},
         tools={"hfx": __version__, "blender": bpy.app.version_string},
     )
     renderers = _renderers(header, settings.devices)
@@ -176,6 +199,8 @@ def record_track(
             writer.append(runs)
             for _, renderer in renderers:
                 renderer.add(runs)
+            if watch is not None:
+                watch(block)
             done += len(block.indices) - block.history
             progress(done / count)
     return [(device, renderer.raster()) for device, renderer in renderers]
@@ -239,31 +264,20 @@ def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str
     )
 
 
-def write_rasters(
+def _named(
     played: Sequence[tuple[DeviceConfig, Raster]],
-    folder: Path,
-    stem: str,
-    formats: Sequence[str],
-) -> tuple[list[Path], list[str]]:
-    """Write what each device plays in the formats that were asked for; what was left out."""
+) -> list[tuple[str, DeviceConfig, Raster]]:
+    """What each device plays, with what tells its files' names apart."""
     several = len({raster.body_id for _, raster in played}) > 1
-    files: list[Path] = []
-    left_out: list[str] = []
-    for device, raster in played:
-        body = f".{quote(raster.body_id, safe='')}" if several else ""  # an id may be any text
-        name = f"{stem}{body}.{device.id}"
-        if "csv" in formats:
-            files.append(folder / f"{name}.csv")
-            csv_raster.write(raster, files[-1])
-        if "wav" not in formats:
-            continue
-        if "vibration" not in device.modalities:
-            left_out.append(f"device '{device.id}' has no vibration actuators: no WAV for it")
-            continue
-        files.append(folder / f"{name}.wav")
-        wav.write(raster, device, files[-1])
-        files.append(files[-1].with_name(files[-1].name + wav.SIDECAR_SUFFIX))
-    return files, left_out
+    return [
+        # an id may be any text
+        (
+            f".{quote(raster.body_id, safe='')}.{device.id}" if several else f".{device.id}",
+            device,
+            raster,
+        )
+        for device, raster in played
+    ]
 
 
 def _counted(warnings: dict[str, int]) -> list[str]:
@@ -310,6 +324,16 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
                 "name devices only. Choose the file with --device."
             )
     return tuple(load_device(device.name) for device in scene.hfx.devices)
+
+
+def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
+    """The tolerance that a scene asks for."""
+    if scene.hfx.tolerance != "CUSTOM":
+        return parse(scene.hfx.tolerance)
+    try:
+        return parse(scene.hfx.tolerance_custom)
+    except UsageError as error:
+        raise InputError(f"Scene '{scene.name}': {error}.") from error
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:

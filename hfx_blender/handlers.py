@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What happens by itself: before a file is saved, copies of effects get ids of their own."""
+"""What happens by itself: before a file is saved, copies of effects get ids of their own, and
+what is being painted is stored with its effect.
+"""
 
 from __future__ import annotations
 
 import bpy
 from bpy.app.handlers import persistent
 
-from . import effects
+from . import effects, painting
 
 
 @persistent
 def _before_saving(*_: object) -> None:
     effects.settle_ids()
+    painting.take_over_all()
 
 
 def register() -> None:

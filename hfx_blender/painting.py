@@ -4,16 +4,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 
+import bmesh
 import bpy
 import numpy as np
+import numpy.typing as npt
 
-from . import effects, retargeting
+from . import effects, model_mesh, retargeting
 from .engine.body.model import PerceptualModel, load_model
 from .engine.body.parts import PARTS, SIDES
 from .errors import InputError
 
 GROUP = "hfx"
+PAINTED_EFFECT = "hfx_painted_effect"
+"""On the mesh that is painted on: the effect whose area it shows."""
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
 
 
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
@@ -24,44 +32,76 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     if body is None:
         raise InputError(f"'{effect.name}' is painted on no body; choose one first.")
     model = retargeting.model_of(body, effects.model_id_for(effect.hfx.modality))
-    mesh = bpy.data.meshes.new(f"{effect.name} Area")
-    mesh.from_pydata(model.vertices.tolist(), [], model.triangles.tolist())
-    mesh.update()
-    canvas = bpy.data.objects.new(mesh.name, mesh)
-    canvas["hfx_painted_effect"] = effect
-    canvas.hide_render = True
-    context.scene.collection.objects.link(canvas)
-    # The weights that pose it, as groups of its own; the painted group comes first.
-    group = canvas.vertex_groups.new(name=GROUP)
-    for vertex, weight in _area_on(load_model(model.id), effect).items():
-        group.add([vertex], weight, "REPLACE")
-    weights = model.weights
-    bones = [canvas.vertex_groups.new(name=name) for name in model.bone_names]
-    owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
-    for vertex, bone, value in zip(
-        owners.tolist(), weights.bones.tolist(), weights.values.tolist(), strict=True
-    ):
-        bones[bone].add([vertex], value, "REPLACE")
-    for bone_group in bones:
-        bone_group.lock_weight = True
-    canvas.vertex_groups.active = group
-    canvas.parent = body
-    modifier = canvas.modifiers.new("Armature", "ARMATURE")
-    modifier.object = body
+    painted = weights_of(effect)
+    canvas = model_mesh.add_posed(context, body, model, f"{effect.name} Area")
+    canvas[PAINTED_EFFECT] = effect
+    canvas.vertex_groups.active = canvas.vertex_groups.new(name=GROUP)
+    canvas.data.use_mirror_x = False
+    _write_group(canvas, painted)
     return canvas
 
 
-def _area_on(model: PerceptualModel, effect: bpy.types.Object) -> dict[int, float]:
-    """What is painted on this very model; an area on another one, or edition, means nothing."""
-    if (effect.hfx.model_id, effect.hfx.model_hash) != (model.id, model.content_hash):
-        return {}
-    return dict(zip(*effects.area(effect), strict=True))
+def weights_of(effect: bpy.types.Object) -> F64:
+    """The effect's area as it is now, painted or stored, as a weight for each vertex (V,).
+
+    An area on another model, or on another edition of it, means nothing: all 0.
+
+    Raises
+    ------
+    InputError
+        The mesh that is being painted on was edited.
+    """
+    canvas = painted_mesh(effect)
+    if canvas is not None:
+        return _read_group(effect, canvas)
+    model = load_model(effects.model_id_for(effect.hfx.modality))
+    weights = np.zeros(len(model))
+    if (effect.hfx.model_id, effect.hfx.model_hash) == (model.id, model.content_hash):
+        vertices, values = effects.area(effect)
+        weights[vertices] = values
+    return weights
+
+
+def set_weights(effect: bpy.types.Object, weights: F64) -> int:
+    """Replace the effect's area, and what is shown while it is being painted; its size."""
+    vertices = np.flatnonzero(weights > 0.0)
+    canvas = painted_mesh(effect)
+    if canvas is not None:
+        _read_group(effect, canvas)  # refuses a mesh that was edited
+        _write_group(canvas, weights)
+    effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+    return len(vertices)
+
+
+def selected_vertices(effect: bpy.types.Object) -> Bool:
+    """Which vertices of the mesh that is being painted on are selected, (V,)."""
+    canvas = painted_mesh(effect)
+    if canvas is None:
+        raise InputError(f"'{effect.name}' is not being painted.")
+    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
+    canvas.update_from_editmode()
+    if len(canvas.data.vertices) != size:
+        raise InputError(_edited(canvas, size))
+    found = np.zeros(size, np.bool_)
+    canvas.data.vertices.foreach_get("select", found)
+    return found
+
+
+def take_over_all() -> None:
+    """Store what is being painted with its effect, so that a saved file or an export has it."""
+    for obj in bpy.data.objects:
+        effect = obj.get(PAINTED_EFFECT)
+        if effect is not None and obj.library is None:
+            with suppress(InputError):  # an edited canvas is told when painting is finished
+                weights = _read_group(effect, obj)
+                vertices = np.flatnonzero(weights > 0.0)
+                effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
 
 
 def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
     """The mesh on which an effect is being painted."""
     for obj in bpy.data.objects:
-        if obj.get("hfx_painted_effect") == effect:
+        if obj.get(PAINTED_EFFECT) == effect:
             return obj
     return None
 
@@ -71,24 +111,13 @@ def end(effect: bpy.types.Object) -> int:
     canvas = painted_mesh(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
-    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
-    if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
-        raise InputError(
-            f"'{canvas.name}' was edited: it must keep its {size} vertices and the vertex group "
-            f"'{GROUP}'. Undo that, or delete it and paint again."
-        )
-    group = canvas.vertex_groups[GROUP].index
-    found = {
-        vertex.index: element.weight
-        for vertex in canvas.data.vertices
-        for element in vertex.groups
-        if element.group == group and element.weight > 0.0
-    }
-    effects.set_area(effect, list(found), list(found.values()))
+    weights = _read_group(effect, canvas)
+    vertices = np.flatnonzero(weights > 0.0)
+    effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
     mesh = canvas.data
     bpy.data.objects.remove(canvas)
     bpy.data.meshes.remove(mesh)
-    return len(found)
+    return len(vertices)
 
 
 def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
@@ -101,11 +130,56 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
     side : "left", "right" or "both"
     """
     model = load_model(effects.model_id_for(effect.hfx.modality))
+    return set_weights(effect, np.where(part_flags(model, parts, side), 1.0, weights_of(effect)))
+
+
+def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:
+    """Which vertices (V,) lie on some parts (none: the whole body), on one side or both."""
     wanted = [PARTS.index(part) for part in parts] or list(range(len(PARTS)))
-    chosen = np.isin(model.part, wanted)
+    chosen: Bool = np.isin(model.part, wanted)
     if side != "both":
         chosen &= np.isin(model.side, (SIDES.index("centre"), SIDES.index(side)))
-    area = _area_on(model, effect)
-    area.update(dict.fromkeys(np.flatnonzero(chosen).tolist(), 1.0))
-    effects.set_area(effect, list(area), list(area.values()))
-    return len(area)
+    return chosen
+
+
+def _edited(canvas: bpy.types.Object, size: int) -> str:
+    return (
+        f"'{canvas.name}' was edited: it must keep its {size} vertices and the vertex group "
+        f"'{GROUP}'. Undo that, or delete it and paint again."
+    )
+
+
+def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
+    """The painted weights, (V,) in 0..1."""
+    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
+    canvas.update_from_editmode()
+    if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
+        raise InputError(_edited(canvas, size))
+    group = canvas.vertex_groups[GROUP].index
+    weights = np.zeros(size)
+    for vertex in canvas.data.vertices:
+        for element in vertex.groups:
+            if element.group == group:
+                weights[vertex.index] = element.weight
+    return weights
+
+
+def _write_group(canvas: bpy.types.Object, weights: F64) -> None:
+    """Replace the painted weights, in whatever mode the mesh is."""
+    group = canvas.vertex_groups[GROUP].index
+    in_edit_mode = canvas.mode == "EDIT"
+    mesh = bmesh.from_edit_mesh(canvas.data) if in_edit_mode else bmesh.new()
+    if not in_edit_mode:
+        mesh.from_mesh(canvas.data)
+    layer = mesh.verts.layers.deform.verify()
+    for vertex, weight in zip(mesh.verts, weights.tolist(), strict=True):
+        if weight > 0.0:
+            vertex[layer][group] = weight
+        elif group in vertex[layer]:
+            del vertex[layer][group]
+    if in_edit_mode:
+        bmesh.update_edit_mesh(canvas.data, loop_triangles=False, destructive=False)
+    else:
+        mesh.to_mesh(canvas.data)
+        mesh.free()
+        canvas.data.update()

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import bpy
 from bpy.props import (
+    BoolProperty,
     CollectionProperty,
     EnumProperty,
     FloatProperty,
     FloatVectorProperty,
+    IntProperty,
     PointerProperty,
     StringProperty,
 )
@@ -44,6 +46,24 @@ FALLOFFS = (
     ("linear", "Linear", "Strength rises evenly from the boundary inwards"),
     ("smooth", "Smooth", "Strength rises with a soft start and end"),
 )
+TOLERANCES = (
+    ("PREVIEW", "Preview", "Fast: contacts to 40 ms and to the spacing of the model's vertices"),
+    ("STANDARD", "Standard", "Contacts to 10 ms and to 5 mm or half the vertices' spacing"),
+    ("EXACT", "Exact", "The finest that there is, at every sample"),
+    ("PAPER", "Vertices Only", "A vertex is inside a volume or not, at every sample"),
+    ("CUSTOM", "Custom", "Millimetres and milliseconds of your own"),
+)
+FOLLOWS = (
+    ("AUTO", "Automatic", "Its bones; the evaluated surface where more than bones deforms it"),
+    ("BONES", "Bones", "Fast: the skin goes where the bones take it, whatever else deforms it"),
+    ("SURFACE", "Surface", "The avatar's evaluated surface: shape keys, cloth, any modifier"),
+)
+BONE_REGIONS = (
+    ("BODY", "Body", "Torso, head, arms and legs"),
+    ("HANDS", "Hands", "Fingers and palms"),
+    ("FEET", "Toes", "Single toes"),
+    ("FACE", "Face", "Jaw, eyes and muscles of the face, which hardly any rig has"),
+)
 TEMPERATURE_REFERENCES = (
     ("AMBIENT", "Ambient", "Air, sun, fire: neutral at 24 degrees Celsius"),
     ("CONTACT", "Contact", "A touched object: neutral at the skin's 33 degrees Celsius"),
@@ -54,6 +74,22 @@ def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> No
     from . import volumes
 
     volumes.refresh_display(self.id_data)
+
+
+def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
+    from . import bone_table
+
+    bone_table.refresh(self.id_data)
+
+
+def _remark(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
+    self.id_data.update_tag()  # nothing else depends on it, but the preview has to know
+
+
+def _recolour(_self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    from . import preview
+
+    preview.touch()
 
 
 def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> FloatProperty:
@@ -67,6 +103,27 @@ def _parameter(modality: str, name: str, label: str, tip: str, **options: object
         max=found.maximum,
         **_OVERRIDABLE,
         **options,
+    )
+
+
+class HfxAvatarPart(bpy.types.PropertyGroup):
+    """Another mesh of an avatar that is in several pieces."""
+
+    mesh: PointerProperty(name="Mesh", type=bpy.types.Object)
+
+
+class HfxMappedBone(bpy.types.PropertyGroup):
+    """A row of the bone table; its name is that of the bone of the canonical skeleton."""
+
+    bone: StringProperty(
+        name="Bone",
+        description="The avatar's bone that begins at this joint; empty: the skin here follows "
+        "the joint above",
+        update=_refresh_bones,
+    )
+    found: StringProperty(name="Found", description="The bone that was found automatically")
+    follows: StringProperty(
+        name="Follows", description="The bone that moves this skin while none is assigned"
     )
 
 
@@ -101,6 +158,16 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     temperature: _parameter("temperature", "temperature_c", "Temperature", "Temperature")
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
     temperature_reference: EnumProperty(name="Reference", items=TEMPERATURE_REFERENCES)
+
+    is_muted: BoolProperty(
+        name="Mute", description="Neither felt nor exported", default=False, update=_remark
+    )
+    is_solo: BoolProperty(
+        name="Solo",
+        description="Only effects that are solo are felt and exported",
+        default=False,
+        update=_remark,
+    )
 
     shape: EnumProperty(name="Shape", items=SHAPES, default="SPHERE", update=_redraw_volume)
     size: FloatVectorProperty(
@@ -149,10 +216,44 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     avatar: PointerProperty(
         name="Avatar", description="The mesh that shows this body", type=bpy.types.Object
     )
+    avatar_parts: CollectionProperty(
+        name="Parts",
+        description="Other meshes of an avatar that is in several pieces",
+        type=HfxAvatarPart,
+    )
+    follow: EnumProperty(
+        name="Follow",
+        description="What poses this body",
+        items=FOLLOWS,
+        **_OVERRIDABLE,
+    )
+    bone_map: CollectionProperty(type=HfxMappedBone)
+    bone_map_active: IntProperty(name="Row", options=set())
+    bone_map_region: EnumProperty(name="Show", items=BONE_REGIONS, options=set())
+    bone_map_convention: StringProperty(
+        name="Convention", description="How the bones are named, as far as it was recognised"
+    )
+
+
+PALETTES = (
+    ("PAPER", "Red, Green, Blue", "Vibration red, pressure green, temperature blue"),
+    ("WARM_COLD", "Warm and Cold", "The same, but warmth orange and cold blue"),
+    ("COLOUR_BLIND", "Colour-Blind Safe", "Colours that all common kinds of vision tell apart"),
+)
 
 
 class HfxDeviceName(bpy.types.PropertyGroup):
     """A device of the user's registry, by name; a .blend never brings its configuration."""
+
+    is_muted: BoolProperty(name="Mute", description="Silent while designing", default=False)
+    gain: FloatProperty(
+        name="Gain",
+        description="Times every strength while designing; the device's limits stay",
+        default=1.0,
+        min=0.0,
+        max=2.0,
+        subtype="FACTOR",
+    )
 
 
 class HfxSceneProperties(bpy.types.PropertyGroup):
@@ -167,10 +268,27 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         max=10000.0,
         unit="NONE",
     )
+    tolerance: EnumProperty(
+        name="Tolerance",
+        description="Which error an export may have, to be fast",
+        items=TOLERANCES,
+        default="STANDARD",
+    )
+    palette: EnumProperty(
+        name="Colours",
+        description="How the avatar is coloured by what it feels",
+        items=PALETTES,
+        update=_recolour,
+    )
+    tolerance_custom: StringProperty(
+        name="Tolerance",
+        description="Millimetres, milliseconds and, if you like, percent of full scale",
+        default="5mm,10ms,5%",
+    )
 
 
 _classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (HfxObjectProperties, HfxDeviceName, HfxSceneProperties)
+    (HfxAvatarPart, HfxMappedBone, HfxObjectProperties, HfxDeviceName, HfxSceneProperties)
 )
 
 

@@ -27,6 +27,7 @@ def describe(report: ExportReport) -> str:
         for lost in report.unrendered
     ]
     lines += [f"  warning: {text}" for text in report.warnings]
+    lines += [f"  note: {text}" for text in report.notes]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
     return "\n".join(lines)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Somebody's own avatar as a haptic body: reading it, and keeping the fit in the .blend.
+"""Somebody's own avatar as a haptic body: fitting it, and keeping the fit in the .blend.
 
 The fit is stored on the armature object as typed ID-property arrays, which go wherever the
 object goes (copy, append, link, override) and are read without a loop: about 3 MB for the three
@@ -9,7 +9,8 @@ shipped models, before Blender compresses the file.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
@@ -17,17 +18,24 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from . import avatar_meshes
 from .engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
-from .engine.body.retargeting import retarget
+from .engine.body.retargeting import retarget, skin_parts
 from .engine.body.retargeting import target as retarget_target
-from .engine.body.retargeting.target import TargetAvatar
-from .engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
+from .engine.body.retargeting.quality import (
+    AREA_RATIOS,
+    FARTHEST_MM,
+    IN_PLACE,
+    PartQuality,
+    Quality,
+)
+from .engine.body.rigs.mapping import BoneMapping
 from .engine.modality import MODALITIES
 from .engine.scene import FittedModel, SurfaceAnchors
 from .errors import InputError
 
 FIT = "hfx_fit"
-"""ID property of an armature: its bones and mesh as they were, and the arrays of each model."""
+"""ID property of an armature: its bones and meshes as they were, and the arrays of each model."""
 
 F64 = npt.NDArray[np.float64]
 
@@ -40,146 +48,140 @@ _ARRAYS = {
     "places": np.float32,
     "heights": np.float32,
 }
+_MEASURES = ("distance_mean_mm", "distance_p95_mm", "in_place", "area_ratio")
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """All perceptual models on one avatar."""
+
+    meshes: tuple[bpy.types.Object, ...]  # in the order in which their vertices are numbered
+    models: tuple[FittedModel, ...]
+    quality: tuple[Quality, ...] = ()  # of each model
+    warnings: tuple[str, ...] = ()  # parts that fit badly, by name
+    notes: tuple[str, ...] = ()  # bones that are missing or doubtful
+
+
+def model_ids() -> list[str]:
+    """The perceptual models that the modalities are felt on."""
+    return sorted({f"hfx-{modality.model}-1" for modality in MODALITIES.values()})
 
 
 def fit_body(
-    armature: bpy.types.Object,
-    avatar: bpy.types.Object | None,
-    mapping: BoneMapping | None = None,
-) -> tuple[list[FittedModel], list[str]]:
+    armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
+) -> Fit:
     """Fit all perceptual models to an avatar; nothing in the scene is changed.
 
     Parameters
     ----------
-    mapping : BoneMapping, optional
-        A corrected one; found from the bones by default.
-
-    Returns
-    -------
-    fitted : list of FittedModel
-    warnings : list of str
-        What a user should check: doubtful bones, parts that fit badly.
+    meshes : sequence of Object
+        The avatar's skin, in any order.
 
     Raises
     ------
     InputError
-        The avatar has no mesh, no human bones, or cannot be fitted to.
+        The avatar cannot be fitted to.
     """
-    if avatar is None:
-        raise InputError(
-            f"'{armature.name}' has no mesh that a body could be fitted to: select the avatar's "
-            "mesh and then its armature."
-        )
+    targets = avatar_meshes.read_meshes(armature, meshes)
+    name = meshes[0].name
+    if len(meshes) > 1:
+        order = skin_parts.ranked(load_avatar(), targets, mapping)
+        meshes, targets = [meshes[k] for k in order], [targets[k] for k in order]
+        name = f"{meshes[0].name} and {len(meshes) - 1} more"
+    target = skin_parts.joined(targets)
+    retarget_target.check(target, name)
+    try:
+        warped = retarget.warp(load_avatar(), target, mapping)
+    except InputError as error:
+        raise InputError(f"Armature '{armature.name}': {error}") from None
+    models, qualities, faults = [], [], {}
+    for model_id in model_ids():
+        fitted, quality = retarget.fit(load_model(model_id), warped)
+        models.append(fitted)
+        qualities.append(quality)
+        for fault in quality.warnings:
+            faults.setdefault(fault, model_id)
+    warnings = [f"{fault} ({model_id})" for fault, model_id in faults.items()]
+    return Fit(tuple(meshes), tuple(models), tuple(qualities), tuple(warnings), mapping.report)
+
+
+def check_scipy() -> None:
+    """Refuse to fit where scipy is missing, with what to do about it."""
     if find_spec("scipy") is None:
         raise InputError(
             "Fitting the body to an avatar needs the Python package scipy, which this Blender "
             f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
             "avatar."
         )
-    target = read_avatar(armature, avatar)
-    retarget_target.check(target, avatar.name)
-    try:
-        mapping = mapping or map_bones(target.bones)
-        warped = retarget.warp(load_avatar(), target, mapping)
-    except InputError as error:
-        raise InputError(f"Armature '{armature.name}': {error}") from None
-    fitted, faults = [], {}
-    for model_id in sorted({f"hfx-{modality.model}-1" for modality in MODALITIES.values()}):
-        found, quality = retarget.fit(load_model(model_id), warped)
-        fitted.append(found)
-        for fault in quality.warnings:
-            faults.setdefault(fault, model_id)
-    warnings = [f"{fault} ({model_id})" for fault, model_id in faults.items()]
-    return fitted, [*mapping.report, *warnings]
 
 
-def read_avatar(armature: bpy.types.Object, avatar: bpy.types.Object) -> TargetAvatar:
-    """An avatar in the rest space of its armature.
-
-    Raises
-    ------
-    InputError
-        Armature or mesh are being edited, or scaled by zero or a negative number.
-    """
-    if avatar.type != "MESH":
-        raise InputError(f"Avatar '{avatar.name}' is a {avatar.type.lower()}, not a mesh.")
-    for obj in (armature, avatar):
-        if obj.mode == "EDIT":
-            raise InputError(f"'{obj.name}' is being edited; leave Edit Mode first.")
-        _check_scale(obj)
-    world = np.array(armature.matrix_world, np.float64)
-    to_rest = np.linalg.inv(world) @ np.array(avatar.matrix_world, np.float64)
-    mesh = avatar.data
-    points = np.zeros(len(mesh.vertices) * 3, np.float32)
-    mesh.vertices.foreach_get("co", points)
-    mesh.calc_loop_triangles()
-    triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
-    bones = armature.data.bones
-    names = tuple(
-        group.name
-        for group in avatar.vertex_groups
-        if group.name in bones and bones[group.name].use_deform
-    )
-    scene = bpy.context.scene.unit_settings
-    unit = 1.0 if scene.system == "NONE" else scene.scale_length
-    return TargetAvatar(
-        vertices=points.reshape(-1, 3) @ to_rest[:3, :3].T + to_rest[:3, 3],
-        triangles=triangles.reshape(-1, 3).astype(np.int64),
-        weights=_weights(avatar, names),
-        bone_names=names,
-        bones=tuple(
-            RigBone(
-                bone.name,
-                bone.parent.name if bone.parent else None,
-                tuple(bone.head_local),
-                tuple(bone.tail_local),
-            )
-            for bone in bones
-        ),
-        metres=unit * float(np.cbrt(np.linalg.det(world[:3, :3]))),
-    )
-
-
-def _check_scale(obj: bpy.types.Object) -> None:
-    matrix = np.array(obj.matrix_world, np.float64)[:3, :3]
-    lengths = np.linalg.norm(matrix, axis=0)
-    if not np.isfinite(matrix).all() or lengths.min() < 1e-9:
-        raise InputError(f"'{obj.name}' is scaled by zero, so it has no size to fit a body to.")
-    if np.linalg.det(matrix) < 0.0:
-        raise InputError(
-            f"'{obj.name}' has a negative scale, which swaps its left and right; apply the scale "
-            "(Object > Apply > Scale) and recalculate the normals first."
-        )
-
-
-def _weights(avatar: bpy.types.Object, names: tuple[str, ...]) -> SkinWeights:
-    column = {avatar.vertex_groups[name].index: number for number, name in enumerate(names)}
-    counts, bones, values = [0], [], []
-    for vertex in avatar.data.vertices:
-        row = sorted(
-            (column[element.group], element.weight)
-            for element in vertex.groups
-            if element.group in column and element.weight > 0.0
-        )
-        total = sum(weight for _, weight in row)
-        bones += [bone for bone, _ in row]
-        values += [weight / total for _, weight in row]
-        counts.append(len(bones))
-    return SkinWeights(
-        np.array(counts, np.int32), np.array(bones, np.int32), np.array(values, np.float32)
-    )
-
-
-def store(armature: bpy.types.Object, avatar: bpy.types.Object, fitted: list[FittedModel]) -> None:
+def store(armature: bpy.types.Object, fit: Fit) -> None:
     """Keep a fit in the .blend."""
     armature[FIT] = {
         "rest": _rest_of(armature),
         "all_bones": _names_of(armature),
-        "avatar_vertices": len(avatar.data.vertices),
-        "bones": "\n".join(fitted[0].bone_names),
-        "models": {model.model_id: _stored(model) for model in fitted},
+        "mesh_names": "\n".join(mesh.name for mesh in fit.meshes),
+        "mesh_vertices": np.array([len(mesh.data.vertices) for mesh in fit.meshes], np.int32),
+        "bones": "\n".join(fit.models[0].bone_names),
+        "models": {model.model_id: _stored(model) for model in fit.models},
+        "quality": {quality.model_id: _stored_quality(quality) for quality in fit.quality},
+        "warnings": "\n".join(fit.warnings),
+        "notes": "\n".join(fit.notes),
     }
+
+
+def _stored_quality(quality: Quality) -> dict[str, object]:
+    table = {
+        name: np.array([getattr(part, name) for part in quality.parts], np.float64)
+        for name in _MEASURES
+    }
+    return {
+        "parts": "\n".join(part.part for part in quality.parts),
+        **table,
+        "sides": quality.sides,
+        "feet_forward": quality.feet_forward,
+    }
+
+
+def quality_of(armature: bpy.types.Object) -> list[Quality]:
+    """How well each model fits, as it was judged when it was fitted; empty without a fit."""
+    fit = armature.get(FIT)
+    if fit is None:
+        return []
+    found = []
+    for model_id, stored in fit["quality"].items():
+        columns = [list(stored[name]) for name in _MEASURES]
+        parts = [
+            PartQuality(name, *values)
+            for name, *values in zip(stored["parts"].split("\n"), *columns, strict=True)
+        ]
+        found.append(Quality(model_id, tuple(parts), stored["sides"], stored["feet_forward"]))
+    return found
+
+
+def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
+    """Each body part as it is on the model on which it fits worst, the worst part first."""
+    worst: dict[str, PartQuality] = {}
+    for part in (part for quality in qualities for part in quality.parts):
+        if part.part not in worst or _badness(part) > _badness(worst[part.part]):
+            worst[part.part] = part
+    return sorted(worst.values(), key=_badness, reverse=True)
+
+
+def _badness(part: PartQuality) -> float:
+    """1 where a part is just not a fault any more."""
+    spread = abs(np.log(max(part.area_ratio, 1e-9)))
+    return max(
+        part.distance_p95_mm / FARTHEST_MM,
+        (1.0 - part.in_place) / (1.0 - IN_PLACE),
+        float(spread / np.log(AREA_RATIOS[1])),
+    )
+
+
+def texts_of(armature: bpy.types.Object, kind: str) -> list[str]:
+    """The "warnings" or the "notes" of a stored fit."""
+    fit = armature.get(FIT)
+    return [] if fit is None else list(filter(None, fit[kind].split("\n")))
 
 
 def _stored(fitted: FittedModel) -> dict[str, object]:
@@ -213,23 +215,18 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
     Raises
     ------
     InputError
-        The armature's rest pose or the avatar's mesh was edited since, or the fit is of another
-        edition of the model.
+        The armature's rest pose or the avatar's meshes were edited since, or the fit is of
+        another edition of the model.
     """
     if FIT not in armature:
         return None
-    fit, avatar = armature[FIT], armature.hfx.avatar
-    again = "; mark it as a haptic body again."
+    fit, again = armature[FIT], "; fit the body again."
     if _is_edited(armature, fit):
         raise InputError(
             f"Body '{armature.name}': the armature's rest pose was edited since the body was "
             f"fitted to it{again}"
         )
-    if avatar is not None and fit["avatar_vertices"] != len(avatar.data.vertices):
-        raise InputError(
-            f"Body '{armature.name}': the body was fitted to {fit['avatar_vertices']} vertices, "
-            f"its avatar '{avatar.name}' has {len(avatar.data.vertices)} now{again}"
-        )
+    _check_meshes(armature, fit, again)
     model = load_model(model_id)
     stored = fit["models"].get(model_id)
     if stored is None or stored["hash"] != model.content_hash:
@@ -249,6 +246,24 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
             arrays["heights"].astype(np.float64),
         ),
     )
+
+
+def _check_meshes(armature: bpy.types.Object, fit: Mapping[str, Any], again: str) -> None:
+    meshes = avatar_meshes.meshes_of(armature)
+    if armature.hfx.avatar is None:  # the bones alone are followed
+        return
+    names, counts = fit["mesh_names"].split("\n"), list(fit["mesh_vertices"])
+    if len(meshes) != len(counts):
+        raise InputError(
+            f"Body '{armature.name}': the body was fitted to {len(counts)} meshes "
+            f"({', '.join(names)}), its avatar has {len(meshes)} now{again}"
+        )
+    for mesh, count in zip(meshes, counts, strict=True):
+        if len(mesh.data.vertices) != count:
+            raise InputError(
+                f"Body '{armature.name}': the body was fitted to {count} vertices of its avatar's "
+                f"mesh '{mesh.name}', which has {len(mesh.data.vertices)} now{again}"
+            )
 
 
 def model_of(armature: bpy.types.Object, model_id: str) -> PerceptualModel:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was read at single times, and how it becomes a block of the engine's."""
+"""What was read at single times, and how it becomes parts of a block of the engine's."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .engine.modality import MODALITIES
-from .engine.scene import AnimationBlock, EffectBlock, PoseBlock
+from .engine.scene import EffectBlock, PoseBlock
 from .engine.volume.shape import Shape
 
 F64 = npt.NDArray[np.float64]
+
+_RELATIVE = 1e-5
+_ABSOLUTE = 5e-6
+"""How far apart two ways of reading the same time may be: Blender computes in 32 bits."""
 
 
 @dataclass(eq=False)
@@ -34,50 +38,58 @@ class PoseRow:
     bones: npt.NDArray[np.float32] | None = None
     surface: npt.NDArray[np.float32] | None = None
 
+    def agrees(self, other: PoseRow) -> bool:
+        """Whether two readings of the same time are the same up to rounding."""
+        return all(
+            _close(a, b)
+            for a, b in zip(
+                (self.to_world, self.bones, self.surface),
+                (other.to_world, other.bones, other.surface),
+                strict=True,
+            )
+        )
+
+    def between(self, other: PoseRow, share: float) -> PoseRow:
+        """The pose at a share of the way to another, along straight lines."""
+
+        def blend(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+            return None if a is None or b is None else a + (b - a) * share
+
+        return PoseRow(
+            self.to_world + (other.to_world - self.to_world) * share,
+            blend(self.bones, other.bones),
+            blend(self.surface, other.surface),
+        )
+
 
 @dataclass(eq=False)
 class Row:
-    """Everything at one time."""
+    """What was read at one time; effects and bodies by their place in the scene's lists."""
 
     index: int
-    effects: list[EffectRow] = field(default_factory=list)
-    poses: list[PoseRow] = field(default_factory=list)
-
-    def agrees(self, other: Row) -> bool:
-        """Whether two readings of the same time are the same up to rounding."""
-        return all(
-            (a is None) == (b is None) and (a is None or np.allclose(a, b, 1e-5, 1e-6, True))
-            for a, b in zip(self._numbers(), other._numbers(), strict=False)
-        )
-
-    def _numbers(self) -> list[npt.ArrayLike | None]:
-        numbers: list[npt.ArrayLike | None] = [len(self.poses)]
-        for effect in self.effects:
-            numbers += [effect.level, effect.parameters, effect.matrix]
-        for pose in self.poses:
-            numbers += [pose.to_world, pose.bones, pose.surface]
-        return numbers
+    effects: dict[int, EffectRow] = field(default_factory=dict)
+    poses: dict[int, PoseRow] = field(default_factory=dict)
 
 
-def block_of(
-    rows: Sequence[Row], modalities: Sequence[str], body_count: int, history: int
-) -> AnimationBlock:
-    """Rows of ascending times as a block; ``modalities`` are those of the effects."""
-    return AnimationBlock(
-        indices=np.array([row.index for row in rows], np.int64),
-        effects=tuple(
-            _effect_block([row.effects[k] for row in rows], modality)
-            for k, modality in enumerate(modalities)
-        ),
-        poses=tuple(
-            _pose_block([row.poses[k] if row.poses else None for row in rows])
-            for k in range(body_count)
-        ),
-        history=history,
-    )
+def effects_agree(one: EffectRow, two: EffectRow) -> bool:
+    """Whether two readings of the same time are the same up to rounding; nothing else of an
+    effect counts where it is off."""
+    if not _close(one.level, two.level):
+        return False
+    if not one.level > 0.0:
+        return True
+    return _close(one.parameters, two.parameters) and _close(one.matrix, two.matrix)
 
 
-def _effect_block(rows: list[EffectRow], modality: str) -> EffectBlock:
+def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
+    if one is None or two is None:
+        return one is two
+    one, two = np.asarray(one), np.asarray(two)
+    return one.shape == two.shape and np.allclose(one, two, _RELATIVE, _ABSOLUTE, equal_nan=True)
+
+
+def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
+    """An effect's rows of ascending times as a part of a block."""
     count = len(MODALITIES[modality].parameters)
     blank = [0.0] * count
     parameters = np.array([row.parameters or blank for row in rows], np.float64)
@@ -99,7 +111,8 @@ def _effect_block(rows: list[EffectRow], modality: str) -> EffectBlock:
     )
 
 
-def _pose_block(rows: list[PoseRow | None]) -> PoseBlock:
+def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:
+    """A body's rows of ascending times as a part of a block; None was not read."""
     valid = np.array([row is not None for row in rows])
     known = next((row for row in rows if row is not None), None)
     if known is None:

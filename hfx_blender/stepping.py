@@ -17,6 +17,9 @@ import bpy
 _PHYSICS = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "EXPLODE", "OCEAN"}
 
 
+_is_stepping = False
+
+
 class Stepper:
     """One scene that is set to times and read through its dependency graph."""
 
@@ -46,17 +49,27 @@ class Stepper:
 def own_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Iterator[Stepper]:
     """Step the user's scene; its frame is restored."""
     with _restored(scene):
-        yield Stepper(scene, layer, simulates=_simulated(scene) is not None)
+        yield Stepper(scene, layer, simulates=simulated(scene) is not None)
 
 
 @contextmanager
 def _restored(scene: bpy.types.Scene) -> Iterator[None]:
     """Go back to the present frame of a scene, whose objects Blender has changed meanwhile."""
+    global _is_stepping
     before = scene.frame_current, scene.frame_subframe
+    _is_stepping = True
     try:
         yield
     finally:
-        scene.frame_set(before[0], subframe=before[1])
+        try:
+            scene.frame_set(before[0], subframe=before[1])
+        finally:
+            _is_stepping = False
+
+
+def is_stepping() -> bool:
+    """Whether time is stepped through now, which is not what the user plays or scrubs."""
+    return _is_stepping
 
 
 @contextmanager
@@ -82,17 +95,22 @@ def _scratch(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Ite
         bpy.data.batch_remove([scratch])
 
 
-def why_own_scene(scene: bpy.types.Scene) -> str | None:
-    """What a scratch scene could not reproduce; None if nothing of the kind is there."""
+def foreign_handler() -> str | None:
+    """A handler that may do anything when the frame changes; None if there is only ours."""
     handlers = bpy.app.handlers
     for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
         module = getattr(handler, "__module__", None) or ""
         if module != __package__ and not module.startswith(f"{__package__}."):
             name = getattr(handler, "__name__", type(handler).__name__)
             return f"the handler '{name}' runs on frame changes"
-    simulated = _simulated(scene)
-    if simulated is not None:
-        return f"physics moves '{simulated.name}'"
+    return None
+
+
+def why_own_scene(scene: bpy.types.Scene) -> str | None:
+    """What a scratch scene could not reproduce; None if nothing of the kind is there."""
+    mover = simulated(scene)
+    if mover is not None:
+        return f"physics moves '{mover.name}'"
     for owner in _driven():
         for curve in owner.animation_data.drivers:
             for variable in curve.driver.variables:
@@ -103,7 +121,7 @@ def why_own_scene(scene: bpy.types.Scene) -> str | None:
     return None
 
 
-def _simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
+def simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """An object that physics moves or deforms."""
     for obj in scene.objects:
         if obj.rigid_body is not None or any(_simulates(m) for m in obj.modifiers):

@@ -9,18 +9,15 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .engine.colouring import COLOURS
+from .engine.modality import MODALITIES
 from .engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from .engine.volume.shape import Shape
 
 _SEGMENTS = 32
 
-MODALITY_COLOURS = {
-    "vibration": (0.9, 0.1, 0.1, 1.0),
-    "pressure": (0.1, 0.7, 0.1, 1.0),
-    "temperature": (0.15, 0.3, 1.0, 1.0),
-    "wind": (0.2, 0.75, 0.75, 1.0),
-}
-"""HFX Studio's colours (Danieau et al. 2018, section 3.3.2); wind is ours."""
+MODALITY_COLOURS = {name: (*COLOURS[name], 1.0) for name in MODALITIES}
+"""Of the wires in the viewport: those of what is felt."""
 
 _Point = tuple[float, float, float]
 _Edge = tuple[int, int]

@@ -19,6 +19,8 @@ from typing import Any
 
 from .. import blender_session
 from ..console import Console
+from ..engine.tolerance import Tolerance
+from ..engine.tolerance import parse as parse_tolerance
 from ..errors import HfxError, UsageError
 
 SOME_FAILED = 5
@@ -42,10 +44,17 @@ def add_parser(commands: Any) -> None:
         "--formats",
         type=_names,
         metavar="F,...",
-        help="track, csv, wav (default: track; csv for devices)",
+        help="track, hjif, jsonl, glb; for devices csv, npz, wav, wav24, wavfloat, ahap, haptic, "
+        "he, he1, openharmony, openxr, tact (default: track; csv for devices)",
     )
     parser.add_argument("--frames", type=_frames, metavar="A:B", help="both included")
     parser.add_argument("--rate", type=_rate, metavar="HZ", help="samples a second")
+    parser.add_argument(
+        "--tolerance",
+        type=_tolerance,
+        metavar="T",
+        help="preview, standard, exact, paper, or values such as 3mm,5ms (default: the scene's)",
+    )
     parser.add_argument(
         "--device",
         action="append",
@@ -152,6 +161,7 @@ def _export_open_file(title: str, options: argparse.Namespace, console: Console)
         devices=devices,
         frames=options.frames,
         rate_hz=options.rate,
+        tolerance=options.tolerance,
         full_precision=options.full_precision,
         record=options.record,
         strict=options.strict,
@@ -231,6 +241,8 @@ def _worker_command(path: Path, options: argparse.Namespace) -> list[str]:
         command.append(f"--frames={options.frames[0]}:{options.frames[1]}")
     if options.rate:
         command.append(f"--rate={options.rate}")
+    if options.tolerance:
+        command.append(f"--tolerance={options.tolerance.name}")
     command += [f"--device={name}" for name in options.device or ()]
     if options.scene:
         command.append(f"--scene={options.scene}")
@@ -254,6 +266,13 @@ def _frames(text: str) -> tuple[int, int]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected A:B, two frames, found '{text}'") from None
     return first, last
+
+
+def _tolerance(text: str) -> Tolerance:
+    try:
+        return parse_tolerance(text)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _rate(text: str) -> Fraction:

@@ -5,18 +5,39 @@ from __future__ import annotations
 
 from types import ModuleType
 
+from .. import registration
+
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import body, clips, effects, export, paint
+    from . import (
+        area,
+        body,
+        bones,
+        clips,
+        effects,
+        export,
+        global_tools,
+        hjif_import,
+        library,
+        live,
+        paint,
+        paint_status,
+    )
 
-    return body, effects, paint, clips, export
+    return (
+        body,
+        bones,
+        effects,
+        paint,
+        paint_status,
+        area,
+        clips,
+        library,
+        hjif_import,
+        global_tools,
+        export,
+        live,
+    )
 
 
-def register() -> None:
-    for module in _modules():
-        module.register()
-
-
-def unregister() -> None:
-    for module in reversed(_modules()):
-        module.unregister()
+register, unregister = registration.of_modules(_modules)

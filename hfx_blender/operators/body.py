@@ -1,13 +1,27 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic bodies: add the built-in avatar, mark an armature, let it walk."""
+"""Haptic bodies: add the built-in avatar, fit the body to an own one, look at it, let it walk."""
 
 from __future__ import annotations
 
 import bpy
-from bpy.props import CollectionProperty, IntProperty
+from bpy.props import CollectionProperty, EnumProperty, IntProperty
 
-from .. import bodies
-from .shared import HfxOperator
+from .. import avatar_meshes, bodies, effects, model_mesh, retargeting
+from ..engine.body import variants
+from ..engine.body.model import AVATAR_ID
+from ..engine.modality import MODALITIES
+from .shared import HfxOperator, active_armature, active_body, select_only
+
+_shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the strings itself
+
+
+def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
+    own = [
+        (each.id, each.folder.name, f"{each.facts.get('height_m', '?')} m tall, {each.id}")
+        for each in variants.people()
+    ]
+    _shown_people[:] = [(AVATAR_ID, "Average Adult", "1.8 m tall"), *own]
+    return _shown_people
 
 
 class HFX_OT_add_avatar(HfxOperator):
@@ -16,48 +30,116 @@ class HFX_OT_add_avatar(HfxOperator):
     bl_idname = "hfx.add_avatar"
     bl_label = "Avatar"
 
+    person: EnumProperty(
+        name="Person", description="The average adult, or a variant of your own", items=_people
+    )
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.mode == "OBJECT":
-            return True
-        cls.poll_message_set("Go to Object Mode first")
-        return False
+        return cls.needs(context.mode == "OBJECT", "Go to Object Mode first")
 
     def work(self, context: bpy.types.Context) -> str:
-        armature, _ = bodies.add_avatar(context)
+        armature, _ = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
         armature.location = context.scene.cursor.location
         return f"'{armature.name}' is a haptic body"
 
 
 class HFX_OT_mark_body(HfxOperator):
-    """Make the active armature a haptic body; the selected mesh is its avatar, whatever its \
-pose, size and bones"""
+    """Make the active armature a haptic body. The selected meshes are its avatar; without any, \
+those that cover its skin"""
 
     bl_idname = "hfx.mark_body"
     bl_label = "Add Haptic Body"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.object is not None and context.object.type == "ARMATURE":
-            return True
-        cls.poll_message_set("Select an armature")
-        return False
+        return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
 
     def work(self, context: bpy.types.Context) -> str:
-        body, avatar = context.object, _avatar_mesh(context)
+        body = _armature_for(context)
         context.view_layer.update()
-        for warning in bodies.add_body(body, avatar):
-            self.report({"WARNING"}, f"{body.name}: {warning}")
-        shown = f", shown by '{avatar.name}'" if avatar else ""
-        return f"'{body.name}' is a haptic body{shown}"
+        meshes = bodies.meshes_for(context, body)
+        first = meshes[0] if meshes else None
+        return _add(self, body, first, meshes[1:])
 
 
-def _avatar_mesh(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The selected mesh, or else the largest that hangs on the active armature."""
-    meshes = [obj for obj in context.selected_objects if obj.type == "MESH"]
-    if not meshes:
-        meshes = [obj for obj in context.object.children_recursive if obj.type == "MESH"]
-    return max(meshes, key=lambda obj: (len(obj.data.vertices), obj.name), default=None)
+def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active armature, the only one selected, or the one that deforms the active mesh."""
+    if context.object is not None and context.object.type == "ARMATURE":
+        return context.object
+    selected = [obj for obj in context.selected_objects if obj.type == "ARMATURE"]
+    return selected[0] if len(selected) == 1 else active_armature(context)
+
+
+def _add(
+    operator: HfxOperator,
+    body: bpy.types.Object,
+    avatar: bpy.types.Object | None,
+    parts: list[bpy.types.Object],
+) -> str:
+    for warning in bodies.add_body(body, avatar, parts=parts):
+        operator.report({"WARNING"}, f"{body.name}: {warning}")
+    meshes = [f"'{mesh.name}'" for mesh in avatar_meshes.meshes_of(body)]
+    shown = f", shown by {' and '.join(meshes)}" if meshes else ""
+    return f"'{body.name}' is a haptic body{shown}"
+
+
+class HFX_OT_fit_body(HfxOperator):
+    """Fit the active haptic body to its avatar again, with the bones of the table; its id and \
+what is painted on it stay"""
+
+    bl_idname = "hfx.fit_body"
+    bl_label = "Fit Again"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        body = active_body(context)
+        if not cls.needs(body, "Select a haptic body"):
+            return False
+        return cls.needs(retargeting.is_fitted(body), "The built-in avatar needs no fit")
+
+    def work(self, context: bpy.types.Context) -> str:
+        body = active_body(context)
+        context.view_layer.update()
+        meshes = avatar_meshes.meshes_of(body)
+        was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown(body)]
+        message = _add(self, body, meshes[0] if meshes else None, meshes[1:])
+        for model_id in was_shown:
+            model_mesh.show(context, body, model_id)
+        return message
+
+
+class HFX_OT_show_model(HfxOperator):
+    """Show the perceptual model on its avatar, each body part in a colour of its own, or remove \
+it again"""
+
+    bl_idname = "hfx.show_model"
+    bl_label = "Show Perceptual Model"
+
+    model: EnumProperty(
+        name="Model",
+        items=[
+            (name, name.title(), f"The model that {name} is felt on")
+            for name in sorted({modality.model for modality in MODALITIES.values()})
+        ],
+        default="pressure",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not cls.needs(context.mode == "OBJECT", "Go to Object Mode first"):
+            return False
+        return cls.needs(active_body(context), "Select a haptic body")
+
+    def work(self, context: bpy.types.Context) -> str:
+        body = active_body(context)
+        model_id = effects.model_id_for(self.model)
+        removed = model_mesh.hide(body)
+        select_only(context, body)
+        if model_id in removed:
+            return f"The {self.model} model of '{body.name}' is removed"
+        obj = model_mesh.show(context, body, model_id)
+        return f"'{obj.name}' shows {len(obj.data.vertices)} vertices"
 
 
 class HfxPlace(bpy.types.PropertyGroup):
@@ -78,10 +160,10 @@ class HFX_OT_add_walk(HfxOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.object is not None and context.object.hfx.role == "BODY":
-            return True
-        cls.poll_message_set("Select a haptic body")
-        return False
+        return cls.needs(
+            context.object is not None and context.object.hfx.role == "BODY",
+            "Select a haptic body",
+        )
 
     def work(self, context: bpy.types.Context) -> str:
         way = [tuple(place.location) for place in self.places]
@@ -90,5 +172,12 @@ class HFX_OT_add_walk(HfxOperator):
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_add_avatar, HFX_OT_mark_body, HfxPlace, HFX_OT_add_walk)
+    (
+        HFX_OT_add_avatar,
+        HFX_OT_mark_body,
+        HFX_OT_fit_body,
+        HFX_OT_show_model,
+        HfxPlace,
+        HFX_OT_add_walk,
+    )
 )

@@ -7,6 +7,7 @@ import bpy
 from bpy.props import FloatProperty, StringProperty
 
 from .. import clips
+from ..errors import InputError
 from .shared import HfxOperator, active_effect
 
 
@@ -16,18 +17,42 @@ def _fps(context: bpy.types.Context) -> float:
 
 class _ClipOperator(HfxOperator):
     start: FloatProperty(
-        name="Start", description="Frame; below 0: the current one", default=-1.0, min=-1.0
+        name="Start Frame",
+        description="Frame at which it starts; below 0: the current one",
+        default=-1.0,
+        min=-1.0,
+        options={"SKIP_SAVE"},
     )
-    duration: FloatProperty(name="Duration", default=1.0, min=0.001, unit="TIME_ABSOLUTE")
-    fade_in: FloatProperty(name="Fade In", default=0.0, min=0.0, unit="TIME_ABSOLUTE")
-    fade_out: FloatProperty(name="Fade Out", default=0.0, min=0.0, unit="TIME_ABSOLUTE")
+    duration: FloatProperty(
+        name="Duration",
+        description="How long the effect is on",
+        default=1.0,
+        min=0.001,
+        unit="TIME_ABSOLUTE",
+    )
+    fade_in: FloatProperty(
+        name="Fade In",
+        description="How long it takes to full strength",
+        default=0.0,
+        min=0.0,
+        unit="TIME_ABSOLUTE",
+    )
+    fade_out: FloatProperty(
+        name="Fade Out",
+        description="How long it takes from full strength to nothing",
+        default=0.0,
+        min=0.0,
+        unit="TIME_ABSOLUTE",
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if active_effect(context):
-            return True
-        cls.poll_message_set("Select a haptic effect")
-        return False
+        return cls.needs(active_effect(context), "Select a haptic effect")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("start"):
+            self.start = context.scene.frame_current  # to be seen in Adjust Last Operation
+        return self.execute(context)
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:
         fps = _fps(context)
@@ -68,4 +93,62 @@ class HFX_OT_add_heartbeat(_ClipOperator):
         return ""
 
 
-register, unregister = bpy.utils.register_classes_factory((HFX_OT_add_clip, HFX_OT_add_heartbeat))
+class _OfEffect(HfxOperator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(active_effect(context), "Select a haptic effect")
+
+
+class HFX_OT_remove_clip(_OfEffect):
+    """Take a clip off the timeline; an effect without any is always on"""
+
+    bl_idname = "hfx.remove_clip"
+    bl_label = "Remove Clip"
+
+    name: StringProperty(name="Name")
+
+    def work(self, context: bpy.types.Context) -> str:
+        clips.remove_clip(context.object, self.name)
+        return ""
+
+
+class HFX_OT_draw_fades(_OfEffect):
+    """Give the clip's strength a curve, to be drawn in the Graph or NLA editor"""
+
+    bl_idname = "hfx.draw_fades"
+    bl_label = "Draw Fades as Curve"
+
+    name: StringProperty(name="Name")
+
+    def work(self, context: bpy.types.Context) -> str:
+        for _, strip in clips.strips_of(context.object):
+            if strip.name == self.name:
+                clips.draw_fades(strip)
+                return f"Edit 'Influence' of '{strip.name}' in the Graph or NLA editor"
+        raise InputError(f"Effect '{context.object.name}' has no clip '{self.name}'.")
+
+
+class HFX_OT_copy_clips(_OfEffect):
+    """Copy the clips of the active effect to the other selected effects"""
+
+    bl_idname = "hfx.copy_clips"
+    bl_label = "Copy Clips to Selected"
+
+    def work(self, context: bpy.types.Context) -> str:
+        source = context.object
+        others = [o for o in context.selected_objects if o != source and o.hfx.role == "EFFECT"]
+        if not others:
+            raise InputError("Select the effects to copy to, and this one last.")
+        count = sum(clips.copy_clips(source, effect) for effect in others)
+        return f"Added {count} clips"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (
+        HFX_OT_add_clip,
+        HFX_OT_add_heartbeat,
+        HFX_OT_remove_clip,
+        HFX_OT_draw_fades,
+        HFX_OT_copy_clips,
+    )
+)

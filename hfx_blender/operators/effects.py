@@ -12,6 +12,17 @@ from ..properties import MODALITY_ITEMS, SHAPES
 from .shared import HfxOperator, select_only
 
 
+def _show_wire_colours(context: bpy.types.Context) -> None:
+    """Let a viewport draw wires in the colours of their objects, which tell the modality.
+
+    Wires of the theme, Blender's default, are black; a choice of the user's own is kept.
+    """
+    space = context.space_data
+    if space is not None and space.type == "VIEW_3D":
+        if space.shading.wireframe_color_type == "THEME":
+            space.shading.wireframe_color_type = "OBJECT"
+
+
 class HFX_OT_add_volume(HfxOperator):
     """Add a haptic volume: whoever is inside it feels it"""
 
@@ -39,6 +50,7 @@ class HFX_OT_add_volume(HfxOperator):
         effect.hfx.radius = self.radius
         effect.hfx.height = self.height
         effect.location = self.location
+        _show_wire_colours(context)
         select_only(context, effect)
         return ""
 
@@ -54,15 +66,14 @@ class HFX_OT_volume_from_mesh(HfxOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.object is not None and context.object.type == "MESH":
-            return True
-        cls.poll_message_set("Select a mesh")
-        return False
+        active = context.object
+        return cls.needs(active is not None and active.type == "MESH", "Select a mesh")
 
     def work(self, context: bpy.types.Context) -> str:
         effect = effects.volume_from_mesh(
             context.scene, self.modality, context.object, self.name or None
         )
+        _show_wire_colours(context)
         select_only(context, effect)
         return ""
 
@@ -93,6 +104,26 @@ class HFX_OT_add_painted(HfxOperator):
         return f"'{effect.name}' is painted nowhere yet"
 
 
+class HFX_OT_select_effect(HfxOperator):
+    """Make this effect the active and only selected object"""
+
+    bl_idname = "hfx.select_effect"
+    bl_label = "Select Effect"
+
+    name: StringProperty(name="Name")
+
+    def work(self, context: bpy.types.Context) -> str:
+        effect = context.scene.objects.get(self.name)
+        if effect is None or effect.hfx.role != "EFFECT":
+            raise InputError(f"There is no effect '{self.name}' in this scene.")
+        if effect.name not in context.view_layer.objects:
+            raise InputError(f"'{effect.name}' is in a collection that is excluded from the view.")
+        if context.object is not None and context.object.mode != "OBJECT":
+            raise InputError("Leave painting or editing first.")
+        select_only(context, effect)
+        return ""
+
+
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted)
+    (HFX_OT_add_volume, HFX_OT_volume_from_mesh, HFX_OT_add_painted, HFX_OT_select_effect)
 )

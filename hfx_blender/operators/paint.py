@@ -8,20 +8,16 @@ import json
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from .. import effects, painting
+from .. import avatar_meshes, compat, effects, painting
 from ..engine.body.parts import PARTS
 from ..errors import InputError
-from .shared import HfxOperator, active_effect, select_only
+from .shared import HfxOperator, painted_effect, select_only
 
 
 class _PaintedOperator(HfxOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        effect = active_effect(context)
-        if effect is not None and effect.hfx.kind == "PAINTED":
-            return True
-        cls.poll_message_set("Select a painted effect")
-        return False
+        return cls.needs(painted_effect(context), "Select a painted effect")
 
 
 class HFX_OT_paint_begin(_PaintedOperator):
@@ -31,12 +27,16 @@ class HFX_OT_paint_begin(_PaintedOperator):
     bl_label = "Paint"
 
     def work(self, context: bpy.types.Context) -> str:
-        effect = context.object
+        effect = painted_effect(context)
         canvas = painting.begin(context, effect)
         _show_avatar(effect, False)
         select_only(context, canvas)
         if not bpy.app.background:
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+            compat.set_paint_strength(context, 1.0)
+            # Where nothing is painted is blue; black, the default, would hide the body's shape.
+            context.tool_settings.vertex_group_user = "NONE"
+            bpy.ops.hfx.paint_status("INVOKE_DEFAULT")
         return "Paint, then press Finish Painting"
 
 
@@ -48,13 +48,12 @@ class HFX_OT_paint_end(HfxOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.object is not None and context.object.get("hfx_painted_effect"):
-            return True
-        cls.poll_message_set("Nothing is being painted")
-        return False
+        canvas = context.object
+        is_painted = canvas is not None and canvas.get(painting.PAINTED_EFFECT)
+        return cls.needs(is_painted, "Nothing is being painted")
 
     def work(self, context: bpy.types.Context) -> str:
-        effect = context.object["hfx_painted_effect"]
+        effect = context.object[painting.PAINTED_EFFECT]
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
@@ -65,8 +64,8 @@ class HFX_OT_paint_end(HfxOperator):
 
 def _show_avatar(effect: bpy.types.Object, is_shown: bool) -> None:
     body = effect.hfx.body
-    if body is not None and body.hfx.avatar is not None:
-        body.hfx.avatar.hide_set(not is_shown)
+    for mesh in avatar_meshes.meshes_of(body) if body is not None else ():
+        mesh.hide_set(not is_shown)
 
 
 class HFX_OT_fill_part(_PaintedOperator):
@@ -86,8 +85,9 @@ class HFX_OT_fill_part(_PaintedOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         parts = () if self.part == "all" else (self.part,)
-        count = painting.fill_parts(context.object, parts, self.side)
-        return f"'{context.object.name}' covers {count} vertices"
+        effect = painted_effect(context)
+        count = painting.fill_parts(effect, parts, self.side)
+        return f"'{effect.name}' covers {count} vertices"
 
 
 class HFX_OT_set_area(_PaintedOperator):
@@ -105,8 +105,9 @@ class HFX_OT_set_area(_PaintedOperator):
             raise InputError(f"Area: expected a JSON object of weights by vertex ({error}).") from (
                 error
             )
-        effects.set_area(context.object, list(found), list(found.values()))
-        return f"'{context.object.name}' covers {len(found)} vertices"
+        effect = painted_effect(context)
+        effects.set_area(effect, list(found), list(found.values()))
+        return f"'{effect.name}' covers {len(found)} vertices"
 
 
 register, unregister = bpy.utils.register_classes_factory(

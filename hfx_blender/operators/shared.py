@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..avatar_meshes import armature_of
 from ..errors import HfxError
 
 
@@ -27,6 +28,14 @@ class HfxOperator(bpy.types.Operator):
             self.report({"INFO"}, message)
         return {"FINISHED"}
 
+    @classmethod
+    def needs(cls, found: object, what: str) -> bool:
+        """For ``poll``: whether something was found; else the user is told what is needed."""
+        if found:
+            return True
+        cls.poll_message_set(what)
+        return False
+
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object the active and only selected one."""
@@ -40,3 +49,28 @@ def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
     """The active object, if it is a haptic effect."""
     obj = context.object
     return obj if obj is not None and obj.hfx.role == "EFFECT" else None
+
+
+def painted_effect(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active painted effect, also while the mesh that it is painted on is active."""
+    obj = context.object
+    if obj is None:
+        return None
+    effect = obj.get("hfx_painted_effect") or active_effect(context)
+    return effect if effect is not None and effect.hfx.kind == "PAINTED" else None
+
+
+def active_armature(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active armature, or the one that deforms the active mesh."""
+    obj = context.object
+    if obj is None:
+        return None
+    if obj.type == "ARMATURE":
+        return obj
+    return armature_of(obj) if obj.type == "MESH" else None
+
+
+def active_body(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active haptic body, or the one that the active mesh shows."""
+    armature = active_armature(context)
+    return armature if armature is not None and armature.hfx.role == "BODY" else None

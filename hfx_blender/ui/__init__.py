@@ -5,18 +5,31 @@ from __future__ import annotations
 
 from types import ModuleType
 
+from .. import registration
+
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import blender_command, menus, panels
+    from . import (
+        blender_command,
+        body_panel,
+        effects_panel,
+        live_panel,
+        menus,
+        paint_panel,
+        panels,
+        volume_gizmo,
+    )
 
-    return menus, panels, blender_command
+    return (
+        menus,
+        effects_panel,
+        panels,
+        paint_panel,
+        body_panel,
+        volume_gizmo,
+        live_panel,
+        blender_command,
+    )
 
 
-def register() -> None:
-    for module in _modules():
-        module.register()
-
-
-def unregister() -> None:
-    for module in reversed(_modules()):
-        module.unregister()
+register, unregister = registration.of_modules(_modules)

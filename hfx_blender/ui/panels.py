@@ -5,11 +5,21 @@ from __future__ import annotations
 
 import bpy
 
+from ..painting import PAINTED_EFFECT
+from .sidebar import HfxPanel
+
 _PARAMETERS = {
     "vibration": ("amplitude", "frequency"),
     "pressure": ("pressure",),
     "temperature": ("temperature", "temperature_reference"),
     "wind": ("wind_speed",),
+}
+_UNITS = {
+    "amplitude": "m/s²",
+    "frequency": "Hz",
+    "pressure": "kPa",
+    "temperature": "°C",
+    "wind_speed": "m/s",
 }
 _DIMENSIONS = {
     "CUBOID": ("size",),
@@ -20,44 +30,47 @@ _DIMENSIONS = {
 }
 
 
-class _HfxPanel:
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "HFX"
-
-
-class HFX_PT_effect(_HfxPanel, bpy.types.Panel):
-    """The active effect, or what to do next"""
+class HFX_PT_effect(HfxPanel, bpy.types.Panel):
+    """The active effect"""
 
     bl_label = "Haptic Effect"
+    bl_order = 1
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        obj = context.object
+        return obj is not None and (obj.hfx.role == "EFFECT" or bool(obj.get(PAINTED_EFFECT)))
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         obj = context.object
-        if obj is not None and obj.get("hfx_painted_effect"):
-            layout.operator("hfx.paint_end", icon="CHECKMARK")
-            return
-        if obj is None or obj.hfx.role != "EFFECT":
-            layout.label(text="Add a body and effects:")
-            layout.menu("HFX_MT_add", icon="ADD")
-            layout.operator("hfx.mark_body", icon="ARMATURE_DATA")
+        if obj.get(PAINTED_EFFECT):
+            layout.label(text=f"Painting '{obj[PAINTED_EFFECT].name}'", icon="BRUSH_DATA")
             return
         hfx = obj.hfx
         layout.prop(obj, "name")
         layout.prop(hfx, "modality")
         layout.prop(hfx, "intensity")
         for name in _PARAMETERS[hfx.modality]:
-            layout.prop(hfx, name)
+            self._draw_parameter(layout, hfx, name)
         if hfx.kind == "VOLUME":
             self._draw_volume(layout, hfx)
         else:
             layout.prop(hfx, "body")
-            layout.operator("hfx.paint_begin", icon="BRUSH_DATA")
-            layout.operator_menu_enum("hfx.fill_part", "part", icon="MOD_ARMATURE")
+
+    @staticmethod
+    def _draw_parameter(
+        layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup, name: str
+    ) -> None:
+        if name not in _UNITS:
+            layout.prop(hfx, name)
+            return
         row = layout.row(align=True)
-        row.operator("hfx.add_clip", icon="NLA")
-        row.operator("hfx.add_heartbeat", icon="HEART")
+        row.use_property_split = False  # beside the field, a label with its unit is cut off
+        label = hfx.bl_rna.properties[name].name
+        row.prop(hfx, name, text=f"{label} ({_UNITS[name]})")
+        row.prop_decorator(hfx, name)
 
     @staticmethod
     def _draw_volume(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> None:
@@ -70,15 +83,19 @@ class HFX_PT_effect(_HfxPanel, bpy.types.Panel):
             layout.prop(hfx, "falloff_share")
 
 
-class HFX_PT_export(_HfxPanel, bpy.types.Panel):
+class HFX_PT_export(HfxPanel, bpy.types.Panel):
     """What is exported"""
 
     bl_label = "Haptic Export"
+    bl_order = 9
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.prop(context.scene.hfx, "rate")
+        layout.prop(context.scene.hfx, "tolerance")
+        if context.scene.hfx.tolerance == "CUSTOM":
+            layout.prop(context.scene.hfx, "tolerance_custom", text=" ")
         for device in context.scene.hfx.devices:
             layout.label(text=device.name, icon="OUTLINER_OB_FORCE_FIELD")
         layout.operator("hfx.export", icon="EXPORT")

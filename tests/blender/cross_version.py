@@ -51,6 +51,7 @@ def memory(folder: str, samples: str) -> None:
     """Export a short and a long scene; print the peak memory before, between and after, bytes."""
     import oracle
 
+    from hfx_blender.engine.tolerance import PAPER
     from hfx_blender.export import ExportSettings, export_scene
 
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -65,7 +66,7 @@ def memory(folder: str, samples: str) -> None:
     peaks = [_peak()]
     for count in (int(samples) // 10, int(samples)):
         scene.frame_start, scene.frame_end = 1, count
-        report = export_scene(scene, Path(folder), f"long{count}", ExportSettings())
+        report = export_scene(scene, Path(folder), f"long{count}", ExportSettings(tolerance=PAPER))
         assert report.engine["times_evaluated"] == count
         peaks.append(_peak())
     sys.stdout.write("\nPEAKS " + " ".join(map(str, peaks)) + "\n")

@@ -20,6 +20,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.samples import Sample
+from hfx_blender.engine.tolerance import PAPER, Tolerance
 from hfx_blender.scene_reader import SceneReader
 
 BOUNDARY_M = 1e-5
@@ -50,8 +51,9 @@ def evaluate(
     record: Iterable[str] = (),
     frames: tuple[int, int] | None = None,
     rate_hz: int | Fraction = 10,
+    tolerance: Tolerance = PAPER,
 ) -> Evaluation:
-    """Read and evaluate a scene as the export does."""
+    """Read and evaluate a scene as the export does; vertices are inside or not by default."""
     record = frozenset(record)
     reader = SceneReader(
         scene,
@@ -59,8 +61,9 @@ def evaluate(
         rate_hz=Fraction(rate_hz),
         with_positions="positions" in record,
         with_velocities="velocities" in record,
+        tolerance=tolerance,
     )
-    engine = Engine(reader.description, record=record)
+    engine = Engine(reader.description, record=record, tolerance=tolerance)
     names = {effect.id: effect.name for effect in reader.description.effects}
     result = Evaluation(reader, engine.counters)
     for block in reader.blocks():

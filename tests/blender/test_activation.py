@@ -230,7 +230,7 @@ def test_values_that_a_script_has_just_set(effect: Any) -> None:
     effect.hfx.temperature = 41.0
     evaluation = oracle.evaluate(bpy.context.scene)
     assert evaluation.of("Felt", 0).parameters.tolist() == [41.0]
-    assert evaluation.reader.stepping_note.startswith("stepped a scratch scene")
+    assert evaluation.reader.stepping_note == "sampled F-curves, stepped no scene"
 
 
 def test_copies_have_clips_and_ids_of_their_own(effect: Any) -> None:
@@ -264,6 +264,34 @@ def test_samples_on_the_edge_of_a_clip_are_in_it(
         if start <= reader.time.frame(index) <= end
     ]
     assert reader.sample_indices.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("keys", "kind", "spans"),
+    [
+        ([(5, 0.0), (9, 0.0)], "BEZIER", ()),
+        ([(5, 0.0), (9, 1.0), (12, 0.0), (20, 0.0)], "LINEAR", ((5.0, 9.0), (9.0, 12.0))),
+        (
+            [(5, 1.0), (9, 0.0), (12, 1.0)],
+            "LINEAR",
+            ((-np.inf, 5.0), (5, 9), (9, 12), (12, np.inf)),
+        ),
+        ([(5, 1.0), (9, 0.0)], "SINE", ((-np.inf, np.inf),)),
+    ],
+)
+def test_spans_of_a_curve(effect: Any, keys: Any, kind: str, spans: Any) -> None:
+    oracle.key(effect, "hfx.activation", keys)
+    for point in compat.fcurves(effect)[0].keyframe_points:
+        point.interpolation = kind
+    assert activation.activation_of(effect).spans == spans
+
+
+def test_a_curve_that_overshoots_between_zeros(effect: Any) -> None:
+    oracle.key(effect, "hfx.activation", [(5, 0.0), (15, 0.0)])
+    first = compat.fcurves(effect)[0].keyframe_points[0]
+    first.handle_right_type, first.handle_right = "FREE", (8, 1.0)
+    assert activation.activation_of(effect).spans == ((5.0, 15.0),)
+    assert levels(effect)[7] > 0.1
 
 
 def test_spans_are_certain() -> None:

@@ -63,6 +63,7 @@ def test_help_and_version_need_no_scene() -> None:
         (["export", "x.blend", "--frames", "3"], "'3'"),
         (["export", "x.blend", "--rate", "nan"], "'nan'"),
         (["export", "x.blend", "--rate", "0"], "'0'"),
+        (["export", "x.blend", "--tolerance", "3mm"], "'3mm'"),
         (["export", "x.blend", "--jobs", "0"], "--jobs 0"),
         (["export", "x.blend", "--record", "smell"], "smell"),
         (["export", "x.blend", "-f", "track,mp3"], "mp3"),
@@ -182,7 +183,8 @@ def test_frames_and_rate_choose_the_samples(blend: Path, tmp_path: Path) -> None
 
 def test_full_precision_and_recorded_channels(blend: Path, tmp_path: Path) -> None:
     done = process(
-        "export", blend, "-o", tmp_path, "--full-precision", "--record", "positions,depth"
+        *("export", blend, "-o", tmp_path, "--full-precision", "--record", "positions,depth"),
+        *("--tolerance", "paper"),
     )
     assert done.returncode == 0, done.stderr
     with TrackReader(tmp_path / "small.hfxtrack") as track:

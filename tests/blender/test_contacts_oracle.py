@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hfx_blender.engine.tolerance import STANDARD
+
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
 
@@ -187,3 +189,34 @@ def test_the_volumes_cut_the_body(evaluated: Any) -> None:
     assert len(sizes) > 0.6 * len(SHAPES) * len(TRANSFORMS) * len(positions)
     assert max(sizes) < 0.8
     assert evaluation.reader.stepping_note.startswith("stepped a scratch scene")
+
+
+def test_cells_of_skin_feel_whatever_their_vertices_feel(evaluated: Any) -> None:
+    """Coverage adds skin around what the vertex test finds, and loses none of it."""
+    scene, paper, positions = evaluated
+    chosen = {f"{shape} {name}" for shape, name in zip(SHAPES, TRANSFORMS, strict=False)}
+    for name in paper.samples:
+        bpy.data.objects[name].hfx.is_muted = name not in chosen
+    try:
+        cells = oracle.evaluate(scene, rate_hz=RATE_HZ, tolerance=STANDARD)
+    finally:
+        for name in paper.samples:
+            bpy.data.objects[name].hfx.is_muted = False
+    added = 0
+    for name in sorted(chosen & set(paper.samples)):
+        samples = paper.samples[name]
+        modality = PERCEIVED_ON.get(
+            bpy.data.objects[name].hfx.modality, bpy.data.objects[name].hfx.modality
+        )
+        for index, sample in samples.items():
+            weights = np.zeros(len(positions[index][modality]))
+            found = cells.of(name, index)
+            assert found is not None
+            weights[found.vertices] = found.weights
+            assert (weights[found.vertices] > 0.0).all() and weights.max() <= 1.0
+            # Temperature cells are sampled on other vertices; falloff may be weaker than 5 %.
+            if modality != "temperature":
+                strong = sample.vertices[sample.weights > 0.05]
+                assert (weights[strong] > 0.0).all()
+            added += len(found.vertices) - len(sample.vertices)
+    assert added > 0

@@ -17,6 +17,7 @@ from hfx_scenes import names_in
 from hfx_blender import export as export_module
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.samples import Sample
+from hfx_blender.engine.tolerance import parse as parse_tolerance
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.export import ExportReport, ExportSettings, export_scene, scene_named
@@ -48,6 +49,34 @@ def test_the_report_is_what_is_on_disk(small: Any, tmp_path: Path) -> None:
         assert each["sha256"] == hashlib.sha256(content).hexdigest()
     assert len(stored["files"]) == len(report.files) - 1  # all but the report itself
     assert stored["engine"]["contacts"] > 0
+
+
+@pytest.mark.parametrize(
+    ("in_scene", "chosen", "expected"),
+    [
+        ("STANDARD", None, "standard"),
+        ("PAPER", None, "paper"),
+        ("CUSTOM", None, "4mm,20ms"),
+        ("PAPER", parse_tolerance("7mm,30ms"), "7mm,30ms"),
+    ],
+)
+def test_the_tolerance_is_the_scenes_unless_it_is_chosen(
+    small: Any, tmp_path: Path, in_scene: str, chosen: Any, expected: str
+) -> None:
+    assert small.hfx.tolerance == "STANDARD"
+    small.frame_end = 1
+    small.hfx.tolerance, small.hfx.tolerance_custom = in_scene, "4mm,20ms"
+    report = export(small, tmp_path, tolerance=chosen)
+    assert report.engine["tolerance"] == expected
+    with TrackReader(tmp_path / "x.hfxtrack") as track:
+        assert track.header.settings["tolerance"] == expected
+
+
+def test_a_tolerance_that_is_none_is_told(small: Any, tmp_path: Path) -> None:
+    small.hfx.tolerance, small.hfx.tolerance_custom = "CUSTOM", "a bit"
+    with pytest.raises(InputError, match="Scene 'Scene': tolerance 'a bit'"):
+        export(small, tmp_path)
+    assert names_in(tmp_path) == []
 
 
 def test_progress_rises_to_the_end(small: Any, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import hfx_scenes
 import pytest
 
 import hfx_blender
-from hfx_blender.ui import blender_command, menus, panels
+from hfx_blender.ui import blender_command, effects_panel, menus, paint_panel, panels
 
 
 @pytest.fixture
@@ -108,6 +108,11 @@ class Layout:
     def row(self, **_options: bool) -> Layout:
         return self
 
+    column = box = row
+
+    def prop_decorator(self, owner: Any, name: str) -> None:
+        assert name in owner.bl_rna.properties, name
+
     def separator(self) -> None:
         pass
 
@@ -139,6 +144,9 @@ def drawn(draw: Callable[..., None], context: Any) -> list[str]:
 
     class Self:
         _draw_volume = staticmethod(panels.HFX_PT_effect._draw_volume)
+        _draw_parameter = staticmethod(panels.HFX_PT_effect._draw_parameter)
+        _draw_row = staticmethod(effects_panel.HFX_PT_effects._draw_row)
+        _draw_clip = staticmethod(effects_panel.HFX_PT_clips._draw_clip)
 
     owner = Self()
     owner.layout = layout  # type: ignore[attr-defined]
@@ -147,7 +155,8 @@ def drawn(draw: Callable[..., None], context: Any) -> list[str]:
 
 
 def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
-    assert drawn(panels.HFX_PT_effect.draw, bpy.context) == [
+    assert not panels.HFX_PT_effect.poll(bpy.context)
+    assert drawn(effects_panel.HFX_PT_effects.draw, bpy.context)[-3:] == [
         "Add a body and effects:",
         "HFX_MT_add",
         "hfx.mark_body",
@@ -177,7 +186,7 @@ def test_the_panel_shows_what_the_effect_has(
 ) -> None:
     bpy.ops.hfx.add_volume(modality=modality, shape=shape)
     shown = drawn(panels.HFX_PT_effect.draw, bpy.context)
-    always = {"name", "modality", "intensity", "shape", "falloff", "hfx.add_clip"}
+    always = {"name", "modality", "intensity", "shape", "falloff"}
     assert always | own | dimensions <= set(shown)
     others = {"amplitude", "pressure", "temperature", "wind_speed", "size", "radius", "height"}
     assert not (others - own - dimensions) & set(shown)
@@ -189,15 +198,32 @@ def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> No
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_painted(modality="pressure")
     shown = drawn(panels.HFX_PT_effect.draw, bpy.context)
-    assert {"body", "hfx.paint_begin", "hfx.fill_part", "hfx.add_heartbeat"} <= set(shown)
+    assert "body" in shown
+    area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
+    assert {"hfx.paint_begin", "hfx.fill_part", "hfx.area_filter", "hfx.area_copy"} <= set(area)
     bpy.ops.hfx.paint_begin()
-    assert drawn(panels.HFX_PT_effect.draw, bpy.context) == ["hfx.paint_end"]
+    assert drawn(panels.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
+    area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
+    assert "hfx.paint_end" in area and "hfx.paint_begin" not in area
+    assert drawn(paint_panel._header, bpy.context) == ["hfx.paint_end"]
+
+
+def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Gust")
+    rows = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
+    assert {"hfx_preview", "palette", "hfx.select_effect", "is_solo", "is_muted"} <= set(rows)
+    shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
+    assert "No clips: on for the whole timeline" in shown
+    bpy.ops.hfx.add_clip()
+    shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
+    assert {"frame_start_ui", "blend_in", "blend_out", "repeat", "hfx.remove_clip"} <= set(shown)
 
 
 def test_the_export_panel_and_the_menus(scene: Any) -> None:
     bpy.context.scene.hfx.devices.add().name = "back_pad"
     shown = drawn(panels.HFX_PT_export.draw, bpy.context)
-    assert shown == ["rate", "back_pad", "hfx.export"]
+    assert shown == ["rate", "tolerance", "back_pad", "hfx.export"]
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
     assert drawn(menus._add_menu, bpy.context) == ["HFX_MT_add"]
     assert drawn(menus._export_menu, bpy.context) == ["hfx.export"]

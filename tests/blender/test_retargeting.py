@@ -15,75 +15,11 @@ from hfx_blender.errors import InputError
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
-from mathutils import Euler, Matrix  # noqa: E402
+from own_avatar import mark, own_avatar  # noqa: E402
 
 from hfx_blender import bodies, painting, retargeting  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
-
-MIXAMO = {
-    "root": "Hips",
-    "spine03": "Spine1",
-    "spine01": "Spine2",
-    "neck01": "Neck",
-    "head": "Head",
-    **{
-        f"{bone}.{side}": f"{name}{theirs}"
-        for side, name in (("L", "Left"), ("R", "Right"))
-        for bone, theirs in (
-            ("clavicle", "Shoulder"),
-            ("upperarm01", "Arm"),
-            ("lowerarm01", "ForeArm"),
-            ("wrist", "Hand"),
-            ("upperleg01", "UpLeg"),
-            ("lowerleg01", "Leg"),
-            ("foot", "Foot"),
-            ("toe2-1", "ToeBase"),
-            *(
-                (f"finger{number}-{joint}", f"Hand{finger}{joint}")
-                for number, finger in enumerate(("Thumb", "Index", "Middle", "Ring", "Pinky"), 1)
-                for joint in (1, 2, 3)
-            ),
-        )
-    },
-}
-
-
-def own_avatar(scene: Any, *, centimetres: bool = True) -> tuple[Any, Any]:
-    """Somebody's avatar: a T-pose at rest, other bone names, in centimetres on other axes."""
-    rig, skin = bodies.add_avatar(bpy.context, "Anna")
-    rig.hfx.role, rig.hfx.avatar = "NONE", None
-    for side, sign in (("L", -1.0), ("R", 1.0)):
-        bone = rig.pose.bones[f"upperarm01.{side}"]
-        turn = Matrix.Rotation(sign * np.radians(42), 4, "Y")
-        centre = Matrix.Translation(bone.head)
-        bone.matrix = centre @ turn @ centre.inverted() @ bone.matrix
-        bpy.context.view_layer.update()
-    evaluated = skin.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    baked = np.zeros(len(skin.data.vertices) * 3, np.float32)
-    evaluated.data.vertices.foreach_get("co", baked)
-    skin.data.vertices.foreach_set("co", baked)
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="POSE")
-    bpy.ops.pose.armature_apply()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    for number, bone in enumerate(rig.data.bones):
-        theirs = MIXAMO.get(bone.name)
-        bone.name = f"mixamorig:{theirs}" if theirs else f"extra{number}"
-    if centimetres:
-        change = Euler((-np.pi / 2, 0, 0.4)).to_matrix().to_4x4() @ Matrix.Scale(100, 4)
-        rig.data.transform(change)
-        skin.data.transform(change)
-        rig.matrix_world = change.inverted()
-    bpy.context.view_layer.update()
-    return rig, skin
-
-
-def mark(rig: Any, skin: Any | None) -> None:
-    bpy.context.view_layer.objects.active = rig
-    for obj in bpy.context.scene.objects:
-        obj.select_set(obj in (rig, skin))
-    bpy.ops.hfx.mark_body()
 
 
 @pytest.fixture
@@ -224,7 +160,7 @@ def test_an_avatar_that_was_edited_since_is_refused(
         bpy.ops.object.mode_set(mode="OBJECT")
     else:
         skin.data.vertices.add(1)
-    with pytest.raises(InputError, match="mark it as a haptic body again"):
+    with pytest.raises(InputError, match="fit the body again"):
         retargeting.fitted_model(rig, MODEL_ID)
     mark(rig, skin)
     assert retargeting.fitted_model(rig, MODEL_ID) is not None
@@ -255,6 +191,19 @@ def _no_human(rig: Any, skin: Any) -> None:
     bpy.ops.object.mode_set(mode="EDIT")
     for bone in rig.data.edit_bones:
         bone.parent = None
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def _not_human(rig: Any, skin: Any) -> None:
+    """Shins and feet stand out to the side, thrice as long: known names, no person."""
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    for bone in rig.data.edit_bones:
+        bone.use_connect = False
+    for bone in rig.data.edit_bones:
+        if bone.name.endswith(("LeftLeg", "RightLeg", "Foot", "ToeBase")):
+            for end in (bone.head, bone.tail):
+                end.xyz = end.y, end.z, 3.0 * end.x
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
@@ -299,6 +248,7 @@ def _double(rig: Any, skin: Any) -> None:
         (_no_weights, "follow no bone"),
         (_no_faces, "has no faces"),
         (_no_human, "human"),
+        (_not_human, "human"),
         (_mirrored, "negative scale"),
         (_flat, "scaled by zero"),
         (_pieces, "pieces"),
@@ -312,13 +262,55 @@ def test_what_cannot_be_used_is_refused_and_nothing_changes(
     spoil(rig, skin)
     bpy.context.view_layer.update()
     meshes = [obj for obj in scene.objects if obj.type == "MESH"]
-    before = {
-        collection: len(getattr(bpy.data, collection)) for collection in ("objects", "meshes")
-    }
+    before = everything(rig)
     with pytest.raises(RuntimeError, match=message) as caught:
-        mark(rig, meshes[0] if meshes else None)
+        mark(rig, *meshes)
     assert len(str(caught.value).strip().splitlines()) == 1
-    assert rig.hfx.role == "NONE" and rig.hfx.uid in ("", rig.hfx.uid) and not rig.hfx.avatar
-    assert not retargeting.is_fitted(rig)
-    after = {collection: len(getattr(bpy.data, collection)) for collection in ("objects", "meshes")}
-    assert before == after
+    assert everything(rig) == before
+
+
+def test_without_scipy_it_is_told_what_to_install(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, skin = own_avatar(scene, centimetres=False)
+    before = everything(rig)
+    monkeypatch.setattr(retargeting, "find_spec", lambda name: None)
+    with pytest.raises(RuntimeError, match="needs the Python package scipy"):
+        mark(rig, skin)
+    assert everything(rig) == before
+
+
+def test_a_mesh_without_armature_is_told_to_get_one(scene: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add()
+    with pytest.raises(RuntimeError, match="Select an armature"):
+        bpy.ops.hfx.mark_body()
+
+
+def test_a_linked_armature_is_refused(scene: Any, tmp_path: Path) -> None:
+    rig, _ = own_avatar(scene, centimetres=False)
+    path = tmp_path / "anna.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        wanted.objects = [rig_name := "Anna", "Anna Skin"]
+    rig, skin = wanted.objects
+    assert rig.name == rig_name
+    for obj in (rig, skin):
+        bpy.context.scene.collection.objects.link(obj)
+    with pytest.raises(RuntimeError, match="is linked from"):
+        mark(rig, skin)
+    assert rig.hfx.role == "NONE"
+
+
+def everything(rig: Any) -> dict[str, Any]:
+    """What a refused body must leave as it was."""
+    hfx = rig.hfx
+    return {
+        "data": {
+            name: [block.name for block in getattr(bpy.data, name)]
+            for name in ("objects", "meshes", "armatures", "materials", "collections")
+        },
+        "own": sorted(rig.keys()),
+        "hfx": (hfx.role, hfx.uid, hfx.avatar, len(hfx.avatar_parts), len(hfx.bone_map)),
+        "active": bpy.context.view_layer.objects.active,
+    }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stepping a scratch scene gives what the own scene gives, or is not done; nothing stays behind."""
+"""Every way of reading gives what stepping the own scene gives, or is not used; nothing stays."""
 
 from __future__ import annotations
 
@@ -10,14 +10,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender import scene_reader, stepping
+from hfx_blender import reading_plan, scene_reader, stepping
+from hfx_blender.animation_curves import NotModelledError
 from hfx_blender.scene_reader import SceneReader
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
 
 OWN = "stepped the whole scene, because "
-SCRATCH = "stepped a scratch scene of bodies and effects"
+SCRATCH = "stepped a scratch scene, because "
+CURVES = "sampled F-curves, stepped no scene"
+
+
+def step_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let nothing be sampled from F-curves."""
+
+    def refuse(*_arguments: Any) -> None:
+        raise NotModelledError("a test wants it")
+
+    monkeypatch.setattr(reading_plan, "CurveEffect", refuse)
+    monkeypatch.setattr(reading_plan, "CurveBody", refuse)
+
+
+def step_own_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stepping, "foreign_handler", lambda: "a test wants it")
 
 
 @pytest.fixture
@@ -48,13 +64,43 @@ def test_scratch_scene_gives_the_same_as_the_own_scene(
     from hfx_blender.demo import garage
 
     scene = garage.build()
+    step_all(monkeypatch)
     scratch = oracle.evaluate(scene, rate_hz=21)
-    assert scratch.reader.stepping_note == SCRATCH
+    assert scratch.reader.stepping_note == SCRATCH + "a test wants it"
     assert len(scratch.samples) == 6
-    monkeypatch.setattr(stepping, "why_own_scene", lambda scene: "a test wants it")
+    step_own_scene(monkeypatch)
     own = oracle.evaluate(scene, rate_hz=21)
     assert own.reader.stepping_note == OWN + "a test wants it"
     _assert_same(scratch, own)
+
+
+def test_curves_give_the_same_as_the_own_scene(
+    registered: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.demo import garage
+
+    scene = garage.build()
+    sampled = SceneReader(scene, rate_hz=oracle.Fraction(21))
+    blocks = list(sampled.blocks())
+    assert sampled.stepping_note == CURVES
+    step_own_scene(monkeypatch)
+    own = SceneReader(scene, rate_hz=oracle.Fraction(21))
+    posed = 0
+    for block, other in zip(blocks, own.blocks(), strict=True):
+        assert block.indices.tolist() == other.indices.tolist()
+        for effect, twin in zip(block.effects, other.effects, strict=True):
+            assert np.allclose(effect.levels, twin.levels, atol=2e-6)
+            on = effect.levels > 0.0
+            assert np.allclose(effect.parameters[on], twin.parameters[on], atol=1e-6)
+            if effect.matrices is not None:
+                assert np.allclose(effect.matrices[on], twin.matrices[on], atol=1e-6)
+        (pose,), (twin,) = block.poses, other.poses
+        assert pose.valid.tolist() == twin.valid.tolist()
+        if pose.valid.any():
+            posed += np.count_nonzero(pose.valid)
+            assert np.allclose(pose.bones[pose.valid], twin.bones[pose.valid], atol=5e-6)
+            assert np.allclose(pose.to_world[pose.valid], twin.to_world[pose.valid], atol=5e-6)
+    assert posed > 80
 
 
 # What a scratch scene cannot reproduce
@@ -94,7 +140,7 @@ def test_a_driver_of_other_objects_is_no_reason(scene: Any, ball: Any) -> None:
     variable.type = "TRANSFORMS"
     variable.targets[0].id, variable.targets[0].transform_type = lever, "LOC_Z"
     evaluation = oracle.evaluate(scene, rate_hz=24)
-    assert evaluation.reader.stepping_note == SCRATCH
+    assert evaluation.reader.stepping_note == SCRATCH + "'Ball' has drivers"
     assert evaluation.of("Ball", 0).parameters[0] == pytest.approx(0.0, abs=1e-5)
     assert evaluation.of("Ball", 23).parameters[0] == pytest.approx(23.0, abs=1e-5)
 
@@ -134,6 +180,7 @@ def test_a_handler_that_nobody_announces(
             self._layer.update()
 
     monkeypatch.setattr(stepping.Stepper, "set_frame", other_in_a_scratch_scene)
+    step_all(monkeypatch)
     evaluation = oracle.evaluate(scene)
     assert evaluation.reader.stepping_note == (
         OWN + "a few frames came out differently in a scratch scene"
@@ -190,15 +237,40 @@ def _everything(scene: Any) -> dict[str, Any]:
     return {**lists, "_objects": objects, "_bones": bones, "_frame": frame}
 
 
-@pytest.fixture(params=["scratch", "own"])
+def test_curves_that_come_out_otherwise_are_not_used(
+    scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    oracle.key(ball, "location", [(1, (0, 0, 1.2)), (24, (0, 0.1, 1.2))])
+    truth = oracle.evaluate(scene)
+    assert truth.reader.stepping_note == CURVES
+    real = reading_plan.CurveEffect.read
+
+    def askew(self: Any, frames: Any) -> Any:
+        block = real(self, frames)
+        block.matrices[:, 0, 3] += 2e-4
+        return block
+
+    monkeypatch.setattr(reading_plan.CurveEffect, "read", askew)
+    evaluation = oracle.evaluate(scene)
+    assert evaluation.reader.stepping_note == (
+        SCRATCH + "a few frames came out differently from F-curves"
+    )
+    assert {index: len(s.vertices) for index, s in evaluation.samples["Ball"].items()} == {
+        index: len(s.vertices) for index, s in truth.samples["Ball"].items()
+    }
+
+
+@pytest.fixture(params=["curves", "scratch", "own"])
 def busy(request: Any, scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """An animated scene, standing at a sub-frame."""
     body = bpy.data.objects["Avatar"]
     oracle.add_walk(body, [(0, 0, 0), (0, -1, 0)], 1, 24)
     oracle.add_clip(ball, 4, 20, fade_in=3)
     oracle.key(ball, "location", [(1, (0, 0, 1.2)), (24, (0, -1, 1.2))])
+    if request.param != "curves":
+        step_all(monkeypatch)
     if request.param == "own":
-        monkeypatch.setattr(stepping, "why_own_scene", lambda scene: "a test wants it")
+        step_own_scene(monkeypatch)
     scene.frame_set(7, subframe=0.25)
     return scene
 
@@ -225,16 +297,16 @@ def _fail_in_the_consumer(scene: Any) -> None:
 
 def _fail_in_the_reader(scene: Any) -> None:
     reader = SceneReader(scene)
-    real, calls = reader._read, []
+    real, calls = stepping.Stepper.set_frame, []
 
-    def failing(index: int, stepper: Any) -> Any:
-        calls.append(index)
-        if len(calls) > 20:
+    def failing(self: stepping.Stepper, frame: Any) -> None:
+        calls.append(frame)
+        if len(calls) > 3:
             raise KeyboardInterrupt
-        return real(index, stepper)
+        real(self, frame)
 
-    reader._read = failing
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(stepping.Stepper, "set_frame", failing)
         list(reader.blocks())
 
 

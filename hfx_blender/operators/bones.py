@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The bone table: find the bones of an avatar, drop corrections, save and load a mapping."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import BoolProperty, StringProperty
+
+from .. import bodies, bone_table
+from ..errors import InputError
+from .shared import HfxOperator, active_armature
+
+
+class _BonesOperator(HfxOperator):
+    """Works on the table of the active armature."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(active_armature(context), "Select an armature, or a mesh that has one")
+
+    def work(self, context: bpy.types.Context) -> str:
+        armature = active_armature(context)
+        bodies.check_armature(armature)
+        return self.work_on(armature)
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        raise NotImplementedError
+
+
+class HFX_OT_find_bones(_BonesOperator):
+    """Find which bone stands for which joint; rows that you corrected are kept"""
+
+    bl_idname = "hfx.find_bones"
+    bl_label = "Find Bones"
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        return _fill(self, armature, keep_corrections=True)
+
+
+class HFX_OT_reset_bones(_BonesOperator):
+    """Drop all corrections: only what is found automatically is left"""
+
+    bl_idname = "hfx.reset_bones"
+    bl_label = "Reset"
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        return _fill(self, armature, keep_corrections=False)
+
+
+def _fill(operator: HfxOperator, armature: bpy.types.Object, *, keep_corrections: bool) -> str:
+    try:
+        bone_table.fill(armature, keep_corrections=keep_corrections)
+    except InputError as error:
+        operator.report({"WARNING"}, str(error))
+        return ""
+    found = sum(1 for row in armature.hfx.bone_map if row.found)
+    return f"{found} bones found ({armature.hfx.bone_map_convention})"
+
+
+class _FileOperator(_BonesOperator):
+    filepath: StringProperty(name="File", subtype="FILE_PATH")
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.filepath:
+            self.filepath = bpy.path.clean_name(active_armature(context).name) + "_bones.json"
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def _path(self) -> Path:
+        if not self.filepath:
+            raise InputError("Choose a file.")
+        return Path(bpy.path.abspath(self.filepath))
+
+
+class HFX_OT_save_bones(_FileOperator):
+    """Save which bone stands for which joint, for other avatars with the same bones"""
+
+    bl_idname = "hfx.save_bones"
+    bl_label = "Save Bone Mapping"
+
+    check_existing: BoolProperty(default=True, options={"HIDDEN"})
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        path = self._path()
+        if not path.suffix:
+            path = path.with_suffix(".json")
+        count = bone_table.save(armature, path)
+        return f"{count} bones saved to {path}"
+
+
+class HFX_OT_load_bones(_FileOperator):
+    """Load which bone stands for which joint; fit the body again afterwards"""
+
+    bl_idname = "hfx.load_bones"
+    bl_label = "Load Bone Mapping"
+
+    def work_on(self, armature: bpy.types.Object) -> str:
+        for warning in bone_table.load(armature, self._path()):
+            self.report({"WARNING"}, warning)
+        count = sum(1 for row in armature.hfx.bone_map if row.bone)
+        return f"{count} bones loaded"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_find_bones, HFX_OT_reset_bones, HFX_OT_save_bones, HFX_OT_load_bones)
+)

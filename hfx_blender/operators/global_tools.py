@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tools for many effects at once, and effect types that make other effects."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, IntProperty
+
+from .. import effects, global_tools, rain
+from ..errors import InputError
+from .shared import HfxOperator, active_body, select_only
+
+SCOPES = (
+    ("SELECTED", "Selected", "The selected effects"),
+    ("COLLECTION", "Collection", "All effects in the active effect's collections"),
+    ("ALL", "All", "Every effect of the scene"),
+)
+
+
+class _ManyEffects(HfxOperator):
+    scope: EnumProperty(name="Scope", items=SCOPES)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(effects.effects_of(context.scene), "There are no effects")
+
+    def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        found = effects.effects_of(context.scene)
+        if self.scope == "SELECTED":
+            found = [effect for effect in found if effect.select_get()]
+        elif self.scope == "COLLECTION":
+            own = set(context.object.users_collection) if context.object else set()
+            found = [effect for effect in found if own & set(effect.users_collection)]
+        if not found:
+            raise InputError("No effects there; select some, or choose another scope.")
+        return found
+
+
+class HFX_OT_scale_strength(_ManyEffects):
+    """Make effects stronger or weaker, keyframes included"""
+
+    bl_idname = "hfx.scale_strength"
+    bl_label = "Gain"
+
+    factor: FloatProperty(name="Factor", default=1.0, min=0.0, max=100.0)
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = global_tools.scale_strength(self.chosen(context), self.factor)
+        return f"{count} effects times {self.factor:g}"
+
+
+class HFX_OT_scale_frequency(_ManyEffects):
+    """Make vibrations higher or lower, keyframes included"""
+
+    bl_idname = "hfx.scale_frequency"
+    bl_label = "Frequency"
+
+    factor: FloatProperty(name="Factor", default=1.0, min=0.01, max=100.0)
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = global_tools.scale_frequency(self.chosen(context), self.factor)
+        return f"{count} vibrations times {self.factor:g}"
+
+
+class HFX_OT_modulate(_ManyEffects):
+    """Let the intensity of effects swing; a depth of 0 takes the swing away"""
+
+    bl_idname = "hfx.modulate"
+    bl_label = "Modulation"
+
+    rate: FloatProperty(name="Rate", description="Swings a second", default=2.0, min=0.01)
+    depth: FloatProperty(name="Depth", default=0.5, min=0.0, max=1.0, subtype="FACTOR")
+
+    def work(self, context: bpy.types.Context) -> str:
+        render = context.scene.render
+        count = global_tools.modulate(
+            self.chosen(context), self.rate, self.depth, render.fps / render.fps_base
+        )
+        return f"{count} effects modulated"
+
+
+class HFX_OT_add_rain(HfxOperator):
+    """Let it rain on the body: makes the drops; the same again replaces them"""
+
+    bl_idname = "hfx.add_rain"
+    bl_label = "Rain"
+
+    drops_per_second: FloatProperty(name="Drops per Second", default=8.0, min=0.1, max=200.0)
+    drop_size: FloatProperty(name="Drop Size (mm)", default=20.0, min=1.0, max=200.0)
+    duration: FloatProperty(name="Duration", default=4.0, min=0.1, unit="TIME_ABSOLUTE")
+    strength: FloatProperty(name="Strength (m/s²)", default=5.0, min=0.0, max=100.0)
+    seed: IntProperty(name="Seed", default=0, min=0)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(effects.bodies_of(context.scene), "Add a haptic body first")
+
+    def work(self, context: bpy.types.Context) -> str:
+        bodies = effects.bodies_of(context.scene)
+        body = active_body(context)
+        if body not in bodies:
+            if len(bodies) > 1:
+                raise InputError("Several haptic bodies: select the one that it rains on.")
+            body = bodies[0]
+        made = rain.make(
+            context.scene,
+            body,
+            drops_per_second=self.drops_per_second,
+            drop_size_m=self.drop_size / 1000.0,
+            frame=float(context.scene.frame_current),
+            duration_s=self.duration,
+            strength_m_s2=self.strength,
+            seed=self.seed,
+        )
+        select_only(context, made[0])
+        for effect in made[1:]:
+            effect.select_set(True)
+        return f"{round(self.drops_per_second * self.duration)} drops on {len(made)} places"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_scale_strength, HFX_OT_scale_frequency, HFX_OT_modulate, HFX_OT_add_rain)
+)

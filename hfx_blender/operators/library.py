@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reuse: effects to and from files, and the sensations that are shipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+
+from .. import effect_exchange, effect_file, effects
+from ..effect_file import SUFFIX, Sensation
+from ..errors import InputError
+from .shared import HfxOperator, active_body, select_only
+
+
+def _body(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Whom painted areas are put on: the active body, else the only one there is."""
+    found = effects.bodies_of(context.scene)
+    active = active_body(context)
+    if active in found:
+        return active
+    if len(found) > 1:
+        raise InputError("Several haptic bodies: select the one that shall feel it.")
+    return found[0] if found else None
+
+
+def _place(context: bpy.types.Context, sensation: Sensation) -> str:
+    if context.object is not None and context.object.mode != "OBJECT":
+        raise InputError("Leave painting or editing first.")
+    body = _body(context)
+    origin = body.matrix_world.translation if body is not None else context.scene.cursor.location
+    made = effect_exchange.place(
+        context.scene,
+        sensation,
+        body=body,
+        frame=float(context.scene.frame_current),
+        origin=origin,
+    )
+    select_only(context, made[0])
+    for effect in made[1:]:
+        effect.select_set(True)
+    return f"Added '{sensation.name}': {len(made)} effects"
+
+
+def _names(_self: object, _context: object) -> list[tuple[str, str, str]]:
+    # Blender does not keep the strings of a dynamic enum alive by itself.
+    global _kept
+    if not _kept:
+        _kept = [
+            (stem, sensation.name, sensation.description)
+            for stem, path in effect_exchange.library().items()
+            for sensation in [effect_file.load(path)]
+        ]
+    return _kept
+
+
+_kept: list[tuple[str, str, str]] = []
+
+
+class HFX_OT_add_from_library(HfxOperator):
+    """Add a ready sensation at the current frame, on the body and around it"""
+
+    bl_idname = "hfx.add_from_library"
+    bl_label = "Sensation"
+
+    name: EnumProperty(name="Sensation", items=_names)
+
+    def work(self, context: bpy.types.Context) -> str:
+        return _place(context, effect_exchange.load_library(self.name))
+
+
+class HFX_OT_load_effects(HfxOperator, ImportHelper):
+    """Add the effects of a file at the current frame"""
+
+    bl_idname = "hfx.load_effects"
+    bl_label = "Load Effects"
+
+    filename_ext = SUFFIX
+    filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        return _place(context, effect_file.load(Path(self.filepath)))
+
+
+class HFX_OT_save_effects(HfxOperator, ExportHelper):
+    """Save the selected effects to a file of their own, with areas, parameters and clips"""
+
+    bl_idname = "hfx.save_effects"
+    bl_label = "Save Effects"
+
+    filename_ext = SUFFIX
+    filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
+    name: StringProperty(name="Name", description="Empty: that of the file")
+
+    def work(self, context: bpy.types.Context) -> str:
+        chosen = sorted(
+            (obj for obj in context.selected_objects if obj.hfx.role == "EFFECT"),
+            key=lambda obj: obj.name,
+        )
+        path = Path(self.filepath)
+        title = self.name or path.stem.replace("_", " ").title()
+        effect_file.save(effect_exchange.sensation_of(context.scene, chosen, title), path)
+        return f"Saved {len(chosen)} effects to {path.name}"
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_add_from_library, HFX_OT_load_effects, HFX_OT_save_effects)
+)

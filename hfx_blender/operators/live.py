@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Connecting devices, playing, and stopping them all."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+
+from .. import live_settings, resources
+from ..errors import HfxError, InputError
+from ..live import live
+from .shared import HfxOperator
+
+if TYPE_CHECKING:
+    from ..devices.live.approval import DeviceScript
+
+KINDS = (
+    ("SIMULATOR", "Simulator", "Without hardware: bars in this panel, and a log if you like"),
+    ("DEVICE", "Device", "The real one, as its configuration says"),
+    ("CSV", "Log", "Every value into a CSV file"),
+)
+
+
+class _LiveOperator(HfxOperator):
+    bl_options = {"REGISTER"}  # what a device does cannot be undone
+
+
+class _OfDevice(_LiveOperator):
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+
+_names: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
+
+
+def _known(_self: object, _context: object) -> list[tuple[str, str, str]]:
+    from ..devices.configuration import list_devices
+
+    _names[:] = [(name, name, "") for name in list_devices(resources.user_devices())]
+    return _names
+
+
+class HFX_OT_live_add(HfxOperator):
+    """Add a device to this scene, by name"""
+
+    bl_idname = "hfx.live_add"
+    bl_label = "Add Device"
+    bl_property = "name"
+
+    name: EnumProperty(name="Device", items=_known)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def work(self, context: bpy.types.Context) -> str:
+        devices = context.scene.hfx.devices
+        if self.name in devices:
+            raise InputError(f"Device '{self.name}' is in this scene already.")
+        devices.add().name = self.name
+        return f"{self.name} added"
+
+
+class HFX_OT_live_remove(HfxOperator):
+    """Take a device out of this scene; it is disconnected"""
+
+    bl_idname = "hfx.live_remove"
+    bl_label = "Remove Device"
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        live.disconnect(self.name)
+        devices = context.scene.hfx.devices
+        index = devices.find(self.name)
+        if index >= 0:
+            devices.remove(index)
+        return f"{self.name} removed"
+
+
+class HFX_OT_live_connect(_OfDevice):
+    """Connect a device, and let it play what is felt"""
+
+    bl_idname = "hfx.live_connect"
+    bl_label = "Connect"
+
+    kind: EnumProperty(name="Connect To", items=KINDS)
+    port: StringProperty(
+        name="Port", description="Serial port or network port; empty: found or as configured"
+    )
+    host: StringProperty(name="Host", description="Of this machine or network; empty: configured")
+    path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
+    offset_ms: FloatProperty(
+        name="Offset (ms)",
+        description="Held back for so long, to meet sound and picture",
+        default=0.0,
+        min=0.0,
+        max=live_settings.MAX_OFFSET_MS,
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        for field in ("kind", "port", "host", "path", "offset_ms"):
+            setattr(self, field, getattr(known, field))
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "kind")
+        if self.kind == "DEVICE":
+            layout.prop(self, "port")
+            layout.prop(self, "host")
+        else:
+            layout.prop(self, "path")
+        layout.prop(self, "offset_ms")
+
+    def work(self, _context: bpy.types.Context) -> str:
+        settings = live_settings.LiveSettings(
+            self.kind, self.port, self.host, self.path, self.offset_ms
+        )
+        live.connect(self.name, settings)
+        live_settings.store(self.name, settings)
+        return ""
+
+
+class HFX_OT_live_disconnect(_OfDevice):
+    """Silence a device and give its port back"""
+
+    bl_idname = "hfx.live_disconnect"
+    bl_label = "Disconnect"
+
+    def work(self, _context: bpy.types.Context) -> str:
+        live.disconnect(self.name)
+        return f"{self.name} disconnected"
+
+
+class HFX_OT_live_play(_LiveOperator):
+    """Let connected devices play again after a stop, from silence"""
+
+    bl_idname = "hfx.live_play"
+    bl_label = "Play"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        return cls.needs(live.states, "Connect a device first")
+
+    def work(self, _context: bpy.types.Context) -> str:
+        live.arm()
+        return ""
+
+
+class HFX_OT_live_stop_all(bpy.types.Operator):
+    """Silence every device at once (Ctrl Shift Backspace, or Pause)"""
+
+    bl_idname = "hfx.live_stop_all"
+    bl_label = "Stop All"
+    bl_options = {"REGISTER"}
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        # Nothing is asked and nothing checked first; it works in every mode.
+        live.stop_all()
+        return {"FINISHED"}
+
+
+class HFX_OT_live_pulse(_OfDevice):
+    """Let one actuator be felt for a moment, softly"""
+
+    bl_idname = "hfx.live_pulse"
+    bl_label = "Test Pulse"
+
+    actuator: IntProperty(options={"HIDDEN", "SKIP_SAVE"}, min=0)
+
+    def work(self, _context: bpy.types.Context) -> str:
+        state = live.state(self.name)
+        if state is None or not state.is_armed:
+            raise InputError(f"Device '{self.name}' does not play; connect it and press Play.")
+        live.pulse(self.name, self.actuator)
+        return ""
+
+
+class HFX_OT_live_approve(_OfDevice):
+    """Allow the script that a device brings, as it is now"""
+
+    bl_idname = "hfx.live_approve"
+    bl_label = "Approve Device Script"
+
+    fingerprint: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    script: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        try:
+            found = self._found()
+        except HfxError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.fingerprint, self.script = found.fingerprint, str(found.path)
+        return context.window_manager.invoke_props_dialog(self, width=520)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        column = self.layout.column()
+        column.label(text=self.script, icon="FILE_SCRIPT")
+        column.label(text="It will run with all of your rights: files, network, everything.")
+        column.label(text="Read it first. Whenever a byte of it changes, you are asked again.")
+
+    def _found(self) -> DeviceScript:
+        from ..devices.live import approval
+
+        found = approval.script_of(self.name, resources.user_devices())
+        if found is None:
+            raise InputError(f"Device '{self.name}' brings no script.")
+        return found
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ..devices.live import approval
+
+        found = self._found()
+        if self.fingerprint and found.fingerprint != self.fingerprint:
+            raise InputError(f"{found.path}: has changed just now; look at it again.")
+        approval.approve(found)
+        live.unapproved.discard(self.name)
+        return f"{found.path.name} approved"
+
+
+_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (
+        HFX_OT_live_add,
+        HFX_OT_live_remove,
+        HFX_OT_live_connect,
+        HFX_OT_live_disconnect,
+        HFX_OT_live_play,
+        HFX_OT_live_stop_all,
+        HFX_OT_live_pulse,
+        HFX_OT_live_approve,
+    )
+)
+
+_KEYS = (("BACK_SPACE", {"ctrl": True, "shift": True}), ("PAUSE", {}))
+_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+
+
+def register() -> None:
+    _classes()
+    keyconfig = bpy.context.window_manager.keyconfigs.addon
+    if keyconfig is None:  # in the background there are no keys
+        return
+    keymap = keyconfig.keymaps.new(name="Window", space_type="EMPTY")
+    for key, modifiers in _KEYS:
+        item = keymap.keymap_items.new("hfx.live_stop_all", key, "PRESS", **modifiers)
+        _keys.append((keymap, item))
+
+
+def unregister() -> None:
+    for keymap, item in _keys:
+        keymap.keymap_items.remove(item)
+    _keys.clear()
+    _unregister_classes()

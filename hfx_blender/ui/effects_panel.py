@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All effects of the scene in one list, and the clips of the active one."""
+
+from __future__ import annotations
+
+import bpy
+
+from .. import clips, effects
+from ..operators.shared import active_armature, active_effect
+from .sidebar import HfxPanel
+
+ICONS = {
+    "vibration": "FORCE_HARMONIC",
+    "pressure": "FULLSCREEN_EXIT",
+    "temperature": "LIGHT_SUN",
+    "wind": "FORCE_WIND",
+}
+
+
+class HFX_PT_effects(HfxPanel, bpy.types.Panel):
+    """Every effect: select, mute, solo; and whether the viewport shows what is felt"""
+
+    bl_label = "Haptic Effects"
+    bl_order = 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.prop(context.window_manager, "hfx_preview", icon="HIDE_OFF", toggle=True)
+        row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
+        found = effects.effects_of(context.scene)
+        column = layout.column(align=True)
+        for effect in found:
+            self._draw_row(column.row(align=True), effect, effect == context.object)
+        if not found:
+            layout.label(text="Add a body and effects:")
+        layout.menu("HFX_MT_add", icon="ADD")
+        if not effects.bodies_of(context.scene) and active_armature(context) is None:
+            # With an armature active the panel of the body offers it.
+            layout.operator("hfx.mark_body", icon="ARMATURE_DATA")
+        if found:
+            row = layout.row(align=True)
+            for name, label in (
+                ("hfx.scale_strength", "Gain"),
+                ("hfx.scale_frequency", "Frequency"),
+                ("hfx.modulate", "Modulation"),
+            ):
+                row.operator(name, text=label)
+
+    @staticmethod
+    def _draw_row(row: bpy.types.UILayout, effect: bpy.types.Object, is_active: bool) -> None:
+        hfx = effect.hfx
+        select = row.operator(
+            "hfx.select_effect", text=effect.name, icon=ICONS[hfx.modality], depress=is_active
+        )
+        select.name = effect.name
+        row.prop(hfx, "is_solo", text="", icon="SOLO_ON" if hfx.is_solo else "SOLO_OFF")
+        row.prop(hfx, "is_muted", text="", icon="MUTE_IPO_ON" if hfx.is_muted else "MUTE_IPO_OFF")
+
+
+class HFX_PT_clips(HfxPanel, bpy.types.Panel):
+    """When the active effect is on"""
+
+    bl_label = "Clips"
+    bl_order = 3
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_effect(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.operator("hfx.add_clip", icon="NLA")
+        row.operator("hfx.add_heartbeat", icon="HEART")
+        found = clips.strips_of(context.object)
+        for _, strip in found:
+            self._draw_clip(layout.box(), strip)
+        if not found:
+            layout.label(text="No clips: on for the whole timeline", icon="INFO")
+        else:
+            layout.operator("hfx.copy_clips", icon="COPYDOWN")
+
+    @staticmethod
+    def _draw_clip(box: bpy.types.UILayout, strip: bpy.types.NlaStrip) -> None:
+        row = box.row(align=True)
+        row.prop(strip, "name", text="")
+        row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
+        row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
+        row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
+        row = box.row(align=True)
+        row.prop(strip, "frame_start_ui", text="Start")
+        row.prop(strip, "frame_end_ui", text="End")
+        column = box.column(align=True)
+        if strip.use_animated_influence:
+            column.label(text="Fades are drawn as a curve", icon="FCURVE")
+        else:
+            column.prop(strip, "blend_in", text="Fade In (frames)")
+            column.prop(strip, "blend_out", text="Fade Out (frames)")
+        column.prop(strip, "repeat", text="Repeat")
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_PT_effects, HFX_PT_clips))

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Painting: the tools for the area of an effect, and the way out of painting."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..operators.shared import painted_effect
+from ..painting import PAINTED_EFFECT, painted_mesh
+from .sidebar import HfxPanel
+
+
+class HFX_PT_area(HfxPanel, bpy.types.Panel):
+    """The area of the active painted effect"""
+
+    bl_label = "Painted Area"
+    bl_order = 2
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return painted_effect(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        effect = painted_effect(context)
+        canvas = painted_mesh(effect)
+        row = layout.row()
+        row.scale_y = 1.3
+        if canvas is None:
+            row.operator("hfx.paint_begin", icon="BRUSH_DATA")
+        else:
+            row.operator("hfx.paint_end", icon="CHECKMARK")
+            layout.prop(canvas.data, "use_mirror_x", text="Paint Both Sides", icon="MOD_MIRROR")
+        layout.operator_menu_enum("hfx.fill_part", "part", icon="MOD_ARMATURE")
+        row = layout.row(align=True)
+        for action, label in (("grow", "Grow"), ("shrink", "Shrink"), ("smooth", "Smooth")):
+            row.operator("hfx.area_filter", text=label).action = action
+        row = layout.row(align=True)
+        for action, label in (("invert", "Invert"), ("clear", "Clear")):
+            row.operator("hfx.area_filter", text=label).action = action
+        layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
+        column = layout.column(align=True)
+        column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")
+        column.operator("hfx.area_from_image", icon="IMAGE_DATA")
+        column = layout.column(align=True)
+        column.operator("hfx.area_copy", icon="COPYDOWN")
+        column.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
+
+
+def _header(self: bpy.types.Header, context: bpy.types.Context) -> None:
+    """Always in sight while painting, whatever tab the sidebar shows."""
+    if context.object is not None and context.object.get(PAINTED_EFFECT):
+        self.layout.operator("hfx.paint_end", icon="CHECKMARK")
+
+
+_register, _unregister = bpy.utils.register_classes_factory((HFX_PT_area,))
+
+
+def register() -> None:
+    _register()
+    bpy.types.VIEW3D_HT_header.append(_header)
+
+
+def unregister() -> None:
+    bpy.types.VIEW3D_HT_header.remove(_header)
+    _unregister()

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the panels of the sidebar's HFX tab share."""
+
+from __future__ import annotations
+
+import textwrap
+
+import bpy
+
+
+class HfxPanel:
+    """Base of the panels: where they stand."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "HFX"
+
+
+def draw_text(
+    context: bpy.types.Context, layout: bpy.types.UILayout, text: str, icon: str = "NONE"
+) -> None:
+    """A sentence over as many lines as the sidebar's width makes necessary."""
+    # Without a window there is neither a region nor a scale.
+    width = 0 if context.region is None else context.region.width
+    letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8
+    column = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, max(letters, 20))):
+        column.label(text=line, icon="BLANK1" if number else icon)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clips as a creator handles them: remove, copy, fades as curves; muting and solo."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import pytest
+
+from hfx_blender import activation, clips, effects, scene_description
+from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.live_scene import LiveScene
+
+
+@pytest.fixture
+def effect(scene: Any) -> Any:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure", name="Touch")
+    bpy.ops.hfx.fill_part(part="hand_palm")
+    return bpy.context.object
+
+
+def level(effect: Any, frame: float) -> float:
+    bpy.context.scene.frame_set(int(frame), subframe=frame % 1.0)
+    return effect.evaluated_get(bpy.context.evaluated_depsgraph_get()).hfx.activation
+
+
+def second(name: str = "Other") -> Any:
+    bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE", name=name)
+    return bpy.context.object
+
+
+def felt(names_only: bool = True) -> set[str]:
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    layer.update()
+    live = LiveScene(scene, layer, PAPER)
+    names = {e.id: e.name for e in live.description.effects}
+    return {names[run.stream.effect_id] for run in live.runs()}
+
+
+def test_removing_the_last_clip_leaves_the_effect_always_on(effect: Any) -> None:
+    clips.add_clip(effect, 1, 5, name="A")
+    clips.add_clip(effect, 10, 15, name="B")
+    bpy.ops.hfx.remove_clip(name="A")
+    assert [strip.name for _, strip in clips.strips_of(effect)] == ["B"]
+    with pytest.raises(RuntimeError, match="no clip 'A'; it has: 'B'"):
+        bpy.ops.hfx.remove_clip(name="A")
+    bpy.ops.hfx.remove_clip(name="B")
+    assert activation.activation_of(effect).source is activation.Source.ALWAYS_ON
+
+
+def test_copied_clips_play_alike_and_are_independent(effect: Any) -> None:
+    clips.add_clip(effect, 10, 30, fade_in=4, fade_out=10)
+    clips.add_heartbeat(effect, 50, 98, beats_per_second=2.0)
+    other = second()
+    other.select_set(True)
+    effect.select_set(True)
+    bpy.context.view_layer.objects.active = effect
+    bpy.ops.hfx.copy_clips()
+    for frame in (5, 12, 20, 25, 29, 40, 51, 52.5, 60, 70):
+        assert level(other, frame) == pytest.approx(level(effect, frame), abs=1e-5)
+    clips.remove_clip(other, "Heartbeat")
+    assert len(clips.strips_of(effect)) == 2
+
+
+def test_fades_become_a_curve_with_the_same_ends_and_can_be_bent(effect: Any) -> None:
+    strip = clips.add_clip(effect, 10, 50, fade_in=10, fade_out=20, name="Clip")
+    bpy.ops.hfx.draw_fades(name="Clip")
+    assert level(effect, 10) == pytest.approx(0.0, abs=1e-6)
+    assert level(effect, 25) == pytest.approx(1.0)
+    assert 0.05 < level(effect, 40) < 0.95
+    curve = strip.fcurves.find("influence")
+    curve.keyframe_points.insert(40, 0.25)
+    assert level(effect, 40) == pytest.approx(0.25, abs=1e-4)
+    assert level(effect, 60) == 0.0
+
+
+def test_a_muted_effect_is_not_felt_and_the_export_says_so(effect: Any) -> None:
+    other = second()
+    other.location.z = 1.2
+    assert felt() == {"Touch", "Other"}
+    effect.hfx.is_muted = True
+    assert felt() == {"Other"}
+    found = scene_description.find(bpy.context.scene, bpy.context.view_layer)
+    assert any("'Touch' is muted" in warning for warning in found.warnings)
+
+
+def test_solo_silences_all_others(effect: Any) -> None:
+    second().location.z = 1.2
+    effect.hfx.is_solo = True
+    assert felt() == {"Touch"}
+    effect.hfx.is_muted = True
+    assert felt() == set()
+
+
+def test_selecting_an_effect_by_its_row(effect: Any) -> None:
+    second()
+    bpy.ops.hfx.select_effect(name="Touch")
+    assert bpy.context.object == effect
+    assert [o.name for o in bpy.context.selected_objects] == ["Touch"]
+    with pytest.raises(RuntimeError, match="no effect 'Nothing'"):
+        bpy.ops.hfx.select_effect(name="Nothing")
+    assert effects.effects_of(bpy.context.scene)

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Connected devices follow the open scene, and everything that ends it silences them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+import hfx_blender
+from hfx_blender import clips, live_settings, resources, stepping
+from hfx_blender import live as live_module
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.rendering.moment import MomentRenderer
+from hfx_blender.engine.track import SUFFIX, TrackReader
+from hfx_blender.errors import DeviceError
+from hfx_blender.export import ExportSettings, export_scene, render_devices, scene_tolerance
+from hfx_blender.live import live
+from hfx_blender.live_scene import LiveScene
+
+pytestmark = pytest.mark.usefixtures("real_time")
+
+PAD = "back_pad"
+PATIENCE_S = 15.0
+
+
+@pytest.fixture
+def log(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A vibrating back in the scene, and the file of a simulated pad that is connected."""
+    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data")
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="vibration", name="Rumble")
+    bpy.ops.hfx.fill_part(part="torso", side="both")
+    bpy.context.object.hfx.amplitude = 5.0
+    clips.add_clip(bpy.context.object, 10, 20)
+    bpy.ops.hfx.live_add(name=PAD)
+    path = tmp_path / "pad.jsonl"
+    bpy.ops.hfx.live_connect(name=PAD, kind="SIMULATOR", path=str(path))
+    yield path
+    live.close()
+
+
+def rows(log: Path) -> list[dict[str, Any]]:
+    lines = log.read_text().split("\n")[:-1] if log.exists() else []
+    return [json.loads(line) for line in lines]
+
+
+def is_loud(log: Path) -> bool:
+    found = rows(log)
+    return bool(found) and "values" in found[-1] and found[-1]["values"][0] > 0.0
+
+
+def until(happened: Callable[[], object]) -> None:
+    """What Blender's main loop does: timers are called."""
+    end = time.monotonic() + PATIENCE_S
+    while not happened():
+        assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
+        live_module._beat()
+        if any("did not answer" in each.text for each in live.states.values()):
+            live.arm()  # on a machine that is busy a heartbeat may come late
+        if bpy.app.timers.is_registered(live_module._describe):
+            bpy.app.timers.unregister(live_module._describe)
+            live_module._describe()
+        time.sleep(0.005)
+
+
+def go(frame: int) -> None:
+    bpy.context.scene.frame_set(frame)
+
+
+def play(log: Path) -> None:
+    pressed = time.monotonic()
+
+    def plays() -> bool:
+        """Where Blender was too slow while a device was opened, the user presses Play."""
+        nonlocal pressed
+        if not live.is_armed and time.monotonic() - pressed > 0.5:
+            pressed = time.monotonic()
+            live.arm()
+        return live.is_armed
+
+    until(plays)
+    live_module._describe()
+    go(15)
+    until(lambda: is_loud(log))
+
+
+def test_a_device_follows_the_frame(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    go(15)
+    until(lambda: is_loud(log))
+
+
+def test_a_device_is_sent_what_an_export_renders(log: Path, tmp_path: Path) -> None:
+    play(log)
+    until(lambda: rows(log)[-1]["values"][0] == 5.0)
+    found = LiveScene(bpy.context.scene, bpy.context.view_layer, scene_tolerance(bpy.context.scene))
+    device = load_device(PAD)
+    now = MomentRenderer(found.description, device).values(found.runs())
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 24
+    export_scene(bpy.context.scene, tmp_path, "x", ExportSettings(full_precision=True))
+    with TrackReader(tmp_path / f"x{SUFFIX}") as track:
+        ((_, exported),) = render_devices(track, [device])
+    at = int(np.argmin(np.abs(exported.times_s - 14 / 24)))
+    assert now.any()
+    assert now.tolist() == exported.values[at].tolist()
+
+
+def test_a_blend_cannot_name_a_file(log: Path, tmp_path: Path) -> None:
+    bpy.context.scene.hfx.devices.add().name = str(tmp_path / "evil.json")
+    with pytest.raises(RuntimeError, match="never chooses files"):
+        bpy.ops.hfx.live_connect(name=str(tmp_path / "evil.json"))
+
+
+def test_dragging_is_felt_at_once(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    bpy.ops.hfx.add_volume(
+        modality="vibration", shape="SPHERE", name="Ball", radius=0.3, location=(5, 0, 1.2)
+    )
+    ball = bpy.context.object
+    bpy.context.view_layer.update()
+    until(lambda: not bpy.app.timers.is_registered(live_module._describe))
+    ball.location.x = 0.0
+    bpy.context.view_layer.update()
+    until(lambda: is_loud(log))
+
+
+def test_mute_and_gain_are_of_the_device(log: Path) -> None:
+    play(log)
+    item = bpy.context.scene.hfx.devices[PAD]
+    item.gain = 0.5
+    go(16)
+    until(lambda: rows(log)[-1]["values"][0] == 2.5)
+    item.is_muted = True
+    go(15)
+    until(lambda: not is_loud(log))
+
+
+def test_what_stands_still_is_silent_after_a_while(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play(log)
+    monkeypatch.setattr(live_module, "HOLD_S", 0.0)
+    until(lambda: not is_loud(log))
+    assert live.is_armed
+    monkeypatch.setattr(live_module, "HOLD_S", 60.0)
+    go(16)
+    until(lambda: is_loud(log))
+
+
+STOPS = {
+    "the button": lambda: bpy.ops.hfx.live_stop_all(),
+    "another file": lambda: bpy.ops.wm.read_homefile(use_empty=True),
+    "an undo": lambda: live_module._on_undo(),  # nothing can be undone without a window
+    "a fault here": lambda: live.stop_all("fault"),
+}
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_after_a_stop_only_play_plays(log: Path, name: str) -> None:
+    play(log)
+    STOPS[name]()
+    until(lambda: "stop" in rows(log)[-1] and not live.is_armed)
+    count = len(rows(log))
+    go(16)
+    for _ in range(10):
+        live_module._beat()
+        time.sleep(0.01)
+    assert len(rows(log)) == count
+    bpy.ops.hfx.live_play()
+    until(lambda: live.is_armed)
+
+
+def test_undo_and_load_are_listened_to_only_while_a_device_is_connected(log: Path) -> None:
+    names = ("undo_pre", "redo_pre", "load_pre", "frame_change_post", "depsgraph_update_post")
+
+    def ours() -> list[bool]:
+        return [
+            any(each.__module__ == live_module.__name__ for each in getattr(bpy.app.handlers, n))
+            for n in names
+        ]
+
+    assert ours() == [True] * 5
+    bpy.ops.hfx.live_disconnect(name=PAD)
+    assert ours() == [False] * 5
+    assert not bpy.app.timers.is_registered(live_module._beat)
+
+
+def test_disabling_the_add_on_is_silence(log: Path) -> None:
+    play(log)
+    hfx_blender.unregister()
+    try:
+        assert "stop" in rows(log)[-1]
+        assert not live.states
+    finally:
+        hfx_blender.register()
+
+
+def test_an_error_of_ours_stops_and_is_told(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play(log)
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr(live_module.Live, "update", broken)
+    go(16)
+    until(lambda: "stop" in rows(log)[-1])
+    assert "ZeroDivisionError" in live.fault
+
+
+def test_an_export_is_not_played(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    count = len(rows(log))
+    with stepping.own_scene(bpy.context.scene, bpy.context.view_layer):
+        go(15)
+        live_module._beat()
+        time.sleep(0.05)
+        live_module._beat()
+    time.sleep(0.05)
+    assert not any(row["values"][0] for row in rows(log)[count:] if "values" in row)
+
+
+def test_a_test_pulse_is_felt_at_its_actuator(log: Path) -> None:
+    until(lambda: live.is_armed)
+    bpy.ops.hfx.live_pulse(name=PAD, actuator=3)
+    until(lambda: any(row.get("values", [0] * 99)[6] > 0.5 for row in rows(log)))
+
+
+def test_how_a_device_is_connected_is_remembered_outside_the_file(log: Path) -> None:
+    settings = live_settings.LiveSettings("CSV", path="/somewhere", offset_ms=35.0)
+    live_settings.store(PAD, settings)
+    assert live_settings.load()[PAD] == settings
+    resources.live_settings().write_text('{"back_pad": {"kind": 3, "offset_ms": NaN}, "x": []}')
+    assert live_settings.load() == {PAD: live_settings.LiveSettings()}
+
+
+def test_a_device_that_nothing_drives_says_so(log: Path) -> None:
+    device = load_device("pressure_vest")
+    if device.output is None:
+        with pytest.raises(DeviceError, match="nothing drives it live"):
+            live_module.target_of(device, live_settings.LiveSettings("DEVICE"))
+
+
+def test_a_script_is_asked_about_before_it_runs(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "devices"
+    folder.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(folder))
+    text = (resources.device_configs() / f"{PAD}.json").read_text()
+    (folder / "mine.json").write_text(text.replace(f'"id": "{PAD}"', '"id": "mine"'))
+    mark = tmp_path / "was_run"
+    (folder / "mine.py").write_text(
+        f"open({str(mark)!r}, 'w')\ndef render(haptics):\n    return haptics.values\n"
+    )
+    path = tmp_path / "mine.jsonl"
+    bpy.ops.hfx.live_add(name="mine")
+    with pytest.raises(RuntimeError, match="approve it first"):
+        bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
+    assert "mine" in live.unapproved and not mark.exists()
+    bpy.ops.hfx.live_approve(name="mine")
+    bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
+    until(lambda: live.states["mine"].is_armed)
+    live_module._describe()
+
+    def is_played() -> bool:
+        go(15)
+        return is_loud(path)
+
+    until(is_played)
+    assert mark.exists()
+
+
+def test_quitting_is_silence(tmp_path: Path) -> None:
+    path = tmp_path / "pad.jsonl"
+    source = (
+        "import sys, time, bpy\n"
+        "from hfx_blender import blender_session, live_settings\n"
+        "blender_session.start()\n"
+        "from hfx_blender.live import live, _beat, _neutral\n"
+        "live.connect('back_pad', live_settings.LiveSettings(path=sys.argv[1]))\n"
+        "values = _neutral(live.device('back_pad')); values[0] = 5.0\n"
+        "for _ in range(3000):\n"
+        "    _beat(); live._client.send('back_pad', values); time.sleep(0.01)\n"
+        "    if '5.0' in open(sys.argv[1]).read() if live.is_armed else False: break\n"
+        "sys.exit()\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", source, str(path)],
+        env={**os.environ, "XDG_DATA_HOME": str(tmp_path)},
+    )
+    end = time.monotonic() + 60.0
+    try:
+        while not (rows(path) and "stop" in rows(path)[-1] and '"values"' in path.read_text()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+    finally:
+        process.kill()  # bpy may hang at its end
+        process.wait()
+    assert any(row.get("values", [0.0])[0] == 5.0 for row in rows(path))

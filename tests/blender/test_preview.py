@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The colours that the viewport shows: those of the engine's own samples, at this moment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from hfx_blender import clips, effects
+from hfx_blender.engine.body.model import load_avatar
+from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+from hfx_blender.engine.colouring import COLOURS, PALETTES
+from hfx_blender.preview_layers import Layer, Preview
+
+PALM = PARTS.index("hand_palm")
+
+
+@pytest.fixture
+def shown(scene: Any) -> Preview:
+    bpy.ops.hfx.add_avatar()
+    return Preview()
+
+
+def now(preview: Preview, palette: str = "PAPER") -> list[Layer]:
+    bpy.context.view_layer.update()
+    preview.touch()
+    preview.describe(bpy.context)
+    return preview.layers(palette)
+
+
+def coloured(layers: list[Layer]) -> np.ndarray:
+    (layer,) = layers
+    return np.flatnonzero(layer.colours[:, 3] > 0.0)
+
+
+def touch_palm(modality: str = "pressure") -> Any:
+    bpy.ops.hfx.add_painted(modality=modality, name="Touch")
+    bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+    return bpy.context.object
+
+
+def test_nothing_is_laid_over_an_avatar_that_feels_nothing(shown: Preview) -> None:
+    assert now(shown) == []
+    assert "no haptic effects" in shown.fault
+
+
+def test_a_painted_palm_is_coloured_and_nothing_far_from_it(shown: Preview) -> None:
+    effect = touch_palm()
+    effect.hfx.pressure = 6.0  # full colour
+    avatar = load_avatar()
+    (layer,) = now(shown)
+    palm = (avatar.part == PALM) & (avatar.side == LEFT)
+    # Well inside the palm every neighbour is painted.
+    middle = avatar.vertices[palm].mean(axis=0)
+    inner = palm & (np.linalg.norm(avatar.vertices - middle, axis=1) < 0.02)
+    assert inner.sum() > 5
+    assert layer.colours[inner] == pytest.approx(
+        np.tile([*COLOURS["pressure"], 1.0], (inner.sum(), 1)), abs=1e-5
+    )
+    assert not layer.colours[avatar.side == RIGHT].any()
+    assert len(layer.triangles) < 0.1 * len(avatar.faces) * 2, "only what shows is drawn"
+
+
+def test_colours_are_drawn_just_over_the_posed_skin(shown: Preview) -> None:
+    effect = touch_palm()
+    effect.hfx.body.location.x = 3.0
+    (layer,) = now(shown)
+    mesh = effect.hfx.body.hfx.avatar.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    skin = np.array([mesh.matrix_world @ v.co for v in mesh.data.vertices])
+    height = np.linalg.norm(layer.positions - skin, axis=1)
+    assert height == pytest.approx(0.0015, abs=1e-4)
+
+
+def test_dragging_a_volume_into_the_body_colours_it_at_once(shown: Preview) -> None:
+    bpy.ops.hfx.add_volume(
+        modality="vibration", shape="SPHERE", name="Ball", radius=0.2, location=(3, 0, 1.2)
+    )
+    ball = bpy.context.object
+    ball.hfx.amplitude = 8.0
+    assert now(shown) == []
+    ball.location.x = 0.0
+    (layer,) = now(shown)
+    torso = load_avatar().part == PARTS.index("torso")
+    assert layer.colours[torso, 3].max() == pytest.approx(1.0)
+    reach = np.linalg.norm(layer.positions[layer.colours[:, 3] > 0] - [0, 0, 1.2], axis=1)
+    assert reach.max() < 0.2 + 0.06  # up to one spacing of the vibration model beyond
+
+
+def test_clips_decide_when_it_shows(shown: Preview) -> None:
+    effect = touch_palm()
+    clips.add_clip(effect, 10, 20)
+    bpy.context.scene.frame_set(5)
+    assert now(shown) == []
+    bpy.context.scene.frame_set(15)
+    assert len(now(shown)) == 1
+
+
+def test_an_effect_that_is_painted_nowhere_does_not_hide_the_others(shown: Preview) -> None:
+    touch_palm()
+    bpy.ops.hfx.add_painted(modality="vibration", name="Empty")
+    assert len(now(shown)) == 1
+
+
+def test_palettes_change_colours_only(shown: Preview) -> None:
+    effect = touch_palm("temperature")
+    effect.hfx.temperature = 18.0
+    red, safe = now(shown), now(shown, "COLOUR_BLIND")
+    assert np.array_equal(coloured(red), coloured(safe))
+    strongest = safe[0].colours[:, 3].argmax()
+    assert safe[0].colours[strongest, :3] == pytest.approx(
+        PALETTES["COLOUR_BLIND"]["cold"], abs=1e-5
+    )
+
+
+def test_a_hidden_avatar_is_not_coloured(shown: Preview) -> None:
+    effect = touch_palm()
+    effect.hfx.body.hfx.avatar.hide_set(True)
+    assert now(shown) == []
+
+
+def test_repainting_is_noticed(shown: Preview) -> None:
+    effect = touch_palm()
+    before = coloured(now(shown))
+    effects.set_area(effect, [0], [1.0])
+    after = coloured(now(shown))
+    assert len(after) < len(before)
+
+
+def test_nothing_is_stored_in_the_users_meshes(shown: Preview) -> None:
+    effect = touch_palm()
+    mesh = effect.hfx.body.hfx.avatar.data
+    before = [attribute.name for attribute in mesh.attributes]
+    now(shown)
+    assert [attribute.name for attribute in mesh.attributes] == before
