@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from . import avatar_meshes
 from .engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
-from .engine.body.retargeting import retarget, skin_parts
+from .engine.body.retargeting import skin_parts
 from .engine.body.retargeting import target as retarget_target
 from .engine.body.retargeting.quality import (
     AREA_RATIOS,
@@ -82,6 +82,9 @@ def fit_body(
     InputError
         The avatar cannot be fitted to.
     """
+    # Fitting is half of what this module would load, and Blender's start must not wait for it.
+    from .engine.body.retargeting import retarget
+
     targets = avatar_meshes.read_meshes(armature, meshes)
     name = meshes[0].name
     if len(meshes) > 1:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,13 +121,7 @@ def read(path: Path) -> Node:
     if _depth(text) > MAX_DEPTH:
         raise InputError(f"{path}: is nested deeper than {MAX_DEPTH}, the most that is allowed.")
     try:
-        value = json.loads(
-            text,
-            object_pairs_hook=_object,
-            parse_float=_finite,
-            parse_int=_whole,
-            parse_constant=_finite,
-        )
+        value = json.loads(text, **STRICT)
     except ValueError as error:
         raise InputError(f"{path}: is not valid JSON ({error}).") from None
     return Node(value, str(path))
@@ -147,8 +142,8 @@ def _depth(text: str) -> int:
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
+        counts = Counter(key for key, _ in pairs)
+        twice = next(key for key, _ in pairs if counts[key] > 1)
         raise ValueError(f"the key '{twice[:_SHOWN]}' is there twice in one object")
     return found
 
@@ -164,3 +159,12 @@ def _whole(text: str) -> int:
     if len(text) > 20:
         raise ValueError(f"the number {text[:20]}... is too long")
     return int(text)
+
+
+STRICT: Final[dict[str, Any]] = {
+    "object_pairs_hook": _object,
+    "parse_float": _finite,
+    "parse_int": _whole,
+    "parse_constant": _finite,
+}
+"""Arguments of ``json.loads``: no key twice, no number that is endless, too long or none."""

@@ -10,12 +10,12 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from ..devices.strict_json import STRICT
 from ..errors import InputError
 
 MAX_BYTES: Final = 64 << 20
@@ -239,13 +239,7 @@ def parse(content: bytes, name: str) -> Any:
         raise InputError(f"{name}: is larger than {MAX_BYTES >> 20} MiB, the most that is read.")
     try:
         text = content.decode("utf-8-sig")
-        value = json.loads(
-            text,
-            object_pairs_hook=_object,
-            parse_float=_finite,
-            parse_int=_whole,
-            parse_constant=_finite,
-        )
+        value = json.loads(text, **STRICT)
         if _HALF_PAIR.search(text):
             encoded(value)
         return value
@@ -279,6 +273,18 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     return content
 
 
+def decoding_findings(
+    format_name: str, decode: Callable[[bytes, str], object], content: bytes, name: str
+) -> list[Finding]:
+    """Faults of a file of which decoding tells all that there is to tell."""
+    report = Report(format_name)
+    try:
+        decode(content, name)
+    except InputError as error:
+        report.error("CONTENT", None, str(error).removeprefix(f"{name}: ").rstrip("."))
+    return report.findings
+
+
 def refuse_errors(findings: list[Finding], name: str) -> None:
     """Raise the first error among findings.
 
@@ -303,25 +309,3 @@ def encoded(document: Any) -> bytes:
 def clean(name: str) -> str:
     """A name as UTF-8 can hold it: Blender's may have broken characters."""
     return name.encode("utf-8", "replace").decode()
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        counts = Counter(key for key, _ in pairs)
-        twice = counts.most_common(1)[0][0]
-        raise ValueError(f"the key '{twice[:_SHOWN]}' is there twice in one object")
-    return found
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"the number {text[:_SHOWN]} is not finite")
-    return value
-
-
-def _whole(text: str) -> int:
-    if len(text) > 20:
-        raise ValueError(f"the number {text[:20]}... is too long")
-    return int(text)

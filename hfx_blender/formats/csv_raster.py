@@ -14,7 +14,7 @@ import numpy as np
 from ..atomic_files import atomic_file
 from ..engine.rendering.raster import Column, Raster
 from ..errors import InputError
-from .checking import MAX_BYTES, Finding, Report, read_bytes
+from .checking import MAX_BYTES, Finding, decoding_findings, read_bytes
 
 SUFFIX = ".csv"
 _BLOCK_ROWS = 4096
@@ -50,12 +50,7 @@ def write(raster: Raster, path: Path) -> None:
 
 def validate(content: bytes, name: str) -> list[Finding]:
     """Faults of a file."""
-    report = Report("CSV")
-    try:
-        decode(content, name)
-    except InputError as error:
-        report.error("CONTENT", None, str(error).removeprefix(f"{name}: ").rstrip("."))
-    return report.findings
+    return decoding_findings("CSV", decode, content, name)
 
 
 def read(path: Path) -> Raster:

@@ -31,6 +31,7 @@ from .checking import (
     Report,
     Text,
     check,
+    decoding_findings,
     parse,
     read_bytes,
     refuse_errors,
@@ -122,12 +123,7 @@ def write(raster: Raster, path: Path) -> None:
 
 def validate(content: bytes, name: str) -> list[Finding]:
     """Faults of a file."""
-    report = Report("NPZ")
-    try:
-        decode(content, name)
-    except InputError as error:
-        report.error("CONTENT", None, str(error).removeprefix(f"{name}: ").rstrip("."))
-    return report.findings
+    return decoding_findings("NPZ", decode, content, name)
 
 
 def read(path: Path) -> Raster:

@@ -7,26 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import bpy
-
-AVATAR_ROW, SPHERE_ROW = 0, 2  # of Add > Haptic
-
-
-def add_haptic(h: Any, row: int, entry: int | None = None, shot: str = "") -> Iterator[float]:
-    """Choose an entry of Add > Haptic as a person does."""
-    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
-    yield from h.key("shift+a")
-    yield 0.4
-    rows = yield from h.menu()
-    entries = yield from h.submenu(rows[-1])  # Haptic is the last
-    chosen = entries[row]
-    if entry is not None:
-        kinds = yield from h.submenu(chosen)
-        chosen = kinds[entry]
-        yield from h.move(*chosen)
-    if shot:
-        h.shot(shot)
-    yield from h.click(*chosen)
-    yield 0.8
+import hands
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -37,14 +18,16 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.sidebar("HFX")
     h.shot("1_empty_scene.png")
 
-    yield from add_haptic(h, AVATAR_ROW, shot="2_add_haptic.png")
+    yield from hands.add_haptic(h, hands.AVATAR_ROW, shot="2_add_haptic.png")
     h.check(bpy.context.object and bpy.context.object.hfx.role == "BODY", "an avatar is added")
     with h.context():
         bpy.ops.view3d.view_selected()
     yield 0.8
     h.shot("3_avatar.png")
 
-    yield from add_haptic(h, SPHERE_ROW, 0, shot="4_add_sphere.png")
+    yield from hands.add_haptic(
+        h, hands.VOLUME_ROW + hands.SHAPES.index("SPHERE"), 0, shot="4_add_sphere.png"
+    )
     effect = bpy.context.object.hfx
     h.check(effect.role == "EFFECT" and effect.shape == "SPHERE", "a sphere is added")
     h.shot("5_sphere.png")
