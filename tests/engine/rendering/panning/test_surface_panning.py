@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -122,3 +124,30 @@ def test_two_actuators_on_one_vertex_share_it(model):
     found = surface_gains(model, np.array([anchor, anchor]), "linear")
     at = np.searchsorted(found.vertices, anchor)
     assert found.gains[at] == pytest.approx([0.5, 0.5])
+
+
+def folded_sheet(model, angle: float):
+    """A sheet of skin on the torso, folded up along its middle; (21, 11) vertices 1 cm apart."""
+    u, v = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(0.0, 0.1, 11), indexing="ij")
+    u, v = u.ravel(), v.ravel()
+    c, s = np.cos(angle), np.sin(angle)
+    corner = np.arange(21 * 11).reshape(21, 11)
+    quads = (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:])
+    a, b, d, e = (each.ravel() for each in quads)
+    return replace(
+        model,
+        vertices=np.column_stack((u * c, v, np.abs(u) * s)).astype(np.float32),
+        triangles=np.concatenate([np.column_stack((a, b, d)), np.column_stack((a, d, e))]),
+        normals=np.column_stack((-np.sign(u) * s, 0 * u, c + 0 * u)).astype(np.float32),
+        part=np.full(len(u), PARTS.index("torso"), np.uint8),
+        side=np.full(len(u), SIDES.index("left"), np.uint8),
+    )
+
+
+def test_skin_that_sees_itself_across_a_fold_is_not_joined(model):
+    """Two places 6 cm from a fold: the way along the skin is only a third longer than the air."""
+    anchors = np.array([4 * 11 + 5, 16 * 11 + 5])
+    flat = surface_gains(folded_sheet(model, 0.0), anchors, "linear")
+    assert {0, 1} in [set(simplex) for simplex in flat.simplices.tolist()]
+    folded = surface_gains(folded_sheet(model, np.radians(40.0)), anchors, "linear")
+    assert {0, 1} not in [set(simplex) for simplex in folded.simplices.tolist()]
