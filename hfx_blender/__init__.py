@@ -14,7 +14,8 @@ __version__ = "0.1.0"
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import handlers, live, operators, preview, properties, ui
+    from . import handlers, operators, properties, ui
+    from .playback import live, preview
 
     return properties, operators, ui, handlers, preview, live
 

@@ -38,7 +38,7 @@ from .formats.curves import CurveTolerance
 from .formats.glb_scene import VolumeRecorder
 from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
-from .scene_reader import SceneReader
+from .reading.scene_reader import SceneReader
 
 FORMATS = registry.FORMATS
 
@@ -55,7 +55,7 @@ class ExportSettings:
     rate_hz: Fraction | None = None  # None: the scene's own
     tolerance: Tolerance | None = None  # None: the scene's own
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
-    record: tuple[str, ...] = ()  # engine.evaluate.ON_DEMAND
+    record: tuple[str, ...] = ()  # engine.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-from . import effects, painting
+from .authoring import effects, painting
 
 
 @persistent

@@ -71,13 +71,13 @@ TEMPERATURE_REFERENCES = (
 
 
 def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
-    from . import volumes
+    from .authoring import volumes
 
     volumes.refresh_display(self.id_data)
 
 
 def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
-    from . import bone_table
+    from .avatars import bone_table
 
     bone_table.refresh(self.id_data)
 
@@ -87,7 +87,7 @@ def _remark(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
 
 
 def _recolour(_self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    from . import preview
+    from .playback import preview
 
     preview.touch()
 

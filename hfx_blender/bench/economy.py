@@ -200,7 +200,7 @@ def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
     from .. import blender_session
 
     bpy = blender_session.start()
-    from ..scene_reader import SceneReader
+    from ..reading.scene_reader import SceneReader
     from . import scenes
 
     with tempfile.TemporaryDirectory() as folder:

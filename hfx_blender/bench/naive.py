@@ -15,11 +15,11 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from .. import model_mesh
+from ..avatars import model_mesh
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.tolerance import PAPER
-from ..scene_reader import SceneReader
+from ..reading.scene_reader import SceneReader
 
 F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]

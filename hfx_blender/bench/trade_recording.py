@@ -21,7 +21,7 @@ from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, SceneDescription
 from ..engine.tolerance import Tolerance
 from ..engine.track import TrackHeader
-from ..scene_reader import SceneReader
+from ..reading.scene_reader import SceneReader
 
 
 @dataclass(frozen=True, eq=False)

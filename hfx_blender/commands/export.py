@@ -106,7 +106,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 def _check(options: argparse.Namespace) -> None:
     """Refuse what no scene could be exported with, before any of them is opened."""
     from ..devices.configuration import load_device
-    from ..engine.evaluate import ON_DEMAND
+    from ..engine.on_demand import ON_DEMAND
     from ..export import FORMATS
 
     unknown = [name for name in options.formats or () if name not in FORMATS]

@@ -56,8 +56,8 @@ def _blend(path: Path) -> dict[str, Any]:
     blender_session.open_blend(path)
     import bpy
 
-    from ..activation import activation_of
-    from ..effects import area, bodies_of, effects_of
+    from ..authoring.effects import area, bodies_of, effects_of
+    from ..reading.activation import activation_of
 
     return {
         "file": str(path),

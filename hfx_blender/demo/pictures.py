@@ -18,7 +18,8 @@ import numpy as np
 from mathutils import Vector
 from mathutils.kdtree import KDTree
 
-from .. import blender_session, effects
+from .. import blender_session
+from ..authoring import effects
 from ..engine.body.model import load_avatar, load_model
 from ..engine.colouring import COLOURS, Spread, avatar_colours
 from ..engine.samples import Sample

@@ -7,7 +7,7 @@ from math import pi, radians
 
 import bpy
 
-from ..bodies import add_bystander
+from ..avatars.bodies import add_bystander
 from ..compat import new_fcurve, set_keys
 
 _Place = tuple[float, float]

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
-from .. import effects, painting, picture_areas
+from ..authoring import effects, painting, picture_areas
 from ..engine.body import areas
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.body.parts import SIDES

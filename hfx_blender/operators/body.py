@@ -6,7 +6,8 @@ from __future__ import annotations
 import bpy
 from bpy.props import CollectionProperty, EnumProperty, IntProperty
 
-from .. import avatar_meshes, bodies, effects, model_mesh, retargeting
+from ..authoring import effects
+from ..avatars import avatar_meshes, bodies, model_mesh, retargeting
 from ..engine.body import variants
 from ..engine.body.model import AVATAR_ID
 from ..engine.modality import MODALITIES

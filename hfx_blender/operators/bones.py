@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from .. import bodies, bone_table
+from ..avatars import bodies, bone_table
 from ..errors import InputError
 from .shared import HfxOperator, active_armature
 

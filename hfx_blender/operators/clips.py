@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import FloatProperty, StringProperty
 
-from .. import clips
+from ..authoring import clips
 from ..errors import InputError
 from .shared import HfxOperator, active_effect
 

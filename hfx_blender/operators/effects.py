@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
-from .. import effects
+from ..authoring import effects
 from ..errors import InputError
 from ..properties import MODALITY_ITEMS, SHAPES
 from .shared import HfxOperator, select_only

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from .. import effects
+from ..authoring import effects
 from ..errors import InputError
 from .shared import HfxOperator
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty
 
-from .. import effects, global_tools, rain
+from ..authoring import effects, global_tools, rain
 from ..errors import InputError
 from .shared import HfxOperator, active_body, select_only
 

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from .. import effects
+from ..authoring import effects
 from ..errors import InputError
 from .shared import HfxOperator, active_body
 
@@ -28,7 +28,7 @@ class HFX_OT_import_hjif(HfxOperator, ImportHelper):
         return cls.needs(effects.bodies_of(context.scene), "Add or mark a haptic body first")
 
     def work(self, context: bpy.types.Context) -> str:
-        from .. import hjif_import
+        from ..authoring import hjif_import
 
         bodies = effects.bodies_of(context.scene)
         active = active_body(context)

@@ -9,8 +9,8 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from .. import effect_exchange, effect_file, effects
-from ..effect_file import SUFFIX, Sensation
+from ..authoring import effect_exchange, effect_file, effects
+from ..authoring.effect_file import SUFFIX, Sensation
 from ..errors import InputError
 from .shared import HfxOperator, active_body, select_only
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from .. import live_settings, resources
+from .. import resources
 from ..errors import HfxError, InputError
-from ..live import live
+from ..playback import live_settings
+from ..playback.live import live
 from .shared import HfxOperator
 
 if TYPE_CHECKING:

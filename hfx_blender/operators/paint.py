@@ -8,7 +8,9 @@ import json
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from .. import avatar_meshes, compat, effects, painting
+from .. import compat
+from ..authoring import effects, painting
+from ..avatars import avatar_meshes
 from ..engine.body.parts import PARTS
 from ..errors import InputError
 from .shared import HfxOperator, painted_effect, select_only

@@ -8,7 +8,7 @@ from typing import ClassVar
 import bpy
 from bpy_extras import view3d_utils
 
-from .. import effects, painting
+from ..authoring import effects, painting
 from ..engine.body.model import load_model
 from ..engine.body.parts import CENTRE, PARTS, SIDES
 

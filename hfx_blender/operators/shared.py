@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..avatar_meshes import armature_of
+from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError
 
 

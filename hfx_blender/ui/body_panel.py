@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from .. import avatar_meshes, body_binding, retargeting
+from ..avatars import avatar_meshes, body_binding, retargeting
 from ..engine.body.retargeting.quality import PartQuality
 from ..errors import InputError
 from ..operators.shared import active_armature

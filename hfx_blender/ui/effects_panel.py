@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from .. import clips, effects
+from ..authoring import clips, effects
 from ..operators.shared import active_armature, active_effect
 from .sidebar import HfxPanel
 

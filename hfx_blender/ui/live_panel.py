@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..live import live
+from ..playback.live import live
 from .sidebar import HfxPanel, draw_text
 
 STATES = {

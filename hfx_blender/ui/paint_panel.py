@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import bpy
 
+from ..authoring.painting import PAINTED_EFFECT, painted_mesh
 from ..operators.shared import painted_effect
-from ..painting import PAINTED_EFFECT, painted_mesh
 from .sidebar import HfxPanel
 
 

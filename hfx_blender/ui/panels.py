@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..painting import PAINTED_EFFECT
+from ..authoring.painting import PAINTED_EFFECT
 from .sidebar import HfxPanel
 
 _PARAMETERS = {

@@ -21,7 +21,7 @@ from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.samples import Sample
 from hfx_blender.engine.tolerance import PAPER, Tolerance
-from hfx_blender.scene_reader import SceneReader
+from hfx_blender.reading.scene_reader import SceneReader
 
 BOUNDARY_M = 1e-5
 """Vertices nearer to a boundary than this may fall on either side."""

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Euler, Matrix
 
-from hfx_blender import bodies
+from hfx_blender.avatars import bodies
 
 MIXAMO = {
     "root": "Hips",

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender import activation, clips, compat, scene_reader
-from hfx_blender.activation import Source
+from hfx_blender import compat
+from hfx_blender.authoring import clips
+from hfx_blender.reading import activation, scene_reader
+from hfx_blender.reading.activation import Source
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

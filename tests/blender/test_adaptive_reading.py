@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from hfx_blender import compat
-from hfx_blender.adaptive_reading import AdaptivePoses, Span, grid_step
 from hfx_blender.engine.tolerance import EXACT, STANDARD, Tolerance
-from hfx_blender.scene_reader import SceneReader
-from hfx_blender.scene_rows import PoseRow
+from hfx_blender.reading.adaptive_reading import AdaptivePoses, Span, grid_step
+from hfx_blender.reading.scene_reader import SceneReader
+from hfx_blender.reading.scene_rows import PoseRow
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

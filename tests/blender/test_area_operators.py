@@ -10,9 +10,10 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender import activation, clips, effects, painting
+from hfx_blender.authoring import clips, effects, painting
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+from hfx_blender.reading import activation
 
 PALM = PARTS.index("hand_palm")
 

@@ -15,7 +15,8 @@ import hfx_scenes
 import pytest
 from hfx_scenes import names_in, process
 
-from hfx_blender import cli, clips
+from hfx_blender import cli
+from hfx_blender.authoring import clips
 
 NAN = float("nan")
 Change = Callable[[], object]

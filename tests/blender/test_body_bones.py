@@ -14,7 +14,8 @@ from hfx_blender.errors import InputError
 bpy = pytest.importorskip("bpy")
 from own_avatar import mark, opened, own_avatar  # noqa: E402
 
-from hfx_blender import bone_table, effects, retargeting  # noqa: E402
+from hfx_blender.authoring import effects  # noqa: E402
+from hfx_blender.avatars import bone_table, retargeting  # noqa: E402
 
 
 @pytest.fixture

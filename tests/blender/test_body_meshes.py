@@ -20,7 +20,7 @@ from mathutils import Matrix  # noqa: E402
 from mathutils.bvhtree import BVHTree  # noqa: E402
 from own_avatar import mark, opened  # noqa: E402
 
-from hfx_blender import avatar_meshes, bodies, body_binding, retargeting  # noqa: E402
+from hfx_blender.avatars import avatar_meshes, bodies, body_binding, retargeting  # noqa: E402
 
 MODEL_ID = "hfx-temperature-1"
 

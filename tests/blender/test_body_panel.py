@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Vector  # noqa: E402
 from own_avatar import opened  # noqa: E402
 
-from hfx_blender import bodies, model_mesh, retargeting  # noqa: E402
+from hfx_blender.avatars import bodies, model_mesh, retargeting  # noqa: E402
 from hfx_blender.engine.body.model import load_avatar, load_model  # noqa: E402
 from hfx_blender.engine.body.retargeting.quality import PartQuality, Quality  # noqa: E402
 from hfx_blender.properties import BONE_REGIONS  # noqa: E402

@@ -8,9 +8,10 @@ from typing import Any
 import bpy
 import pytest
 
-from hfx_blender import activation, clips, effects, scene_description
+from hfx_blender.authoring import clips, effects
 from hfx_blender.engine.tolerance import PAPER
-from hfx_blender.live_scene import LiveScene
+from hfx_blender.reading import activation, scene_description
+from hfx_blender.reading.live_scene import LiveScene
 
 
 @pytest.fixture

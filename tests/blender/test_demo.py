@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 from hfx_scenes import names_in, process
 
-from hfx_blender import cli, effects
+from hfx_blender import cli
+from hfx_blender.authoring import effects
 from hfx_blender.demo import pictures
 from hfx_blender.demo.garage import DEVICES, TASKS, Task
 from hfx_blender.engine.body.model import load_avatar

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender import blender_session, export, scene_reader
+from hfx_blender import blender_session, export
+from hfx_blender.reading import scene_reader
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

@@ -16,7 +16,7 @@ from hfx_blender.engine.body.rigs.rig import canonical_heads, canonical_parents
 bpy = pytest.importorskip("bpy")
 import rigify_avatar  # noqa: E402
 
-from hfx_blender import avatar_meshes, bodies, retargeting  # noqa: E402
+from hfx_blender.avatars import avatar_meshes, bodies, retargeting  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
 MAIN = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender import clips, effects, rain
+from hfx_blender.authoring import clips, effects, rain
 from hfx_blender.engine.body.model import load_model
 
 

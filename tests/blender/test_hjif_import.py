@@ -10,7 +10,7 @@ import bpy
 import pytest
 from hfx_scenes import small_scene
 
-from hfx_blender import effects
+from hfx_blender.authoring import effects
 from hfx_blender.export import ExportSettings, export_scene
 
 

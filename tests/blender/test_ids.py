@@ -10,7 +10,7 @@ import bpy
 import hfx_scenes
 import pytest
 
-from hfx_blender import effects
+from hfx_blender.authoring import effects
 
 
 @pytest.fixture

@@ -17,15 +17,18 @@ import numpy as np
 import pytest
 
 import hfx_blender
-from hfx_blender import clips, live_settings, resources, stepping
-from hfx_blender import live as live_module
+from hfx_blender import resources
+from hfx_blender.authoring import clips
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
 from hfx_blender.export import ExportSettings, export_scene, render_devices, scene_tolerance
-from hfx_blender.live import live
-from hfx_blender.live_scene import LiveScene
+from hfx_blender.playback import live as live_module
+from hfx_blender.playback import live_settings
+from hfx_blender.playback.live import live
+from hfx_blender.reading import stepping
+from hfx_blender.reading.live_scene import LiveScene
 
 pytestmark = pytest.mark.usefixtures("real_time")
 
@@ -290,9 +293,10 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
     path = tmp_path / "pad.jsonl"
     source = (
         "import sys, time, bpy\n"
-        "from hfx_blender import blender_session, live_settings\n"
+        "from hfx_blender import blender_session\n"
+        "from hfx_blender.playback import live_settings\n"
         "blender_session.start()\n"
-        "from hfx_blender.live import live, _beat, _neutral\n"
+        "from hfx_blender.playback.live import live, _beat, _neutral\n"
         "live.connect('back_pad', live_settings.LiveSettings(path=sys.argv[1]))\n"
         "values = _neutral(live.device('back_pad')); values[0] = 5.0\n"
         "for _ in range(3000):\n"

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from hfx_blender import compat, stepping
+from hfx_blender import compat
 from hfx_blender.engine.body import model as body_model
+from hfx_blender.reading import stepping
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

@@ -11,11 +11,11 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender import clips, effects, painting
-from hfx_blender.activation import Source, activation_of
+from hfx_blender.authoring import clips, effects, painting
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.reading.activation import Source, activation_of
 
 FPS = 60
 

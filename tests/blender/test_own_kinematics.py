@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender import compat, own_kinematics
-from hfx_blender.animation_curves import NotModelledError
-from hfx_blender.own_kinematics import PlainObject, PlainRig
+from hfx_blender import compat
+from hfx_blender.reading import own_kinematics
+from hfx_blender.reading.animation_curves import NotModelledError
+from hfx_blender.reading.own_kinematics import PlainObject, PlainRig
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

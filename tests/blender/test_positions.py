@@ -358,7 +358,7 @@ def test_velocities_do_not_depend_on_how_time_is_split(
     moving: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = oracle.evaluate(moving, record=("positions", "velocities", "depth"), rate_hz=20)
-    monkeypatch.setattr("hfx_blender.scene_reader.BLOCK_SIZE", 5)
+    monkeypatch.setattr("hfx_blender.reading.scene_reader.BLOCK_SIZE", 5)
     split = oracle.evaluate(moving, record=("positions", "velocities", "depth"), rate_hz=20)
     assert whole.samples.keys() == split.samples.keys() == {"Ball", "Head"}
     for name, samples in whole.samples.items():

@@ -9,11 +9,11 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender import clips, effects
+from hfx_blender.authoring import clips, effects
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.colouring import COLOURS, PALETTES
-from hfx_blender.preview_layers import Layer, Preview
+from hfx_blender.playback.preview_layers import Layer, Preview
 
 PALM = PARTS.index("hand_palm")
 

@@ -17,7 +17,8 @@ bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
 from own_avatar import mark, own_avatar  # noqa: E402
 
-from hfx_blender import bodies, painting, retargeting  # noqa: E402
+from hfx_blender.authoring import painting  # noqa: E402
+from hfx_blender.avatars import bodies, retargeting  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
 

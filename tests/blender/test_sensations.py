@@ -11,10 +11,10 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender import clips, effect_exchange, effect_file, effects, painting
+from hfx_blender.authoring import clips, effect_exchange, effect_file, effects, painting
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.errors import InputError
-from hfx_blender.live_scene import LiveScene
+from hfx_blender.reading.live_scene import LiveScene
 
 NAMES = tuple(effect_exchange.library())
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender import reading_plan, scene_reader, stepping
-from hfx_blender.animation_curves import NotModelledError
-from hfx_blender.scene_reader import SceneReader
+from hfx_blender.reading import reading_plan, scene_reader, stepping
+from hfx_blender.reading.animation_curves import NotModelledError
+from hfx_blender.reading.scene_reader import SceneReader
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

@@ -14,7 +14,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 import oracle  # noqa: E402
 
-from hfx_blender import bodies, body_binding, retargeting  # noqa: E402
+from hfx_blender.avatars import bodies, body_binding, retargeting  # noqa: E402
 from hfx_blender.engine.body import model  # noqa: E402
 from hfx_blender.engine.scene import SkinBinding  # noqa: E402
 from hfx_blender.errors import InputError  # noqa: E402

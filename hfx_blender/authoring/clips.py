@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clips: NLA strips that animate an effect's ``activation`` over a stretch of the timeline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import floor
+
+import bpy
+
+from .. import compat
+from ..errors import InputError
+
+DATA_PATH = "hfx.activation"
+
+_REPEATS = (0.1, 1000.0)
+"""Blender's own limits of a strip's repetitions; it would clamp others silently."""
+
+Key = tuple[float, float]
+
+
+def add_clip(
+    effect: bpy.types.Object,
+    frame_start: float,
+    frame_end: float,
+    *,
+    name: str = "Clip",
+    fade_in: float = 0.0,
+    fade_out: float = 0.0,
+    profile: Sequence[Key] = (),
+    repeat: float = 1.0,
+) -> bpy.types.NlaStrip:
+    """Put a clip on the timeline of an effect.
+
+    Parameters
+    ----------
+    frame_start, frame_end : float
+        Where it starts and ends, frames.
+    fade_in, fade_out : float
+        Length of the fades, frames; they shape the whole clip, repeats included.
+    profile : sequence of (frame, activation)
+        Activation over one repetition, from frame 0; empty: always 1.
+    repeat : float
+        How often the profile is played within the clip.
+
+    Raises
+    ------
+    InputError
+        The clip has no length, its fades are longer than it, or it repeats too often.
+    """
+    length = frame_end - frame_start
+    if length <= 0:
+        raise InputError(f"Effect '{effect.name}': a clip must end after it starts.")
+    if fade_in < 0 or fade_out < 0 or fade_in + fade_out > length:
+        raise InputError(f"Effect '{effect.name}': the fades are longer than the clip.")
+    if not _REPEATS[0] <= repeat <= _REPEATS[1]:
+        raise InputError(
+            f"Effect '{effect.name}': {repeat:g} repetitions in one clip; Blender allows "
+            f"{_REPEATS[0]:g} to {_REPEATS[1]:g}. Divide it into several clips."
+        )
+    data = effect.animation_data or effect.animation_data_create()
+    busy = data.action
+    action = bpy.data.actions.new(f"{effect.name} {name}")
+    data.action = action  # a slot is made for, and only for, the datablock that it is assigned to
+    keys = profile or ((0.0, 1.0), (length / repeat, 1.0))
+    compat.set_keys(compat.new_fcurve(effect, action, DATA_PATH), keys)
+    track = _free_track(data, floor(frame_start), frame_end)
+    strip = track.strips.new(name, floor(frame_start), action)  # whole frames only, at first
+    data.action = busy
+    strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]
+    strip.repeat = repeat
+    strip.frame_start, strip.frame_end = frame_start, frame_end
+    strip.extrapolation = "NOTHING"  # HOLD, the default, would leave the effect on for ever
+    strip.use_auto_blend = False
+    strip.blend_in, strip.blend_out = fade_in, fade_out
+    return strip
+
+
+def add_heartbeat(
+    effect: bpy.types.Object,
+    frame_start: float,
+    frame_end: float,
+    *,
+    beats_per_second: float = 1.2,
+    fade_in: float = 0.0,
+    fade_out: float = 0.0,
+) -> bpy.types.NlaStrip:
+    """A clip that beats: two short pulses, the second weaker, once a beat."""
+    scene = bpy.context.scene
+    fps = scene.render.fps / scene.render.fps_base
+    beat = fps / beats_per_second
+    shape = ((0.0, 0.0), (0.08, 1.0), (0.2, 0.0), (0.3, 0.0), (0.38, 0.6), (0.5, 0.0), (1.0, 0.0))
+    return add_clip(
+        effect,
+        frame_start,
+        frame_end,
+        name="Heartbeat",
+        fade_in=fade_in,
+        fade_out=fade_out,
+        profile=[(share * beat, value) for share, value in shape],
+        repeat=(frame_end - frame_start) / beat,
+    )
+
+
+def draw_fades(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
+    """Give a clip's strength a curve of its own, to be drawn in the Graph or NLA editor.
+
+    It starts as the fades that the clip has, which it takes the place of.
+    """
+    start, end = strip.frame_start, strip.frame_end
+    rise, fall = strip.blend_in, strip.blend_out
+    strip.use_animated_influence = True
+    keys = [(start, 0.0 if rise else 1.0)]
+    keys += [(start + rise, 1.0)] if rise else []
+    keys += [(end - fall, 1.0)] if fall else []
+    keys += [(end, 0.0 if fall else 1.0)]
+    curve = strip.fcurves.find("influence")
+    compat.set_keys(curve, keys, "BEZIER")
+    strip.blend_in = strip.blend_out = 0.0
+    return curve
+
+
+def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
+    """Give an effect clips like those of another, at the same times; how many."""
+    copied = strips_of(source)
+    for _, strip in copied:
+        if strip.type == "META" or strip.action is None:
+            raise InputError(
+                f"Clip '{strip.name}' of '{source.name}' is a group of clips; take it apart first "
+                "(NLA editor, Remove Meta-Strips)."
+            )
+    for _, strip in copied:
+        keys = [
+            (key.co[0], key.co[1])
+            for curve in compat.strip_fcurves(strip)
+            if curve.data_path == DATA_PATH
+            for key in curve.keyframe_points
+        ]
+        made = add_clip(
+            target,
+            strip.frame_start,
+            strip.frame_end,
+            name=strip.name,
+            fade_in=strip.blend_in,
+            fade_out=strip.blend_out,
+            profile=keys,
+            repeat=strip.repeat,
+        )
+        made.mute = strip.mute
+    return len(copied)
+
+
+def remove_clip(effect: bpy.types.Object, name: str) -> None:
+    """Take a clip off the timeline; a track without clips goes with it.
+
+    Raises
+    ------
+    InputError
+        The effect has no clip of that name.
+    """
+    for track, strip in strips_of(effect):
+        if strip.name == name:
+            track.strips.remove(strip)
+            if not track.strips:
+                effect.animation_data.nla_tracks.remove(track)
+            return
+    names = ", ".join(f"'{strip.name}'" for _, strip in strips_of(effect)) or "none"
+    raise InputError(f"Effect '{effect.name}' has no clip '{name}'; it has: {names}.")
+
+
+def _free_track(data: bpy.types.AnimData, start: float, end: float) -> bpy.types.NlaTrack:
+    """A track with room between two frames; strips of one track cannot overlap."""
+    for track in data.nla_tracks:
+        if all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips):
+            return track
+    track = data.nla_tracks.new()
+    track.name = "Clips"
+    return track
+
+
+def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]:
+    """The clips of an effect: strips that animate its activation, meta strips as a whole."""
+    data = effect.animation_data
+    if data is None:
+        return []
+    return [
+        (track, strip)
+        for track in data.nla_tracks
+        for strip in track.strips
+        if _animates_activation(strip)
+    ]
+
+
+def _animates_activation(strip: bpy.types.NlaStrip) -> bool:
+    if strip.type == "META":
+        return any(_animates_activation(inner) for inner in strip.strips)
+    return any(curve.data_path == DATA_PATH for curve in compat.strip_fcurves(strip))

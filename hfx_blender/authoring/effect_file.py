@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects in a file of their own (``.hfxeffect``): to keep, to share, to ship as a library.
+
+One JSON file holds one sensation: a list of unitary effects with their areas or volumes, their
+parameters in physical units, and their clips, timed from 0. It holds no code and names no path.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ..atomic_files import atomic_file
+from ..devices.strict_json import Node, read
+from ..engine.body.parts import PARTS
+from ..engine.modality import MODALITIES
+
+SUFFIX: Final = ".hfxeffect"
+SCHEMA: Final = "hfx-effects"
+VERSION: Final = 1
+
+Number3 = tuple[float, float, float]
+
+_SHAPES: Final = {
+    "SPHERE": ("radius_m",),
+    "CUBOID": ("size_m",),
+    "CYLINDER": ("radius_m", "height_m"),
+    "CAPSULE": ("radius_m", "height_m"),
+}
+_FALLOFFS: Final = ("none", "linear", "smooth")
+_REFERENCES: Final = ("AMBIENT", "CONTACT")
+_SIDES: Final = ("both", "left", "right")
+
+
+@dataclass(frozen=True)
+class ClipRecipe:
+    """One clip; its profile is (seconds, activation) over one repetition."""
+
+    name: str
+    start_s: float
+    duration_s: float
+    fade_in_s: float = 0.0
+    fade_out_s: float = 0.0
+    repeat: float = 1.0
+    profile: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class PartsArea:
+    """Whole body parts, softened over some vertices: fits every perceptual model."""
+
+    parts: tuple[str, ...]
+    side: str = "both"
+    smooth: int = 0
+
+
+@dataclass(frozen=True)
+class VertexArea:
+    """What was painted on one edition of one perceptual model."""
+
+    model_id: str
+    model_hash: str
+    vertices: tuple[int, ...]
+    weights: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class VolumeRecipe:
+    """A volume that stands, or moves along places; metres, relative to where it is put."""
+
+    shape: str
+    radius_m: float = 0.5
+    height_m: float = 2.0
+    size_m: Number3 = (1.0, 1.0, 1.0)
+    falloff: str = "none"
+    falloff_share: float = 1.0
+    location_m: Number3 = (0.0, 0.0, 0.0)
+    rotation_deg: Number3 = (0.0, 0.0, 0.0)
+    path: tuple[tuple[float, Number3], ...] = ()  # (seconds, place)
+
+
+@dataclass(frozen=True)
+class EffectRecipe:
+    """One unitary effect."""
+
+    name: str
+    modality: str
+    parameters: dict[str, float]  # by name, in the modality's units; those of its direction not
+    where: PartsArea | VertexArea | VolumeRecipe
+    intensity: float = 1.0
+    temperature_reference: str = "AMBIENT"
+    clips: tuple[ClipRecipe, ...] = ()
+
+
+@dataclass(frozen=True)
+class Sensation:
+    """What one file holds."""
+
+    name: str
+    description: str
+    effects: tuple[EffectRecipe, ...]
+
+
+def load(path: Path) -> Sensation:
+    """Read a file, every field checked.
+
+    Raises
+    ------
+    InputError
+        For the first fault: file, place in it, what was found and what is allowed.
+    """
+    top = read(path).members(
+        required=("schema", "version", "name", "effects"), optional=("description",)
+    )
+    top["schema"].choice((SCHEMA,))
+    top["version"].integer(VERSION, VERSION)
+    return Sensation(
+        top["name"].text(),
+        top["description"].text() if "description" in top else "",
+        tuple(_effect(node) for node in top["effects"].items(least=1, most=256)),
+    )
+
+
+def save(sensation: Sensation, path: Path) -> None:
+    """Write a file; what it held before is lost only when all of the new one is there.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    with atomic_file(path) as file:
+        file.write((json.dumps(_document(sensation), indent=1) + "\n").encode())
+
+
+def parameter_names(modality: str) -> tuple[str, ...]:
+    """Parameters that a file holds; a wind's direction is that of its volume."""
+    names = MODALITIES[modality].parameter_names
+    return tuple(name for name in names if not name.startswith("direction_"))
+
+
+def _effect(node: Node) -> EffectRecipe:
+    members = node.members(
+        required=("name", "modality", "parameters"),
+        optional=("area", "volume", "intensity", "temperature_reference", "clips"),
+    )
+    modality = members["modality"].choice(tuple(MODALITIES))
+    if ("area" in members) == ("volume" in members):
+        node.fail("an effect with either an 'area' or a 'volume'")
+    reference = "AMBIENT"
+    if "temperature_reference" in members:
+        reference = members["temperature_reference"].choice(_REFERENCES)
+    clips = members["clips"].items(least=0, most=10_000) if "clips" in members else []
+    return EffectRecipe(
+        name=members["name"].text(),
+        modality=modality,
+        parameters=_parameters(modality, members["parameters"]),
+        where=_area(members["area"]) if "area" in members else _volume(members["volume"]),
+        intensity=members["intensity"].number(0.0, 1.0) if "intensity" in members else 1.0,
+        temperature_reference=reference,
+        clips=tuple(_clip(each) for each in clips),
+    )
+
+
+def _parameters(modality: str, node: Node) -> dict[str, float]:
+    names = parameter_names(modality)
+    known = {each.name: each for each in MODALITIES[modality].parameters}
+    return {
+        name: value.number(known[name].minimum, known[name].maximum, known[name].unit)
+        for name, value in node.members(required=names).items()
+    }
+
+
+def _area(node: Node) -> PartsArea | VertexArea:
+    if isinstance(node.value, dict) and "parts" in node.value:
+        members = node.members(required=("parts",), optional=("side", "smooth"))
+        parts = members["parts"].items(least=0, most=len(PARTS))
+        return PartsArea(
+            tuple(part.choice(PARTS) for part in parts),
+            members["side"].choice(_SIDES) if "side" in members else "both",
+            members["smooth"].integer(0, 100) if "smooth" in members else 0,
+        )
+    members = node.members(required=("model", "hash", "vertices", "weights"))
+    vertices = members["vertices"].items(least=0, most=1_000_000)
+    weights = members["weights"].items(least=len(vertices), most=len(vertices))
+    return VertexArea(
+        members["model"].text(),
+        members["hash"].text(r"[0-9a-f]{64}", "a SHA-256 as 64 hexadecimal digits"),
+        tuple(each.integer(0, 2**31 - 1) for each in vertices),
+        tuple(each.number(0.0, 1.0) for each in weights),
+    )
+
+
+def _volume(node: Node) -> VolumeRecipe:
+    optional = ("falloff", "falloff_share", "location_m", "rotation_deg", "path")
+    shape = node.entries(allowed="an object")
+    name = shape["shape"].choice(tuple(_SHAPES)) if "shape" in shape else "SPHERE"
+    members = node.members(required=("shape", *_SHAPES[name]), optional=optional)
+    found: dict[str, Any] = {}
+    for key in ("radius_m", "height_m"):
+        if key in members:
+            found[key] = members[key].number(0.0, 1000.0, "m")
+    for key, most, unit in (
+        ("size_m", 1000.0, "m"),
+        ("location_m", 1000.0, "m"),
+        ("rotation_deg", 360.0, "degrees"),
+    ):
+        if key in members:
+            found[key] = _triple(members[key], most, unit)
+    if "falloff" in members:
+        found["falloff"] = members["falloff"].choice(_FALLOFFS)
+    if "falloff_share" in members:
+        found["falloff_share"] = members["falloff_share"].number(0.0, 1.0)
+    if "path" in members:
+        places = [
+            each.members(required=("time_s", "location_m"))
+            for each in members["path"].items(least=1, most=100_000)
+        ]
+        found["path"] = tuple(
+            (
+                place["time_s"].number(0.0, 86_400.0, "s"),
+                _triple(place["location_m"], 1000.0, "m"),
+            )
+            for place in places
+        )
+    return VolumeRecipe(name, **found)
+
+
+def _triple(node: Node, most: float, unit: str) -> Number3:
+    x, y, z = (item.number(-most, most, unit) for item in node.items(least=3, most=3))
+    return x, y, z
+
+
+def _clip(node: Node) -> ClipRecipe:
+    times = ("fade_in_s", "fade_out_s")
+    members = node.members(
+        required=("start_s", "duration_s"), optional=("name", *times, "repeat", "profile")
+    )
+    duration = members["duration_s"].number(0.001, 86_400.0, "s")
+    fades = {key: members[key].number(0.0, duration, "s") for key in times if key in members}
+    profile = []
+    for item in members["profile"].items(least=2, most=100_000) if "profile" in members else ():
+        time, value = item.items(least=2, most=2)
+        last = profile[-1][0] if profile else 0.0
+        profile.append((time.number(last, 86_400.0, "s"), value.number(0.0, 1.0)))
+    return ClipRecipe(
+        name=members["name"].text() if "name" in members else "Clip",
+        start_s=members["start_s"].number(0.0, 86_400.0, "s"),
+        duration_s=duration,
+        repeat=members["repeat"].number(0.1, 1000.0) if "repeat" in members else 1.0,
+        profile=tuple(profile),
+        **fades,
+    )
+
+
+def _document(sensation: Sensation) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "name": sensation.name,
+        **({"description": sensation.description} if sensation.description else {}),
+        "effects": [_effect_document(effect) for effect in sensation.effects],
+    }
+
+
+def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
+    where = effect.where
+    document: dict[str, Any] = {
+        "name": effect.name,
+        "modality": effect.modality,
+        "parameters": effect.parameters,
+        "intensity": effect.intensity,
+    }
+    if effect.modality == "temperature":
+        document["temperature_reference"] = effect.temperature_reference
+    if isinstance(where, PartsArea):
+        document["area"] = {
+            "parts": list(where.parts),
+            "side": where.side,
+            "smooth": where.smooth,
+        }
+    elif isinstance(where, VertexArea):
+        document["area"] = {
+            "model": where.model_id,
+            "hash": where.model_hash,
+            "vertices": list(where.vertices),
+            "weights": list(where.weights),
+        }
+    else:
+        document["volume"] = {
+            "shape": where.shape,
+            **{key: getattr(where, key) for key in _SHAPES[where.shape]},
+            "falloff": where.falloff,
+            "falloff_share": where.falloff_share,
+            "location_m": list(where.location_m),
+            "rotation_deg": list(where.rotation_deg),
+        }
+        if where.path:
+            document["volume"]["path"] = [
+                {"time_s": time, "location_m": list(place)} for time, place in where.path
+            ]
+    document["clips"] = [
+        {
+            "name": clip.name,
+            "start_s": clip.start_s,
+            "duration_s": clip.duration_s,
+            "fade_in_s": clip.fade_in_s,
+            "fade_out_s": clip.fade_out_s,
+            "repeat": clip.repeat,
+            **({"profile": [list(point) for point in clip.profile]} if clip.profile else {}),
+        }
+        for clip in effect.clips
+    ]
+    return document

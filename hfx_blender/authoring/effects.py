@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects as scene objects: making them, finding them, their stable ids and painted areas."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.body.model import load_model
+from ..engine.modality import MODALITIES
+from ..errors import InputError
+from . import volumes
+
+COLLECTION = "HFX Effects"
+
+VERTICES = "hfx_vertices"
+WEIGHTS = "hfx_weights"
+"""ID properties that carry a painted area along with its object, wherever it is copied."""
+
+
+def effects_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The scene's effects, by name."""
+    found = [obj for obj in scene.objects if obj.hfx.role == "EFFECT"]
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The scene's haptic bodies (armatures), by name."""
+    found = [obj for obj in scene.objects if obj.hfx.role == "BODY"]
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def silenced(found: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those of a scene's effects that are muted, or not solo where others are."""
+    found = list(found)
+    any_solo = any(effect.hfx.is_solo for effect in found)
+    return [e for e in found if e.hfx.is_muted or (any_solo and not e.hfx.is_solo)]
+
+
+def model_id_for(modality: str) -> str:
+    """The perceptual model on which a modality is painted and felt."""
+    return f"hfx-{MODALITIES[modality].model}-1"
+
+
+def add_volume(
+    scene: bpy.types.Scene, modality: str, shape: str, name: str | None = None
+) -> bpy.types.Object:
+    """An allocentric effect at the origin: a wire frame that is never rendered."""
+    title = name or f"{modality.title()} {shape.title()}"
+    obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
+    effect = _make_effect(scene, obj, modality, shape)
+    effect.display_type = "WIRE"
+    effect.hide_render = True
+    volumes.refresh_display(effect)
+    return effect
+
+
+def volume_from_mesh(
+    scene: bpy.types.Scene, modality: str, source: bpy.types.Object, name: str | None = None
+) -> bpy.types.Object:
+    """An allocentric effect with exactly the shape of a mesh object, moving along with it."""
+    if source.type != "MESH":
+        raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
+    # A copy shares the mesh and brings the modifiers, so that it keeps the source's shape.
+    copy = source.copy()
+    copy.name = name or f"{source.name} {modality.title()}"
+    copy.animation_data_clear()
+    for constraint in list(copy.constraints):
+        copy.constraints.remove(constraint)
+    copy.parent = source
+    copy.matrix_parent_inverse.identity()
+    copy.matrix_basis.identity()
+    effect = _make_effect(scene, copy, modality, "MESH")
+    effect.display_type = "WIRE"
+    effect.hide_render = True
+    return effect
+
+
+def add_painted(
+    scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
+) -> bpy.types.Object:
+    """An egocentric effect on a body; its area is empty until it is painted."""
+    if body.hfx.role != "BODY":
+        raise InputError(f"'{body.name}' is not a haptic body.")
+    obj = bpy.data.objects.new(name or f"Painted {modality.title()}", None)
+    effect = _make_effect(scene, obj, modality, None)
+    effect.empty_display_type = "SINGLE_ARROW"
+    effect.empty_display_size = 0.2
+    effect.hfx.body = body
+    set_area(effect, [], [])
+    return effect
+
+
+def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
+    """A copy of an effect with an id and clips of its own, in the same collections."""
+    copy = effect.copy()
+    copy.hfx.uid = uuid.uuid4().hex
+    if copy.animation_data is not None:
+        if copy.animation_data.action is not None:
+            copy.animation_data.action = copy.animation_data.action.copy()
+        for track in copy.animation_data.nla_tracks:
+            for strip in track.strips:
+                if strip.action is not None:
+                    strip.action = strip.action.copy()
+    for collection in effect.users_collection:
+        collection.objects.link(copy)
+    return copy
+
+
+def _make_effect(
+    scene: bpy.types.Scene, effect: bpy.types.Object, modality: str, shape: str | None
+) -> bpy.types.Object:
+    """Make an object an effect: a volume of a shape, or a painted one (None)."""
+    # Kind and shape first: whatever is set draws the wires of a shape that is not a mesh.
+    effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
+    if shape is not None:
+        effect.hfx.shape = shape
+    effect.hfx.role = "EFFECT"
+    effect.hfx.uid = uuid.uuid4().hex
+    effect.hfx.modality = modality
+    effect.color = volumes.MODALITY_COLOURS[modality]
+    _collection(scene).objects.link(effect)
+    return effect
+
+
+def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    for collection in scene.collection.children_recursive:
+        if collection.name.startswith(COLLECTION):
+            return collection
+    collection = bpy.data.collections.new(COLLECTION)
+    scene.collection.children.link(collection)
+    return collection
+
+
+def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterable[float]) -> None:
+    """Store a painted area: ids of the effect's perceptual model and a weight for each.
+
+    Raises
+    ------
+    InputError
+        An id is not of the model, or a weight is not in 0..1; the old area is kept.
+    """
+    model = load_model(model_id_for(effect.hfx.modality))
+    ids, strengths = checked_area(effect.name, list(vertices), list(weights), len(model))
+    effect[VERTICES] = ids.tolist()
+    effect[WEIGHTS] = strengths.tolist()
+    effect.hfx.model_id = model.id
+    effect.hfx.model_hash = model.content_hash
+
+
+def area(effect: bpy.types.Object) -> tuple[list[int], list[float]]:
+    """The painted vertex ids and weights of an effect; empty where nothing was painted."""
+    # An empty ID-property array has no element type and comes back as a plain list.
+    return list(effect.get(VERTICES, [])), list(effect.get(WEIGHTS, []))
+
+
+def checked_area(
+    name: str, vertices: list[int], weights: list[float], model_size: int
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    """Ids (ascending) and weights of the vertices that are painted at all."""
+    if len(vertices) != len(weights):
+        raise InputError(
+            f"Effect '{name}': {len(vertices)} painted vertices but {len(weights)} weights."
+        )
+    foreign = [vertex for vertex in vertices if not 0 <= vertex < model_size]
+    if foreign:
+        raise InputError(
+            f"Effect '{name}': painted vertex {foreign[0]} is not one of the model's "
+            f"{model_size} vertices."
+        )
+    ids = np.array(vertices, np.int64)
+    strengths = np.array(weights, np.float32)
+    if not (np.isfinite(strengths).all() and ((strengths >= 0) & (strengths <= 1)).all()):
+        raise InputError(f"Effect '{name}': a painted weight is not a number from 0 to 1.")
+    order = np.argsort(ids, kind="stable")
+    order = order[strengths[order] > 0]
+    ids, strengths = ids[order], strengths[order]
+    if (np.diff(ids) == 0).any():
+        raise InputError(f"Effect '{name}': a vertex is painted twice.")
+    return ids.astype(np.int32), strengths
+
+
+def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
+    """A stable id for each object, by object name.
+
+    Blender copies properties with the object, so copies share their ``uid``: the first by name
+    keeps it, each other gets one derived from it, the same on every run.
+    """
+    taken: dict[str, int] = {}
+    ids: dict[str, str] = {}
+    for obj in sorted(objects, key=lambda obj: obj.name):
+        uid = obj.hfx.uid or obj.name
+        copies = taken[uid] = taken.get(uid, 0) + 1
+        ids[obj.name] = uid if copies == 1 else f"{uid}-{copies}"
+    return ids
+
+
+def settle_ids() -> None:
+    """Write down the ids of copies, so that renaming cannot swap them afterwards."""
+    owned = [obj for obj in bpy.data.objects if obj.hfx.role != "NONE" and obj.library is None]
+    for name, uid in unique_ids(owned).items():
+        bpy.data.objects[name].hfx.uid = uid

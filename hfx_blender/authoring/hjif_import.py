@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""HJIF files as painted effects: one for each channel, its envelope as keyframes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import unquote
+
+import bpy
+import numpy as np
+
+from .. import compat
+from ..engine.body.model import PerceptualModel, load_model
+from ..engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
+from ..errors import InputError
+from ..formats import glb
+from ..formats.checking import read_bytes
+from ..formats.curves import Curve
+from ..formats.hjif import reader
+from ..formats.hjif.body_parts import vertex_masks
+from ..formats.hjif.model import Hjif
+from ..formats.hjif.perceptions import PERCEPTIONS
+from ..formats.hjif.to_signals import Envelope, envelopes
+from . import effects
+
+_STRENGTHS = {
+    "vibration": "amplitude",
+    "pressure": "pressure",
+    "temperature": "temperature",
+    "wind": "wind_speed",
+}
+_OURS = {theirs: ours for ours, theirs in PERCEPTIONS.items()}
+_WARMER_K = 6.0  # full scale of a temperature whose file does not tell it
+
+
+def import_hjif(
+    scene: bpy.types.Scene, path: Path, body: bpy.types.Object, frame: float
+) -> tuple[list[bpy.types.Object], list[str]]:
+    """Add a file's channels to a body as painted effects, from a frame on.
+
+    Vertices are taken over if the file's mesh is ours; otherwise the area is what the channel's
+    body part mask names. Where a file does not tell its full scale, that of a new effect is
+    taken.
+
+    Returns
+    -------
+    made : list of Object
+    left_out : list of str
+        Channels that no effect can be, each with the reason.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or breaks the standard; nothing was added.
+    """
+    document = reader.read(path)
+    found = list(envelopes(document))  # all of it is read before anything is made
+    ours = _own_models(document, path.parent)
+    made: list[bpy.types.Object] = []
+    left_out: list[str] = []
+    for each in found:
+        modality = _OURS.get(each.modality)
+        if modality is None:
+            left_out.append(f"'{each.channel}': {each.modality} is none of our modalities")
+        elif not each.strength.values.any():
+            left_out.append(f"'{each.channel}': has no envelope (wavelets and ticks are not read)")
+        else:
+            made += _effects(
+                scene, each, modality, body, frame, effects.model_id_for(modality) in ours
+            )
+    return made, left_out
+
+
+def _own_models(document: Hjif, folder: Path) -> set[str]:
+    """Models that the file's meshes are, to the last vertex."""
+    found = set()
+    for avatar in document.avatars:
+        name = unquote(avatar.mesh or "")
+        if not name or name != Path(name).name or not (folder / name).is_file():
+            continue
+        try:
+            meshes = glb.read_json(read_bytes(folder / name), name).get("meshes", [])
+        except InputError:
+            continue
+        for mesh in meshes:
+            extras = mesh.get("extras") or {}
+            model_id = extras.get("hfx_model")
+            if model_id in {effects.model_id_for(each) for each in MODALITIES}:
+                if extras.get("hfx_content_hash") == load_model(model_id).content_hash:
+                    found.add(model_id)
+    return found
+
+
+def _effects(
+    scene: bpy.types.Scene,
+    envelope: Envelope,
+    modality: str,
+    body: bpy.types.Object,
+    frame: float,
+    is_own: bool,
+) -> list[bpy.types.Object]:
+    """One effect; two for a temperature that both warms and cools."""
+    model = load_model(effects.model_id_for(modality))
+    vertices = _vertices(envelope, model, is_own)
+    signs = [1.0, -1.0] if modality == "temperature" else [1.0]
+    made = []
+    for sign in signs:
+        curve = _positive(envelope.strength, sign)
+        peak = float(curve.values.max())
+        if peak <= 0.0:
+            continue
+        effect = effects.add_painted(scene, modality, body, envelope.channel)
+        effects.set_area(effect, vertices, [1.0] * len(vertices))
+        _set_strength(effect, modality, sign, peak, envelope.full_scale)
+        _animate(scene, effect, "hfx.intensity", Curve(curve.times_s, curve.values / peak), frame)
+        if envelope.frequency_hz is not None:
+            effect.hfx.frequency = float(envelope.frequency_hz.values[0])
+            if np.ptp(envelope.frequency_hz.values) > 0.0:
+                _animate(scene, effect, "hfx.frequency", envelope.frequency_hz, frame)
+        made.append(effect)
+    return made
+
+
+def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[int]:
+    if is_own and envelope.vertices:
+        return sorted({each for each in envelope.vertices if 0 <= each < len(model)})
+    masks = vertex_masks(model)
+    return np.flatnonzero(masks & np.uint32(envelope.body_part_mask)).tolist()
+
+
+def _positive(curve: Curve, sign: float) -> Curve:
+    """The part of a curve that has this sign, 0 elsewhere; it crosses 0 where it did."""
+    times, values = curve.times_s, sign * curve.values
+    crosses = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    share = values[crosses] / (values[crosses] - values[crosses + 1])
+    zeros = times[crosses] + share * (times[crosses + 1] - times[crosses])
+    return Curve(
+        np.insert(times, crosses + 1, zeros), np.maximum(np.insert(values, crosses + 1, 0.0), 0.0)
+    )
+
+
+def _set_strength(
+    effect: bpy.types.Object, modality: str, sign: float, peak: float, full: float | None
+) -> None:
+    name = _STRENGTHS[modality]
+    if modality == "temperature":
+        effect.hfx.temperature = AMBIENT_NEUTRAL_C + sign * peak * (full or _WARMER_K)
+    else:
+        setattr(effect.hfx, name, peak * (full or getattr(effect.hfx, name)))
+
+
+def _animate(
+    scene: bpy.types.Scene, effect: bpy.types.Object, path: str, curve: Curve, frame: float
+) -> None:
+    fps = scene.render.fps / scene.render.fps_base
+    data = effect.animation_data or effect.animation_data_create()
+    if data.action is None:
+        data.action = bpy.data.actions.new(effect.name)
+    keys = zip((frame + curve.times_s * fps).tolist(), curve.values.tolist(), strict=True)
+    compat.set_keys(compat.new_fcurve(effect, data.action, path), keys)

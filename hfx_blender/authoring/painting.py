@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Painting an effect: its perceptual model as a mesh, whose vertex group Weight Paint edits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+
+import bmesh
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..avatars import model_mesh, retargeting
+from ..engine.body.model import PerceptualModel, load_model
+from ..engine.body.parts import PARTS, SIDES
+from ..errors import InputError
+from . import effects
+
+GROUP = "hfx"
+PAINTED_EFFECT = "hfx_painted_effect"
+"""On the mesh that is painted on: the effect whose area it shows."""
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+
+def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
+    """Show the effect's perceptual model in place of the avatar, ready to be painted on."""
+    if painted_mesh(effect) is not None:
+        raise InputError(f"'{effect.name}' is being painted already.")
+    body = effect.hfx.body
+    if body is None:
+        raise InputError(f"'{effect.name}' is painted on no body; choose one first.")
+    model = retargeting.model_of(body, effects.model_id_for(effect.hfx.modality))
+    painted = weights_of(effect)
+    canvas = model_mesh.add_posed(context, body, model, f"{effect.name} Area")
+    canvas[PAINTED_EFFECT] = effect
+    canvas.vertex_groups.active = canvas.vertex_groups.new(name=GROUP)
+    canvas.data.use_mirror_x = False
+    _write_group(canvas, painted)
+    return canvas
+
+
+def weights_of(effect: bpy.types.Object) -> F64:
+    """The effect's area as it is now, painted or stored, as a weight for each vertex (V,).
+
+    An area on another model, or on another edition of it, means nothing: all 0.
+
+    Raises
+    ------
+    InputError
+        The mesh that is being painted on was edited.
+    """
+    canvas = painted_mesh(effect)
+    if canvas is not None:
+        return _read_group(effect, canvas)
+    model = load_model(effects.model_id_for(effect.hfx.modality))
+    weights = np.zeros(len(model))
+    if (effect.hfx.model_id, effect.hfx.model_hash) == (model.id, model.content_hash):
+        vertices, values = effects.area(effect)
+        weights[vertices] = values
+    return weights
+
+
+def set_weights(effect: bpy.types.Object, weights: F64) -> int:
+    """Replace the effect's area, and what is shown while it is being painted; its size."""
+    vertices = np.flatnonzero(weights > 0.0)
+    canvas = painted_mesh(effect)
+    if canvas is not None:
+        _read_group(effect, canvas)  # refuses a mesh that was edited
+        _write_group(canvas, weights)
+    effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+    return len(vertices)
+
+
+def selected_vertices(effect: bpy.types.Object) -> Bool:
+    """Which vertices of the mesh that is being painted on are selected, (V,)."""
+    canvas = painted_mesh(effect)
+    if canvas is None:
+        raise InputError(f"'{effect.name}' is not being painted.")
+    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
+    canvas.update_from_editmode()
+    if len(canvas.data.vertices) != size:
+        raise InputError(_edited(canvas, size))
+    found = np.zeros(size, np.bool_)
+    canvas.data.vertices.foreach_get("select", found)
+    return found
+
+
+def take_over_all() -> None:
+    """Store what is being painted with its effect, so that a saved file or an export has it."""
+    for obj in bpy.data.objects:
+        effect = obj.get(PAINTED_EFFECT)
+        if effect is not None and obj.library is None:
+            with suppress(InputError):  # an edited canvas is told when painting is finished
+                weights = _read_group(effect, obj)
+                vertices = np.flatnonzero(weights > 0.0)
+                effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+
+
+def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
+    """The mesh on which an effect is being painted."""
+    for obj in bpy.data.objects:
+        if obj.get(PAINTED_EFFECT) == effect:
+            return obj
+    return None
+
+
+def end(effect: bpy.types.Object) -> int:
+    """Take the painted weights over into the effect and remove the mesh; how many vertices."""
+    canvas = painted_mesh(effect)
+    if canvas is None:
+        raise InputError(f"'{effect.name}' is not being painted.")
+    weights = _read_group(effect, canvas)
+    vertices = np.flatnonzero(weights > 0.0)
+    effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+    mesh = canvas.data
+    bpy.data.objects.remove(canvas)
+    bpy.data.meshes.remove(mesh)
+    return len(vertices)
+
+
+def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both") -> int:
+    """Paint whole body parts at full weight, added to the area; how many vertices it has now.
+
+    Parameters
+    ----------
+    parts : iterable of str
+        Names of ``engine.body.parts.PARTS``; empty: the whole body.
+    side : "left", "right" or "both"
+    """
+    model = load_model(effects.model_id_for(effect.hfx.modality))
+    return set_weights(effect, np.where(part_flags(model, parts, side), 1.0, weights_of(effect)))
+
+
+def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:
+    """Which vertices (V,) lie on some parts (none: the whole body), on one side or both."""
+    wanted = [PARTS.index(part) for part in parts] or list(range(len(PARTS)))
+    chosen: Bool = np.isin(model.part, wanted)
+    if side != "both":
+        chosen &= np.isin(model.side, (SIDES.index("centre"), SIDES.index(side)))
+    return chosen
+
+
+def _edited(canvas: bpy.types.Object, size: int) -> str:
+    return (
+        f"'{canvas.name}' was edited: it must keep its {size} vertices and the vertex group "
+        f"'{GROUP}'. Undo that, or delete it and paint again."
+    )
+
+
+def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
+    """The painted weights, (V,) in 0..1."""
+    size = len(load_model(effects.model_id_for(effect.hfx.modality)))
+    canvas.update_from_editmode()
+    if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
+        raise InputError(_edited(canvas, size))
+    group = canvas.vertex_groups[GROUP].index
+    weights = np.zeros(size)
+    for vertex in canvas.data.vertices:
+        for element in vertex.groups:
+            if element.group == group:
+                weights[vertex.index] = element.weight
+    return weights
+
+
+def _write_group(canvas: bpy.types.Object, weights: F64) -> None:
+    """Replace the painted weights, in whatever mode the mesh is."""
+    group = canvas.vertex_groups[GROUP].index
+    in_edit_mode = canvas.mode == "EDIT"
+    mesh = bmesh.from_edit_mesh(canvas.data) if in_edit_mode else bmesh.new()
+    if not in_edit_mode:
+        mesh.from_mesh(canvas.data)
+    layer = mesh.verts.layers.deform.verify()
+    for vertex, weight in zip(mesh.verts, weights.tolist(), strict=True):
+        if weight > 0.0:
+            vertex[layer][group] = weight
+        elif group in vertex[layer]:
+            del vertex[layer][group]
+    if in_edit_mode:
+        bmesh.update_edit_mesh(canvas.data, loop_triangles=False, destructive=False)
+    else:
+        mesh.to_mesh(canvas.data)
+        mesh.free()
+        canvas.data.update()

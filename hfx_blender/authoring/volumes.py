@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Haptic volumes as Blender objects: how they are shown, and where their unit shape stands."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.colouring import COLOURS
+from ..engine.modality import MODALITIES
+from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from ..engine.volume.shape import Shape
+
+_SEGMENTS = 32
+
+MODALITY_COLOURS = {name: (*COLOURS[name], 1.0) for name in MODALITIES}
+"""Of the wires in the viewport: those of what is felt."""
+
+_Point = tuple[float, float, float]
+_Edge = tuple[int, int]
+
+
+def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
+    """The unit shape of an effect that is not a mesh; its size is in the matrix."""
+    if hfx.shape == "CUBOID":
+        return Cuboid()
+    if hfx.shape == "SPHERE":
+        return Sphere()
+    if hfx.shape == "CYLINDER":
+        return Cylinder()
+    radius = max(hfx.radius, 1e-30)
+    return Capsule(max(hfx.height / 2 - hfx.radius, 0.0) / radius)
+
+
+def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
+    """Scale from shape space to the object's local space, (3,)."""
+    if hfx.shape == "CUBOID":
+        return np.array(hfx.size, np.float64) / 2
+    if hfx.shape == "CYLINDER":
+        return np.array([hfx.radius, hfx.radius, hfx.height / 2])
+    if hfx.shape == "MESH":
+        return np.ones(3)
+    return np.full(3, hfx.radius, np.float64)
+
+
+def refresh_display(effect: bpy.types.Object) -> None:
+    """Redraw a volume's wire frame after its shape or size was edited."""
+    hfx = effect.hfx
+    effect.color = MODALITY_COLOURS[hfx.modality]
+    if effect.data is None or hfx.kind != "VOLUME" or hfx.shape == "MESH":
+        return
+    if effect.data.users > 1:  # linked duplicates share the mesh, not the size
+        effect.data = effect.data.copy()
+    points, edges = _wires(hfx)
+    effect.data.clear_geometry()
+    effect.data.from_pydata(points, edges, [])
+    effect.data.update()
+
+
+def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
+    if hfx.shape == "CUBOID":
+        x, y, z = (edge / 2 for edge in hfx.size)
+        points = [(a * x, b * y, c * z) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]
+        edges = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
+        return points, edges
+    r = hfx.radius
+    if hfx.shape == "SPHERE":
+        return _join([_ring(r, axes) for axes in ("xy", "yz", "zx")])
+    half = hfx.height / 2
+    if hfx.shape == "CYLINDER":
+        rings = [_ring(r, "xy", z) for z in (-half, half)]
+        return _join([*rings, _struts(r, half)])
+    half = max(half - r, 0.0)
+    rings = [_ring(r, "xy", z) for z in (-half, half)]
+    return _join([*rings, _outline(r, half, "x"), _outline(r, half, "y")])
+
+
+def _ring(radius: float, axes: str, height: float = 0.0) -> tuple[list[_Point], list[_Edge]]:
+    points = []
+    for k in range(_SEGMENTS):
+        at = dict.fromkeys("xyz", height)
+        at[axes[0]] = radius * cos(2 * pi * k / _SEGMENTS)
+        at[axes[1]] = radius * sin(2 * pi * k / _SEGMENTS)
+        points.append((at["x"], at["y"], at["z"]))
+    return points, [(k, (k + 1) % _SEGMENTS) for k in range(_SEGMENTS)]
+
+
+def _struts(radius: float, half: float) -> tuple[list[_Point], list[_Edge]]:
+    feet = [(radius, 0.0), (0.0, radius), (-radius, 0.0), (0.0, -radius)]
+    points = [(x, y, z) for x, y in feet for z in (-half, half)]
+    return points, [(0, 1), (2, 3), (4, 5), (6, 7)]
+
+
+def _outline(radius: float, half: float, axis: str) -> tuple[list[_Point], list[_Edge]]:
+    """A capsule's contour in the plane of ``axis`` and Z."""
+    points = []
+    for k in range(_SEGMENTS + 2):
+        upper = k <= _SEGMENTS // 2
+        angle = 2 * pi * (k if upper else k - 1) / _SEGMENTS
+        across, along = radius * cos(angle), radius * sin(angle) + (half if upper else -half)
+        points.append((across, 0.0, along) if axis == "x" else (0.0, across, along))
+    return points, [(k, (k + 1) % len(points)) for k in range(len(points))]
+
+
+def _join(
+    parts: list[tuple[list[_Point], list[_Edge]]],
+) -> tuple[list[_Point], list[_Edge]]:
+    points: list[_Point] = []
+    edges: list[_Edge] = []
+    for part_points, part_edges in parts:
+        edges += [(a + len(points), b + len(points)) for a, b in part_edges]
+        points += part_points
+    return points, edges

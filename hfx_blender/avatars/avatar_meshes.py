@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The meshes of somebody's avatar: which they are, and reading them for a fit.
+
+An avatar may be one mesh or several (body, head, hands, clothes). The one that covers most is
+``hfx.avatar``, the others are ``hfx.avatar_parts``; together they are one surface, whose vertices
+are numbered mesh after mesh in that order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ..engine.body.model import SkinWeights, load_avatar
+from ..engine.body.retargeting import skin_parts
+from ..engine.body.retargeting.target import TargetAvatar
+from ..engine.body.rigs.mapping import BoneMapping, RigBone
+from ..errors import InputError
+
+
+def meshes_of(body: bpy.types.Object) -> list[bpy.types.Object]:
+    """The meshes that show a haptic body, in the order in which their vertices are numbered."""
+    parts = (part.mesh for part in body.hfx.avatar_parts)
+    return [mesh for mesh in (body.hfx.avatar, *parts) if mesh is not None]
+
+
+def keep_meshes(body: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
+    """Make these the meshes that show a haptic body, the main one first."""
+    body.hfx.avatar = meshes[0] if meshes else None
+    body.hfx.avatar_parts.clear()
+    for mesh in meshes[1:]:
+        part = body.hfx.avatar_parts.add()
+        part.name = mesh.name
+        part.mesh = mesh
+
+
+def meshes_on(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """Visible meshes that an armature deforms or carries, by name; ours are left out."""
+    below = set(armature.children_recursive)
+    found = [
+        obj
+        for obj in context.view_layer.objects
+        if obj.type == "MESH"
+        and obj.visible_get(view_layer=context.view_layer)
+        and obj.hfx.role == "NONE"
+        and not is_ours(obj)
+        and (obj in below or armature_of(obj) == armature)
+    ]
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def is_ours(obj: bpy.types.Object) -> bool:
+    """Whether a mesh is a perceptual model that was made to be painted on or looked at."""
+    return "hfx_painted_effect" in obj or "hfx_shown_body" in obj
+
+
+def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
+    """The armature that deforms a mesh."""
+    for modifier in mesh.modifiers:
+        if modifier.type == "ARMATURE" and modifier.object is not None:
+            return modifier.object
+    return None
+
+
+def skin_among(
+    armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
+) -> list[bpy.types.Object]:
+    """Those of an armature's meshes that together form its skin."""
+    if len(meshes) < 2:
+        return list(meshes)
+    targets = [read_mesh(armature, mesh) for mesh in meshes]
+    found = [meshes[k] for k in skin_parts.skin_of(load_avatar(), targets, mapping)]
+    # Where nothing follows the bones, the largest is tried, and its fault is told.
+    return found or [max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))]
+
+
+def read_meshes(
+    armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]
+) -> list[TargetAvatar]:
+    """All meshes of an avatar in the rest space of its armature.
+
+    Raises
+    ------
+    InputError
+        Armature or mesh are being edited, or scaled by zero or a negative number; one of
+        several meshes has no faces or follows no bone.
+    """
+    targets = [read_mesh(armature, mesh) for mesh in meshes]
+    if len(meshes) > 1:
+        for mesh, target in zip(meshes, targets, strict=True):
+            fault = None if len(target.triangles) else "has no faces"
+            if not len(target.weights.bones):
+                fault = f"follows no bone of '{armature.name}'"
+            if fault is not None:
+                raise InputError(
+                    f"'{mesh.name}' {fault}, so it is no part of the avatar's skin: deselect it, "
+                    "or parent it to the armature with weights first."
+                )
+    return targets
+
+
+def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
+    """The bones of an armature at rest."""
+    return tuple(
+        RigBone(
+            bone.name,
+            bone.parent.name if bone.parent else None,
+            tuple(bone.head_local),
+            tuple(bone.tail_local),
+            bone.use_deform,
+        )
+        for bone in armature.data.bones
+    )
+
+
+def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
+    """One mesh in the rest space of its armature."""
+    if mesh_object.type != "MESH":
+        raise InputError(
+            f"Avatar '{mesh_object.name}' is a {mesh_object.type.lower()}, not a mesh."
+        )
+    for obj in (armature, mesh_object):
+        if obj.mode == "EDIT":
+            raise InputError(f"'{obj.name}' is being edited; leave Edit Mode first.")
+        _check_scale(obj)
+    world = np.array(armature.matrix_world, np.float64)
+    to_rest = np.linalg.inv(world) @ np.array(mesh_object.matrix_world, np.float64)
+    points, triangles = rest_surface(mesh_object)
+    bones = armature.data.bones
+    names = tuple(
+        group.name
+        for group in mesh_object.vertex_groups
+        if group.name in bones and bones[group.name].use_deform
+    )
+    scene = bpy.context.scene.unit_settings
+    unit = 1.0 if scene.system == "NONE" else scene.scale_length
+    return TargetAvatar(
+        vertices=points @ to_rest[:3, :3].T + to_rest[:3, 3],
+        triangles=triangles.astype(np.int64),
+        weights=_weights(mesh_object, names),
+        bone_names=names,
+        bones=read_bones(armature),
+        metres=unit * float(np.cbrt(np.linalg.det(world[:3, :3]))),
+    )
+
+
+def rest_surface(mesh_object: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """Undeformed vertices (A, 3) and triangles (F, 3) of a mesh, its local space."""
+    mesh = mesh_object.data
+    points = np.zeros(len(mesh.vertices) * 3, np.float32)
+    mesh.vertices.foreach_get("co", points)
+    mesh.calc_loop_triangles()
+    triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles)
+    return points.reshape(-1, 3), triangles.reshape(-1, 3)
+
+
+def _check_scale(obj: bpy.types.Object) -> None:
+    matrix = np.array(obj.matrix_world, np.float64)[:3, :3]
+    lengths = np.linalg.norm(matrix, axis=0)
+    if not np.isfinite(matrix).all() or lengths.min() < 1e-9:
+        raise InputError(f"'{obj.name}' is scaled by zero, so it has no size to fit a body to.")
+    if np.linalg.det(matrix) < 0.0:
+        raise InputError(
+            f"'{obj.name}' has a negative scale, which swaps its left and right; apply the scale "
+            "(Object > Apply > Scale) and recalculate the normals first."
+        )
+
+
+def _weights(mesh_object: bpy.types.Object, names: tuple[str, ...]) -> SkinWeights:
+    column = {mesh_object.vertex_groups[name].index: number for number, name in enumerate(names)}
+    counts, bones, values = [0], [], []
+    for vertex in mesh_object.data.vertices:
+        row = sorted(
+            (column[element.group], element.weight)
+            for element in vertex.groups
+            if element.group in column and element.weight > 0.0
+        )
+        total = sum(weight for _, weight in row)
+        bones += [bone for bone, _ in row]
+        values += [weight / total for _, weight in row]
+        counts.append(len(bones))
+    return SkinWeights(
+        np.array(counts, np.int32), np.array(bones, np.int32), np.array(values, np.float32)
+    )

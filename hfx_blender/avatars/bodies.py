@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Haptic bodies in the scene: the built-in avatar, marking an armature, walking it."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from .. import compat
+from ..engine.body import variants
+from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
+from ..engine.body.rigs.mapping import BoneMapping
+from ..errors import InputError
+from . import avatar_meshes, body_binding, bone_table, retargeting
+
+
+def add_avatar(
+    context: bpy.types.Context, name: str = "Avatar", avatar_id: str = AVATAR_ID
+) -> tuple[bpy.types.Object, bpy.types.Object]:
+    """The built-in avatar, as a haptic body: its armature and its mesh.
+
+    Parameters
+    ----------
+    avatar_id : str
+        That of an installed variant makes another person of it. Effects and devices go on
+        speaking of the canonical models, which stand on the variant's skin.
+
+    Raises
+    ------
+    InputError
+        There is no such avatar, or a model of the variant is missing.
+    """
+    avatar = load_avatar(avatar_id)
+    placed = variants.fitted_to(avatar) if avatar_id != AVATAR_ID else []
+    armature = _armature(context, avatar.skeleton, name)
+    mesh = _skin(context, avatar, armature, f"{name} Skin")
+    if placed:
+        retargeting.store(armature, retargeting.Fit((mesh,), tuple(placed)))
+    mark_body(armature, [mesh])
+    return armature, mesh
+
+
+def add_body(
+    armature: bpy.types.Object,
+    avatar: bpy.types.Object | None,
+    mapping: BoneMapping | None = None,
+    parts: Sequence[bpy.types.Object] = (),
+) -> list[str]:
+    """Make an avatar a haptic body: the perceptual models are fitted to it.
+
+    The canonical armature needs no fit. Nothing is changed if the avatar cannot be used. A body
+    that is fitted again keeps its id, and with the vertex ids what is painted on it.
+
+    Parameters
+    ----------
+    avatar : Object or None
+        The mesh that shows the body, or the first of several.
+    mapping : BoneMapping, optional
+        Which bone stands for which joint; by default the armature's bone table if a user
+        corrected it, else found from the bones.
+    parts : sequence of Object
+        Further meshes of an avatar that is in several pieces.
+
+    Returns
+    -------
+    list of str
+        What a user should check.
+
+    Raises
+    ------
+    InputError
+        The avatar cannot become a haptic body; says why.
+    """
+    check_armature(armature)
+    meshes = [mesh for mesh in dict.fromkeys((avatar, *parts)) if mesh is not None]
+    if body_binding.from_canonical(armature) is None:
+        retargeting.forget(armature)
+        mark_body(armature, meshes)
+        return []
+    if not meshes:
+        raise InputError(
+            f"'{armature.name}' has no mesh that a body could be fitted to: select the avatar's "
+            "mesh and then its armature."
+        )
+    retargeting.check_scipy()
+    mapping = mapping or bone_table.mapping_of(armature)
+    fit = retargeting.fit_body(armature, meshes, mapping)
+    retargeting.store(armature, fit)
+    bone_table.keep(armature, mapping)
+    mark_body(armature, fit.meshes)
+    return [*fit.notes, *fit.warnings]
+
+
+def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """The meshes that a body is fitted to: the selected ones, or those that form the skin.
+
+    Without a selection these are, of the visible meshes that the armature deforms or carries,
+    the fewest that cover the body: hair, and clothes over skin, are left out. For a body that
+    was fitted before they are the same again.
+
+    Raises
+    ------
+    InputError
+        Several meshes are there, and no human bones tell what they cover.
+    """
+    selected = [
+        obj
+        for obj in context.selected_objects
+        if obj.type == "MESH" and not avatar_meshes.is_ours(obj)
+    ]
+    if selected:
+        return _largest_first(selected)
+    known = avatar_meshes.meshes_of(armature)
+    if known and armature.hfx.role == "BODY":
+        return known
+    found = avatar_meshes.meshes_on(context, armature)
+    if len(found) < 2 or body_binding.from_canonical(armature) is None:
+        return _largest_first(found)[:1]
+    return avatar_meshes.skin_among(armature, found, bone_table.mapping_of(armature))
+
+
+def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    return sorted(meshes, key=lambda mesh: (-len(mesh.data.vertices), mesh.name))
+
+
+def check_armature(armature: bpy.types.Object) -> None:
+    """Refuse what is no armature, or cannot hold anything of ours."""
+    if armature.type != "ARMATURE":
+        raise InputError(f"'{armature.name}' is a {armature.type.lower()}, not an armature.")
+    if armature.library is not None:
+        raise InputError(
+            f"'{armature.name}' is linked from '{armature.library.filepath}', so nothing can be "
+            "stored on it; make it local or a library override, or mark it in its own file."
+        )
+
+
+def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
+    """Make an armature a haptic body, shown by meshes; nothing is fitted."""
+    check_armature(armature)
+    armature.hfx.role = "BODY"
+    armature.hfx.uid = armature.hfx.uid or uuid.uuid4().hex
+    avatar_meshes.keep_meshes(armature, meshes)
+
+
+def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:
+    armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
+    context.scene.collection.objects.link(armature)
+    for other in context.selected_objects:
+        other.select_set(False)
+    context.view_layer.objects.active = armature
+    armature.select_set(True)
+    bpy.ops.object.mode_set(mode="EDIT")
+    made = []
+    for bone_name, parent, rest, length in zip(
+        skeleton.bone_names, skeleton.parents, skeleton.rest, skeleton.lengths_m, strict=True
+    ):
+        bone = armature.data.edit_bones.new(bone_name)
+        bone.length = length
+        bone.matrix = Matrix(rest.tolist())
+        bone.length = length
+        if parent >= 0:
+            bone.parent = made[parent]
+        made.append(bone)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    armature.data.display_type = "STICK"
+    return armature
+
+
+def _skin(
+    context: bpy.types.Context, avatar: Avatar, armature: bpy.types.Object, name: str
+) -> bpy.types.Object:
+    mesh = _skin_mesh(avatar, name)
+    skin = bpy.data.objects.new(name, mesh)
+    context.scene.collection.objects.link(skin)
+    weights = avatar.weights
+    groups = [skin.vertex_groups.new(name=bone) for bone in avatar.skeleton.bone_names]
+    owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))
+    for vertex, bone, value in zip(owners, weights.bones, weights.values, strict=True):
+        groups[bone].add([int(vertex)], float(value), "REPLACE")
+    skin.parent = armature
+    modifier = skin.modifiers.new("Armature", "ARMATURE")
+    modifier.object = armature
+    return skin
+
+
+def _skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
+    mesh = bpy.data.meshes.new(name)
+    faces = [[int(v) for v in face if v >= 0] for face in avatar.faces]
+    mesh.from_pydata(avatar.vertices.tolist(), [], faces)
+    layer = mesh.uv_layers.new(name="UVMap")
+    corners = avatar.uv[avatar.faces >= 0].astype(np.float32)
+    layer.data.foreach_set("uv", corners.ravel())
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), np.bool_))
+    mesh.update()
+    return mesh
+
+
+def add_walk(
+    armature: bpy.types.Object,
+    places: Sequence[tuple[float, float, float]],
+    frame_start: int,
+    frame_end: int,
+) -> None:
+    """Walk a body from place to place at an even speed.
+
+    The way is a few keys on the object; the walk cycle is one NLA strip, repeated as often as
+    the distance holds strides, so that both can be changed by hand.
+
+    Parameters
+    ----------
+    places : sequence of (x, y, z)
+        World space; the body faces the way that it goes.
+    """
+    if len(places) < 2 or frame_end <= frame_start:
+        raise InputError(f"Body '{armature.name}': a walk needs two places and some frames.")
+    walk = load_walk()
+    way = np.array(places, np.float64)
+    moves = np.diff(way, axis=0)
+    lengths = np.linalg.norm(moves, axis=1)
+    distance = float(lengths.sum())
+    if not 0.0 < distance < np.inf:
+        raise InputError(f"Body '{armature.name}': the places of a walk are all the same.")
+    frames = frame_start + (frame_end - frame_start) * np.append(0, np.cumsum(lengths)) / distance
+
+    data = armature.animation_data or armature.animation_data_create()
+    cycle = data.action = bpy.data.actions.new(f"{armature.name} Walk Cycle")
+    _key_cycle(armature, cycle, walk)
+    strip = data.nla_tracks.new().strips.new("Walk", frame_start, cycle)
+    strip.action_frame_start, strip.action_frame_end = 0, len(walk.rotations)
+    strip.repeat = distance / walk.stride_m
+    strip.frame_start, strip.frame_end = frame_start, frame_end
+
+    action = data.action = bpy.data.actions.new(f"{armature.name} Way")
+    for axis in range(3):
+        curve = compat.new_fcurve(armature, action, "location", axis)
+        compat.set_keys(curve, zip(frames, way[:, axis], strict=True))
+    # Rest space faces -Y. The body turns round each corner within half a second.
+    headings = np.unwrap(np.arctan2(moves[:, 0], -moves[:, 1]))
+    turn = [(frames[0], headings[0])]
+    fps = bpy.context.scene.render.fps / bpy.context.scene.render.fps_base
+    for corner, before, after in zip(frames[1:], headings, headings[1:], strict=False):
+        turn += [(corner - fps / 4, before), (corner + fps / 4, after)]
+    armature.rotation_mode = "XYZ"
+    curve = compat.new_fcurve(armature, action, "rotation_euler", 2)
+    compat.set_keys(curve, turn, interpolation="BEZIER")
+
+
+def _key_cycle(armature: bpy.types.Object, action: bpy.types.Action, walk: WalkCycle) -> None:
+    frames = np.arange(len(walk.rotations) + 1)  # the first pose again at the end
+    for k, bone in enumerate(walk.bone_names):
+        armature.pose.bones[bone].rotation_mode = "QUATERNION"
+        turns = np.append(walk.rotations[:, k], walk.rotations[:1, k], axis=0)
+        for axis in range(4):
+            path = f'pose.bones["{bone}"].rotation_quaternion'
+            curve = compat.new_fcurve(armature, action, path, axis)
+            compat.set_keys(curve, zip(frames, turns[:, axis], strict=True))
+    root = armature.data.bones[0]
+    to_bone = np.array(root.matrix_local.to_3x3().inverted(), np.float64)
+    offsets = np.append(walk.root_offset_m, walk.root_offset_m[:1], axis=0) @ to_bone.T
+    for axis in range(3):
+        curve = compat.new_fcurve(armature, action, f'pose.bones["{root.name}"].location', axis)
+        compat.set_keys(curve, zip(frames, offsets[:, axis], strict=True))
+
+
+def add_bystander(
+    collection: bpy.types.Collection, place: tuple[float, float, float], turn: float
+) -> bpy.types.Object:
+    """A figure with the avatar's looks that stands still and feels nothing."""
+    mesh = bpy.data.meshes.get("Bystander")
+    if mesh is None:
+        mesh = _skin_mesh(load_avatar(), "Bystander")
+    figure = bpy.data.objects.new("Bystander", mesh)
+    figure.location = place
+    figure.rotation_euler = (0.0, 0.0, turn)
+    collection.objects.link(figure)
+    return figure

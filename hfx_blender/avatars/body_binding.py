@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How a haptic body follows its avatar: by its bones, or by the avatar's evaluated surface.
+
+Bones alone are exact where the avatar is deformed by one plain armature modifier, and cheap.
+Whatever else deforms it (Preserve Volume, shape keys, cloth ...) is evaluated by Blender, and
+the perceptual vertices ride on that surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+from mathutils.bvhtree import BVHTree
+
+from ..engine.body.cells import cell_of_skin
+from ..engine.body.model import PerceptualModel, load_avatar, load_model
+from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
+from ..errors import InputError
+from . import avatar_meshes, retargeting
+
+REST_TOLERANCE_M = 1e-4
+
+_BEYOND = 0.25
+"""How far a foot may lie beyond an edge of its triangle, as a barycentric weight: enough for the
+rest pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
+
+_HARMLESS_MODIFIERS = {
+    "ARMATURE", "DATA_TRANSFER", "EDGE_SPLIT", "NORMAL_EDIT", "PARTICLE_SYSTEM", "COLLISION",
+    "SUBSURF", "TRIANGULATE", "UV_PROJECT", "UV_WARP", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX",
+    "VERTEX_WEIGHT_PROXIMITY", "WEIGHTED_NORMAL",
+}  # fmt: skip
+"""Modifiers that leave the skin where the armature puts it (subdivision only smooths it)."""
+
+
+def binding_of(body: bpy.types.Object, model_ids: Iterable[str]) -> SkinBinding | SurfaceBinding:
+    """How a body is bound, for the models that the scene's effects need.
+
+    Raises
+    ------
+    InputError
+        The armature is neither the canonical one nor fitted, or the avatar cannot be followed.
+    """
+    fitted: dict[str, FittedModel] = {}
+    needed = _with_skins(model_ids)
+    if retargeting.is_fitted(body):
+        found = (retargeting.fitted_model(body, model_id) for model_id in needed)
+        fitted = {model.model_id: model for model in found}
+    else:
+        difference = from_canonical(body)
+        if difference is not None:
+            raise InputError(f"Body '{body.name}': {difference}")
+    reason = why_surface(body)
+    if reason is None:
+        return SkinBinding(tuple(bone.name for bone in body.pose.bones), fitted)
+    return SurfaceBinding(
+        {
+            model_id: _fitted_anchors(body, fitted[model_id])
+            if model_id in fitted
+            else _anchors(body, load_model(model_id))
+            for model_id in needed
+        },
+        reason,
+    )
+
+
+def _with_skins(model_ids: Iterable[str]) -> list[str]:
+    """These models and those that sample their skin: a cell of temperature is made of others."""
+    models = [load_model(model_id) for model_id in model_ids]
+    fine = [cell_of_skin(model)[0] for model in models if model.modality == "temperature"]
+    return sorted({model.id for model in models}.union(fine))
+
+
+def anchors_of(body: bpy.types.Object, model_id: str) -> SurfaceAnchors:
+    """Where a model's vertices lie on the avatar's meshes, numbered mesh after mesh."""
+    fitted = retargeting.fitted_model(body, model_id)
+    return _anchors(body, load_model(model_id)) if fitted is None else _fitted_anchors(body, fitted)
+
+
+def why_surface(body: bpy.types.Object) -> str | None:
+    """Why a body follows its avatar's evaluated surface; None if it follows its bones.
+
+    Raises
+    ------
+    InputError
+        The surface was chosen, but there is none.
+    """
+    follow = body.hfx.follow
+    if follow == "SURFACE":
+        if body.hfx.avatar is None:
+            raise InputError(
+                f"Body '{body.name}' is set to follow the surface of its avatar, but has no mesh; "
+                "choose Automatic or Bones, or add the haptic body with a mesh selected."
+            )
+        return "that is chosen for it"
+    return None if follow == "BONES" else _beyond_bones(body)
+
+
+def warning_of(body: bpy.types.Object) -> str | None:
+    """What an export must say about how a body is followed; None if nothing is lost."""
+    reason = why_surface(body)
+    if reason is not None:
+        return f"body '{body.name}' follows its avatar's evaluated surface, because {reason}"
+    beyond = _beyond_bones(body) if body.hfx.follow == "BONES" else None
+    if beyond is None:
+        return None
+    return (
+        f"body '{body.name}' follows its bones, because that is chosen for it, although {beyond}: "
+        "what this adds to the avatar's shape is not felt"
+    )
+
+
+def from_canonical(body: bpy.types.Object) -> str | None:
+    """How an armature differs from the canonical one in rest pose; None if it does not."""
+    skeleton = load_avatar().skeleton
+    bones = body.data.bones
+    missing = [name for name in skeleton.bone_names if name not in bones]
+    if missing:
+        return (
+            f"its armature lacks {len(missing)} bones of the canonical "
+            f"skeleton, '{missing[0]}' first. Add the built-in avatar, or mark the armature of "
+            "your own as a haptic body."
+        )
+    found = np.array([bones[name].head_local for name in skeleton.bone_names], np.float64)
+    distance = np.linalg.norm(found - skeleton.rest[:, :3, 3], axis=1)
+    if distance.max() > REST_TOLERANCE_M:
+        bone = skeleton.bone_names[int(distance.argmax())]
+        return (
+            f"in rest pose bone '{bone}' is {distance.max() * 1000:.1f} mm "
+            "from its place in the canonical skeleton; the armature's rest pose was edited."
+        )
+    return None
+
+
+def _fitted_anchors(body: bpy.types.Object, fitted: FittedModel) -> SurfaceAnchors:
+    """The fit's anchors, their heights in the avatar's own unit."""
+    to_avatar = body.hfx.avatar.matrix_world.inverted_safe() @ body.matrix_world
+    scale = float(np.cbrt(abs(to_avatar.determinant())))
+    return replace(fitted.anchors, offset_m=scale * fitted.anchors.offset_m)
+
+
+def _beyond_bones(body: bpy.types.Object) -> str | None:
+    """Why bones alone would pose an avatar wrongly; None if they would not."""
+    reasons = (_mesh_beyond_bones(body, mesh) for mesh in avatar_meshes.meshes_of(body))
+    return next(filter(None, reasons), None)
+
+
+def _mesh_beyond_bones(body: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
+    armatures = [
+        m for m in mesh.modifiers if m.type == "ARMATURE" and m.object == body and m.show_viewport
+    ]
+    if not armatures:
+        return f"no enabled armature modifier of '{mesh.name}' uses '{body.name}'"
+    modifier = armatures[0]
+    if modifier.use_deform_preserve_volume:
+        return "Preserve Volume is on"
+    if modifier.use_bone_envelopes or modifier.vertex_group or not modifier.use_vertex_groups:
+        return f"modifier '{modifier.name}' does not deform by plain vertex groups"
+    if len(armatures) > 1:
+        return "several armature modifiers deform it"
+    others = [m for m in mesh.modifiers if m.show_viewport and m.type not in _HARMLESS_MODIFIERS]
+    if others:
+        return f"modifier '{others[0].name}' deforms it too"
+    bones = body.data.bones
+    skin = filter(None, (bones.get(group.name) for group in mesh.vertex_groups))
+    bent = [bone.name for bone in skin if bone.bbone_segments > 1 or not bone.use_deform]
+    if bent:
+        return f"bone '{bent[0]}' bends or does not deform"
+    keys = mesh.data.shape_keys
+    if keys is not None and any(
+        not key.mute and (key.value != 0.0 or keys.animation_data is not None)
+        for key in keys.key_blocks[1:]
+    ):
+        return "shape keys deform it"
+    return None
+
+
+def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
+    """Nearest point of the avatar's undeformed meshes to each perceptual vertex."""
+    avatar, meshes = body.hfx.avatar, avatar_meshes.meshes_of(body)
+    rest = [avatar_meshes.rest_surface(mesh) for mesh in meshes]
+    vertices = _in_one_space([points for points, _ in rest], [mesh.matrix_world for mesh in meshes])
+    starts = np.cumsum([0] + [len(points) for points, _ in rest[:-1]])
+    triangles = np.concatenate(
+        [faces + start for (_, faces), start in zip(rest, starts, strict=True)]
+    )
+    if not len(triangles):
+        raise InputError(f"Avatar '{avatar.name}' has no faces that a body could be bound to.")
+    tree = BVHTree.FromPolygons(vertices.tolist(), triangles.tolist(), all_triangles=True)
+    to_avatar = avatar.matrix_world.inverted_safe() @ body.matrix_world
+    places = [to_avatar @ Vector(vertex) for vertex in model.vertices]
+    nearest = [tree.find_nearest(place)[2] for place in places]
+    corners = triangles[nearest].astype(np.int32)
+    shape = vertices.astype(np.float64)[corners]
+    weights, offsets = _over_triangles(np.array(places, np.float64), shape)
+    return SurfaceAnchors(corners, weights, offsets)
+
+
+def _in_one_space(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
+    """Vertices of several meshes one after the other, in the local space of the first."""
+    moved = [vertices[0]]
+    for points, matrix in zip(vertices[1:], to_world[1:], strict=True):
+        to_first = np.array(to_world[0].inverted_safe() @ matrix, np.float64)
+        moved.append((points @ to_first[:3, :3].T + to_first[:3, 3]).astype(np.float32))
+    return np.concatenate(moved)
+
+
+def _over_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric weights (n, 3) of points' feet on triangles (n, 3, 3), and heights over them."""
+    along = corners[:, 1:] - corners[:, :1]
+    products = along @ along.transpose(0, 2, 1)
+    onto = np.einsum("nei,ni->ne", along, points - corners[:, 0])
+    area = products[:, 0, 0] * products[:, 1, 1] - products[:, 0, 1] ** 2
+    flat = np.where(area > 0.0, area, np.inf)
+    u = (products[:, 1, 1] * onto[:, 0] - products[:, 0, 1] * onto[:, 1]) / flat
+    v = (products[:, 0, 0] * onto[:, 1] - products[:, 0, 1] * onto[:, 0]) / flat
+    u = np.clip(u, -_BEYOND, 1.0 + _BEYOND)
+    v = np.clip(v, -_BEYOND, 1.0 + _BEYOND - u)
+    weights = np.stack([1.0 - u - v, u, v], axis=1)
+    feet = np.einsum("nc,nci->ni", weights, corners)
+    normals = np.cross(along[:, 0], along[:, 1])
+    lengths = np.linalg.norm(normals, axis=1)
+    heights = np.einsum("ni,ni->n", points - feet, normals)
+    return weights, np.divide(heights, lengths, out=np.zeros(len(points)), where=lengths > 0.0)
+
+
+def read_surfaces(
+    body: bpy.types.Object, evaluated: Callable[[bpy.types.Object], bpy.types.Object]
+) -> np.ndarray:
+    """Evaluated vertices of all meshes of an avatar, (A, 3) float32.
+
+    They are numbered mesh after mesh, in the local space of the main mesh, which is where the
+    anchors of :func:`binding_of` refer to.
+
+    Parameters
+    ----------
+    evaluated : callable
+        An object as it is at the time that is read.
+    """
+    meshes = avatar_meshes.meshes_of(body)
+    found = [evaluated(mesh) for mesh in meshes]
+    surfaces = [read_surface(*pair) for pair in zip(meshes, found, strict=True)]
+    return _in_one_space(surfaces, [mesh.matrix_world for mesh in found])
+
+
+def read_surface(avatar: bpy.types.Object, evaluated: bpy.types.Object) -> np.ndarray:
+    """Evaluated vertices of one mesh of an avatar, (A, 3) float32, its local space.
+
+    Subdivision keeps the original vertices first; any other change of their number is refused.
+    """
+    mesh = evaluated.data
+    count = len(avatar.data.vertices)
+    positions = np.zeros(len(mesh.vertices) * 3, np.float32)
+    mesh.attributes["position"].data.foreach_get("vector", positions)
+    if len(mesh.vertices) < count or (
+        len(mesh.vertices) > count
+        and not any(m.type == "SUBSURF" and m.show_viewport for m in avatar.modifiers)
+    ):
+        raise InputError(
+            f"Avatar '{avatar.name}': a modifier changes its number of vertices from {count} to "
+            f"{len(mesh.vertices)}, so it cannot be followed; turn that modifier off in viewports."
+        )
+    return positions.reshape(-1, 3)[:count]

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A body's perceptual model as a mesh that follows its armature, to look at or to paint on."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..engine.body.model import PerceptualModel
+from ..engine.body.parts import PARTS
+from . import retargeting
+
+SHOWN = "hfx_shown_body"
+"""ID property of a mesh that shows a model: the body that it is of."""
+
+MODEL = "hfx_shown_model"
+"""The same: which model."""
+
+_COLOURS = {
+    "head": (0.90, 0.75, 0.35),
+    "torso": (0.45, 0.62, 0.85),
+    "upper_arm": (0.86, 0.47, 0.40),
+    "forearm": (0.55, 0.78, 0.50),
+    "hand_dorsum": (0.75, 0.55, 0.83),
+    "hand_palm": (0.95, 0.62, 0.75),
+    "fingers": (0.40, 0.77, 0.77),
+    "upper_leg": (0.86, 0.47, 0.40),
+    "lower_leg": (0.55, 0.78, 0.50),
+    "foot_dorsum": (0.75, 0.55, 0.83),
+    "foot_sole": (0.95, 0.62, 0.75),
+}
+_ABOVE_SKIN_M = 0.002
+"""So far over the avatar the shown model lies, or the two would flicker through each other."""
+
+_COARSE = 5000
+
+
+def add_posed(
+    context: bpy.types.Context, body: bpy.types.Object, model: PerceptualModel, name: str
+) -> bpy.types.Object:
+    """A mesh of a model as it stands on a body, posed by the same weights as in an export."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(model.vertices.tolist(), [], model.triangles.tolist())
+    mesh.update()
+    obj = bpy.data.objects.new(mesh.name, mesh)
+    obj.hide_render = True
+    context.scene.collection.objects.link(obj)
+    weights = model.weights
+    bones = [obj.vertex_groups.new(name=bone) for bone in model.bone_names]
+    owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+    for vertex, bone, value in zip(
+        owners.tolist(), weights.bones.tolist(), weights.values.tolist(), strict=True
+    ):
+        bones[bone].add([vertex], value, "REPLACE")
+    for group in bones:
+        group.lock_weight = True
+    obj.parent = body
+    obj.modifiers.new("Armature", "ARMATURE").object = body
+    return obj
+
+
+def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> bpy.types.Object:
+    """Show a model on its avatar, a colour for each body part, to check the fit by eye."""
+    hide(body)
+    model = retargeting.model_of(body, model_id)
+    obj = add_posed(context, body, model, f"{body.name} {model_id}")
+    obj[SHOWN], obj[MODEL] = body, model_id
+    obj.show_wire = True
+    obj.show_all_edges = True
+    # The edges of a coarse model run under the skin.
+    obj.show_in_front = len(model) < _COARSE
+    for part in PARTS:
+        obj.data.materials.append(_material(part))
+    part_of_face = model.part[model.triangles[:, 0]].astype(np.int32)
+    obj.data.polygons.foreach_set("material_index", part_of_face)
+    lift = obj.modifiers.new("Above the Skin", "DISPLACE")
+    lift.mid_level = 0.0
+    unit = context.scene.unit_settings
+    metres = 1.0 if unit.system == "NONE" else unit.scale_length
+    scale = abs(body.matrix_world.to_3x3().determinant()) ** (1 / 3)
+    lift.strength = _ABOVE_SKIN_M / (metres * scale)
+    obj.data.update()
+    return obj
+
+
+def shown(body: bpy.types.Object) -> list[bpy.types.Object]:
+    """The meshes that show models of a body."""
+    return [obj for obj in bpy.data.objects if obj.get(SHOWN) == body]
+
+
+def hide(body: bpy.types.Object) -> list[str]:
+    """Remove the meshes that show models of a body; ids of these models."""
+    models = []
+    for obj in shown(body):
+        models.append(obj[MODEL])
+        mesh = obj.data
+        materials = list(mesh.materials)
+        bpy.data.objects.remove(obj)
+        bpy.data.meshes.remove(mesh)
+        for material in materials:
+            if material is not None and not material.users:
+                bpy.data.materials.remove(material)
+    return models
+
+
+def _material(part: str) -> bpy.types.Material:
+    name = f"HFX {part.replace('_', ' ').title()}"
+    material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
+    material.diffuse_color = (*_COLOURS[part], 1.0)
+    return material

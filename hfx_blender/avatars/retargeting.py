@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Somebody's own avatar as a haptic body: fitting it, and keeping the fit in the .blend.
+
+The fit is stored on the armature object as typed ID-property arrays, which go wherever the
+object goes (copy, append, link, override) and are read without a loop: about 3 MB for the three
+shipped models, before Blender compresses the file.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
+from ..engine.body.retargeting import skin_parts
+from ..engine.body.retargeting import target as retarget_target
+from ..engine.body.retargeting.quality import (
+    AREA_RATIOS,
+    FARTHEST_MM,
+    IN_PLACE,
+    PartQuality,
+    Quality,
+)
+from ..engine.body.rigs.mapping import BoneMapping
+from ..engine.modality import MODALITIES
+from ..engine.scene import FittedModel, SurfaceAnchors
+from ..errors import InputError
+from . import avatar_meshes
+
+FIT = "hfx_fit"
+"""ID property of an armature: its bones and meshes as they were, and the arrays of each model."""
+
+F64 = npt.NDArray[np.float64]
+
+_ARRAYS = {
+    "vertices": np.float32,
+    "offsets": np.int32,
+    "bones": np.int32,
+    "values": np.float32,
+    "corners": np.int32,
+    "places": np.float32,
+    "heights": np.float32,
+}
+_MEASURES = ("distance_mean_mm", "distance_p95_mm", "in_place", "area_ratio")
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """All perceptual models on one avatar."""
+
+    meshes: tuple[bpy.types.Object, ...]  # in the order in which their vertices are numbered
+    models: tuple[FittedModel, ...]
+    quality: tuple[Quality, ...] = ()  # of each model
+    warnings: tuple[str, ...] = ()  # parts that fit badly, by name
+    notes: tuple[str, ...] = ()  # bones that are missing or doubtful
+
+
+def model_ids() -> list[str]:
+    """The perceptual models that the modalities are felt on."""
+    return sorted({f"hfx-{modality.model}-1" for modality in MODALITIES.values()})
+
+
+def fit_body(
+    armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
+) -> Fit:
+    """Fit all perceptual models to an avatar; nothing in the scene is changed.
+
+    Parameters
+    ----------
+    meshes : sequence of Object
+        The avatar's skin, in any order.
+
+    Raises
+    ------
+    InputError
+        The avatar cannot be fitted to.
+    """
+    # Fitting is half of what this module would load, and Blender's start must not wait for it.
+    from ..engine.body.retargeting import retarget
+
+    targets = avatar_meshes.read_meshes(armature, meshes)
+    name = meshes[0].name
+    if len(meshes) > 1:
+        order = skin_parts.ranked(load_avatar(), targets, mapping)
+        meshes, targets = [meshes[k] for k in order], [targets[k] for k in order]
+        name = f"{meshes[0].name} and {len(meshes) - 1} more"
+    target = skin_parts.joined(targets)
+    retarget_target.check(target, name)
+    try:
+        warped = retarget.warp(load_avatar(), target, mapping)
+    except InputError as error:
+        raise InputError(f"Armature '{armature.name}': {error}") from None
+    models, qualities, faults = [], [], {}
+    for model_id in model_ids():
+        fitted, quality = retarget.fit(load_model(model_id), warped)
+        models.append(fitted)
+        qualities.append(quality)
+        for fault in quality.warnings:
+            faults.setdefault(fault, model_id)
+    warnings = [f"{fault} ({model_id})" for fault, model_id in faults.items()]
+    return Fit(tuple(meshes), tuple(models), tuple(qualities), tuple(warnings), mapping.report)
+
+
+def check_scipy() -> None:
+    """Refuse to fit where scipy is missing, with what to do about it."""
+    if find_spec("scipy") is None:
+        raise InputError(
+            "Fitting the body to an avatar needs the Python package scipy, which this Blender "
+            f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
+            "avatar."
+        )
+
+
+def store(armature: bpy.types.Object, fit: Fit) -> None:
+    """Keep a fit in the .blend."""
+    armature[FIT] = {
+        "rest": _rest_of(armature),
+        "all_bones": _names_of(armature),
+        "mesh_names": "\n".join(mesh.name for mesh in fit.meshes),
+        "mesh_vertices": np.array([len(mesh.data.vertices) for mesh in fit.meshes], np.int32),
+        "bones": "\n".join(fit.models[0].bone_names),
+        "models": {model.model_id: _stored(model) for model in fit.models},
+        "quality": {quality.model_id: _stored_quality(quality) for quality in fit.quality},
+        "warnings": "\n".join(fit.warnings),
+        "notes": "\n".join(fit.notes),
+    }
+
+
+def _stored_quality(quality: Quality) -> dict[str, object]:
+    table = {
+        name: np.array([getattr(part, name) for part in quality.parts], np.float64)
+        for name in _MEASURES
+    }
+    return {
+        "parts": "\n".join(part.part for part in quality.parts),
+        **table,
+        "sides": quality.sides,
+        "feet_forward": quality.feet_forward,
+    }
+
+
+def quality_of(armature: bpy.types.Object) -> list[Quality]:
+    """How well each model fits, as it was judged when it was fitted; empty without a fit."""
+    fit = armature.get(FIT)
+    if fit is None:
+        return []
+    found = []
+    for model_id, stored in fit["quality"].items():
+        columns = [list(stored[name]) for name in _MEASURES]
+        parts = [
+            PartQuality(name, *values)
+            for name, *values in zip(stored["parts"].split("\n"), *columns, strict=True)
+        ]
+        found.append(Quality(model_id, tuple(parts), stored["sides"], stored["feet_forward"]))
+    return found
+
+
+def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
+    """Each body part as it is on the model on which it fits worst, the worst part first."""
+    worst: dict[str, PartQuality] = {}
+    for part in (part for quality in qualities for part in quality.parts):
+        if part.part not in worst or _badness(part) > _badness(worst[part.part]):
+            worst[part.part] = part
+    return sorted(worst.values(), key=_badness, reverse=True)
+
+
+def _badness(part: PartQuality) -> float:
+    """1 where a part is just not a fault any more."""
+    spread = abs(np.log(max(part.area_ratio, 1e-9)))
+    return max(
+        part.distance_p95_mm / FARTHEST_MM,
+        (1.0 - part.in_place) / (1.0 - IN_PLACE),
+        float(spread / np.log(AREA_RATIOS[1])),
+    )
+
+
+def texts_of(armature: bpy.types.Object, kind: str) -> list[str]:
+    """The "warnings" or the "notes" of a stored fit."""
+    fit = armature.get(FIT)
+    return [] if fit is None else list(filter(None, fit[kind].split("\n")))
+
+
+def _stored(fitted: FittedModel) -> dict[str, object]:
+    weights, anchors = fitted.weights, fitted.anchors
+    arrays = {
+        "vertices": fitted.vertices,
+        "offsets": weights.offsets,
+        "bones": weights.bones,
+        "values": weights.values,
+        "corners": anchors.corners,
+        "places": anchors.weights,
+        "heights": anchors.offset_m,
+    }
+    flat = {name: np.ascontiguousarray(arrays[name], _ARRAYS[name]).ravel() for name in _ARRAYS}
+    return {"hash": fitted.model_hash, **flat}
+
+
+def forget(armature: bpy.types.Object) -> None:
+    """Drop a stored fit: the body follows the canonical skeleton."""
+    if FIT in armature:
+        del armature[FIT]
+
+
+def is_fitted(armature: bpy.types.Object) -> bool:
+    return FIT in armature
+
+
+def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | None:
+    """The stored fit of a model; None where the body's armature is the canonical one.
+
+    Raises
+    ------
+    InputError
+        The armature's rest pose or the avatar's meshes were edited since, or the fit is of
+        another edition of the model.
+    """
+    if FIT not in armature:
+        return None
+    fit, again = armature[FIT], "; fit the body again."
+    if _is_edited(armature, fit):
+        raise InputError(
+            f"Body '{armature.name}': the armature's rest pose was edited since the body was "
+            f"fitted to it{again}"
+        )
+    _check_meshes(armature, fit, again)
+    model = load_model(model_id)
+    stored = fit["models"].get(model_id)
+    if stored is None or stored["hash"] != model.content_hash:
+        raise InputError(
+            f"Body '{armature.name}': it was fitted for another edition of '{model_id}'{again}"
+        )
+    arrays = {name: np.array(stored[name], kind) for name, kind in _ARRAYS.items()}
+    return FittedModel(
+        model_id=model_id,
+        model_hash=stored["hash"],
+        vertices=arrays["vertices"].reshape(-1, 3),
+        bone_names=tuple(fit["bones"].split("\n")),
+        weights=SkinWeights(arrays["offsets"], arrays["bones"], arrays["values"]),
+        anchors=SurfaceAnchors(
+            arrays["corners"].reshape(-1, 3),
+            arrays["places"].reshape(-1, 3).astype(np.float64),
+            arrays["heights"].astype(np.float64),
+        ),
+    )
+
+
+def _check_meshes(armature: bpy.types.Object, fit: Mapping[str, Any], again: str) -> None:
+    meshes = avatar_meshes.meshes_of(armature)
+    if armature.hfx.avatar is None:  # the bones alone are followed
+        return
+    names, counts = fit["mesh_names"].split("\n"), list(fit["mesh_vertices"])
+    if len(meshes) != len(counts):
+        raise InputError(
+            f"Body '{armature.name}': the body was fitted to {len(counts)} meshes "
+            f"({', '.join(names)}), its avatar has {len(meshes)} now{again}"
+        )
+    for mesh, count in zip(meshes, counts, strict=True):
+        if len(mesh.data.vertices) != count:
+            raise InputError(
+                f"Body '{armature.name}': the body was fitted to {count} vertices of its avatar's "
+                f"mesh '{mesh.name}', which has {len(mesh.data.vertices)} now{again}"
+            )
+
+
+def model_of(armature: bpy.types.Object, model_id: str) -> PerceptualModel:
+    """A perceptual model as it stands on a body: its places, bones and weights."""
+    model, fitted = load_model(model_id), fitted_model(armature, model_id)
+    return model if fitted is None else fitted.of(model)
+
+
+def _rest_of(armature: bpy.types.Object) -> F64:
+    """Heads and tails of all bones at rest, flat."""
+    ends = [end for bone in armature.data.bones for end in (bone.head_local, bone.tail_local)]
+    return np.array(ends, np.float64).ravel()
+
+
+def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
+    """Whether bones were added, renamed or moved since a fit was stored."""
+    if fit["all_bones"] != _names_of(armature):
+        return True
+    before, now = np.array(fit["rest"], np.float64), _rest_of(armature)
+    return not np.allclose(before, now, rtol=0.0, atol=1e-4 * np.ptp(before))
+
+
+def _names_of(armature: bpy.types.Object) -> str:
+    return "\n".join(bone.name for bone in armature.data.bones)

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How this user's devices are connected: kept beside the user's data, never in a .blend.
+
+A .blend brings names of devices only; a stranger's file so can open no port.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from .. import resources
+from ..atomic_files import atomic_file
+
+MAX_OFFSET_MS = 1000.0
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """Of one device."""
+
+    kind: str = "SIMULATOR"  # or DEVICE, CSV
+    port: str = ""  # serial: empty is found by its USB ids; network: empty as configured
+    host: str = ""
+    path: str = ""  # of a log
+    offset_ms: float = 0.0
+
+
+def load() -> dict[str, LiveSettings]:
+    """By device; what cannot be read is as if it had never been set."""
+    try:
+        found = json.loads(resources.live_settings().read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    if not isinstance(found, dict):
+        return {}
+    return {str(name): _one(each) for name, each in found.items() if isinstance(each, dict)}
+
+
+def store(name: str, settings: LiveSettings) -> None:
+    """Remember how a device is connected.
+
+    Raises
+    ------
+    OutputError
+        It cannot be stored.
+    """
+    known = load()
+    if known.get(name) == settings:
+        return
+    known[name] = settings
+    path = resources.live_settings()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_file(path) as file:
+        content = {each: asdict(known[each]) for each in sorted(known)}
+        file.write(json.dumps(content, indent=1).encode())
+
+
+def _one(found: dict[str, Any]) -> LiveSettings:
+    taken = {}
+    for field in fields(LiveSettings):
+        value = found.get(field.name, field.default)
+        if isinstance(field.default, str):
+            taken[field.name] = value if isinstance(value, str) else field.default
+        else:
+            is_number = isinstance(value, int | float) and math.isfinite(value)
+            taken[field.name] = min(max(float(value), 0.0), MAX_OFFSET_MS) if is_number else 0.0
+    return LiveSettings(**taken)

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects and bodies read from their F-curves, over blocks of times, without any stepping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
+from ..engine.volume.shape import Shape
+from . import effect_values
+from .activation import Activation, Source
+from .animation_curves import NotModelledError
+from .own_kinematics import PlainObject, PlainRig, rest_value
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_CHUNK = 256
+"""Samples in a chunk: sampling few times costs nearly as much as sampling many."""
+
+_STEADY = {"hide_viewport", "hide_render", "hide_select"}
+
+
+class CurveEffect:
+    """An effect whose level, parameters and place follow from F-curves.
+
+    Raises
+    ------
+    NotModelledError
+        Something else moves or shapes it.
+    """
+
+    def __init__(
+        self, effect: bpy.types.Object, state: Activation, shape: Shape | None, unit_m: float
+    ) -> None:
+        self._hfx = effect.hfx
+        self._state = state
+        self._shape = shape
+        self._unit_m = unit_m
+        self._place = PlainObject(effect, self._default)
+        self._names = effect_values.PARAMETER_PROPERTIES[effect.hfx.modality]
+        animated = {path for path, _ in self._place.values.columns}
+        known = {f"hfx.{name}" for name in (*self._names, "activation", "intensity")}
+        other = sorted(p for p in animated - known if p.startswith("hfx.") or p in _STEADY)
+        if other:
+            raise NotModelledError(f"'{other[0]}' of '{effect.name}' is animated")
+        if state.source is Source.ANIMATED and "hfx.activation" not in animated:
+            raise NotModelledError(f"the activation of '{effect.name}' is animated otherwise")
+        if effect.hfx.kind == "VOLUME" and effect.hfx.shape == "MESH":
+            _refuse_deformed(effect)
+
+    def _default(self, path: str, index: int) -> float:
+        if path.startswith("hfx."):
+            return float(self._hfx.bl_rna.properties[path[4:]].default)
+        return rest_value(path, index)
+
+    def read(self, frames: F64) -> EffectBlock:
+        """The effect at frames of the scene, (T,)."""
+        sampled = self._place.values.sample(frames)
+        parameters = [self._value(name, sampled) for name in self._names]
+        is_volume = self._hfx.kind == "VOLUME"
+        world: F64 | None = None
+        if is_volume or self._hfx.modality == "wind":
+            world = self._place.world(frames, sampled)
+        if self._hfx.modality == "wind" and world is not None:
+            parameters += list(effect_values.directions(world).T)
+        levels = self._level(sampled)
+        if not is_volume or world is None or self._shape is None:
+            return EffectBlock(levels, np.stack(parameters, axis=1))
+        matrices = effect_values.shape_matrices(world, self._unit_m, self._hfx)
+        return EffectBlock(levels, np.stack(parameters, axis=1), matrices, (self._shape,))
+
+    def _level(self, sampled: F64) -> F64:
+        if self._state.source is Source.OFF:
+            return np.zeros(len(sampled))
+        intensity = self._value("intensity", sampled)
+        if self._state.source is Source.ALWAYS_ON:
+            return intensity
+        return self._value("activation", sampled) * intensity
+
+    def _value(self, name: str, sampled: F64) -> F64:
+        column = self._place.values.columns.get((f"hfx.{name}", 0))
+        if column is None:
+            return np.full(len(sampled), getattr(self._hfx, name), np.float64)
+        limits = self._hfx.bl_rna.properties[name]  # Blender keeps to them, and to 32 bits
+        clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
+        return clipped.astype(np.float32).astype(np.float64)
+
+
+def _refuse_deformed(effect: bpy.types.Object) -> None:
+    mesh = effect.data
+    if any(modifier.show_viewport for modifier in effect.modifiers):
+        raise NotModelledError(f"modifiers deform '{effect.name}'")
+    if mesh.shape_keys is not None:
+        raise NotModelledError(f"shape keys deform '{effect.name}'")
+    if mesh.animation_data is not None:
+        raise NotModelledError(f"the mesh of '{effect.name}' is animated")
+
+
+class EffectChunks:
+    """Effects from F-curves, sampled over long chunks of time and handed out in parts."""
+
+    def __init__(self, effects: Mapping[int, CurveEffect], frames_of: Callable[[I64], F64]) -> None:
+        self._effects = effects
+        self._frames_of = frames_of
+        self._chunks: dict[int, dict[int, EffectBlock]] = {}
+
+    def read(self, which: int, indices: I64) -> EffectBlock:
+        """An effect at samples of ascending indices."""
+        numbers = indices // _CHUNK
+        parts = []
+        for number in range(int(numbers[0]), int(numbers[-1]) + 1):
+            rows = indices[numbers == number] - number * _CHUNK
+            if len(rows):
+                parts.append(_rows_of(self._chunk(number)[which], rows))
+        return parts[0] if len(parts) == 1 else _joined(parts)
+
+    def _chunk(self, number: int) -> dict[int, EffectBlock]:
+        if number not in self._chunks:
+            frames = self._frames_of(np.arange(number * _CHUNK, (number + 1) * _CHUNK))
+            for old in [old for old in self._chunks if abs(old - number) > 1]:
+                del self._chunks[old]
+            self._chunks[number] = {k: each.read(frames) for k, each in self._effects.items()}
+        return self._chunks[number]
+
+
+def _rows_of(block: EffectBlock, rows: I64) -> EffectBlock:
+    matrices = None if block.matrices is None else block.matrices[rows]
+    return EffectBlock(block.levels[rows], block.parameters[rows], matrices, block.shapes)
+
+
+def _joined(parts: list[EffectBlock]) -> EffectBlock:
+    matrices = [part.matrices for part in parts if part.matrices is not None]
+    return EffectBlock(
+        np.concatenate([part.levels for part in parts]),
+        np.concatenate([part.parameters for part in parts]),
+        np.concatenate(matrices) if matrices else None,
+        parts[0].shapes,
+    )
+
+
+class CurveBody:
+    """A body whose bones follow F-curves only.
+
+    Raises
+    ------
+    NotModelledError
+        Something else poses it.
+    """
+
+    def __init__(
+        self, body: bpy.types.Object, binding: SkinBinding | SurfaceBinding, unit_m: float
+    ) -> None:
+        if isinstance(binding, SurfaceBinding):
+            raise NotModelledError(f"'{body.name}' follows its avatar's surface")
+        self._rig = PlainRig(body)
+        self._unit_m = unit_m
+
+    def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
+        """The body at frames of the scene; only those that are wanted are posed."""
+        bones = np.zeros((len(frames), self._rig.bone_count, 3, 4))
+        to_world = np.zeros((len(frames), 4, 4))
+        if not wanted.any():
+            return PoseBlock(wanted, to_world)
+        world, bones[wanted] = self._rig.sample(frames[wanted])
+        to_world[wanted] = effect_values.to_metres(world, self._unit_m)
+        return PoseBlock(wanted, to_world, bones)

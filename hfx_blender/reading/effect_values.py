@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An effect's values at a time, from its properties: parameters, shape, place of its shape."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..authoring import volumes
+from ..engine.volume.mesh import MeshVolume
+from ..engine.volume.shape import Shape
+
+F64 = npt.NDArray[np.float64]
+
+PARAMETER_PROPERTIES = {
+    "vibration": ("amplitude", "frequency"),
+    "pressure": ("pressure",),
+    "temperature": ("temperature",),
+    "wind": ("wind_speed",),
+}
+"""Properties of ``Object.hfx`` in the order of a modality's parameters; wind adds a direction."""
+
+
+def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
+    """An effect's values in the order of its modality's parameters; world matrix (4, 4)."""
+    values = [getattr(hfx, name) for name in PARAMETER_PROPERTIES[hfx.modality]]
+    return [*values, *directions(world).tolist()] if hfx.modality == "wind" else values
+
+
+def directions(world: F64) -> F64:
+    """Unit vectors along the local Z axis of world matrices (..., 4, 4): where wind blows to."""
+    along = world[..., :3, 2]
+    lengths = np.linalg.norm(along, axis=-1, keepdims=True)
+    return np.where(lengths > 0.0, along / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
+
+
+def shape_matrices(world: F64, unit_m: float, hfx: bpy.types.PropertyGroup) -> F64:
+    """World matrices (..., 4, 4) in Blender's units -> shape space to world, metres."""
+    scaled = to_metres(world, unit_m)
+    scaled[..., :3, :3] *= volumes.shape_scale(hfx)
+    return scaled
+
+
+def to_metres(world: F64, unit_m: float) -> F64:
+    """World matrices (..., 4, 4) in Blender units -> in metres."""
+    scaled = world.copy()
+    scaled[..., :3, :] *= unit_m
+    return scaled
+
+
+class Shapes:
+    """The shapes of a scene's volumes; a mesh is made into one again only where it deforms."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[str, tuple[bytes, MeshVolume]] = {}
+
+    def shape_of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> Shape:
+        """The shape of an effect as it is evaluated at a time."""
+        if evaluated.hfx.shape != "MESH":
+            return volumes.analytic_shape(evaluated.hfx)
+        mesh = evaluated.data
+        positions = np.zeros(len(mesh.vertices) * 3, np.float32)
+        if len(mesh.vertices):
+            mesh.attributes["position"].data.foreach_get("vector", positions)
+        content = positions.tobytes()
+        known = self._meshes.get(effect.name)
+        if known is None or known[0] != content:
+            mesh.calc_loop_triangles()
+            triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
+            mesh.loop_triangles.foreach_get("vertices", triangles)
+            volume = MeshVolume(
+                positions.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3), effect.name
+            )
+            known = self._meshes[effect.name] = (content, volume)
+        return known[1]

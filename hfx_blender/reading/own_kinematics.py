@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where objects and bones are, from their F-curves alone: no scene has to be stepped.
+
+Only plain motion is modelled: actions, clips of the NLA, parents. :class:`NotModelledError` says
+what else there is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.body.kinematics import Rig, rotations, transforms
+from .animation_curves import AnimatedValues, NotModelledError
+
+F64 = npt.NDArray[np.float64]
+
+_POSE = "pose.bones["
+_BONE = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]\.(\w+)$')
+_WIDTHS = {
+    "location": 3,
+    "scale": 3,
+    "rotation_quaternion": 4,
+    "rotation_euler": 3,
+    "rotation_axis_angle": 4,
+    "delta_location": 3,
+    "delta_scale": 3,
+    "delta_rotation_quaternion": 4,
+    "delta_rotation_euler": 3,
+}
+_HARMLESS = re.compile(
+    r'(hfx\.|hide_|color$|show_|display_|\["|pose\.bones\[".*"\](\["|\.bbone_)|lock_)'
+)
+"""Animated paths that move nothing by themselves."""
+
+
+def rest_value(path: str, index: int) -> float:
+    """What a transform has where no strip of the NLA plays."""
+    name = path.rpartition(".")[2]
+    if name.endswith("scale"):
+        return 1.0
+    if name.endswith("rotation_quaternion"):
+        return 1.0 if index == 0 else 0.0
+    if name.endswith("rotation_axis_angle"):
+        return 1.0 if index == 2 else 0.0
+    return 0.0
+
+
+class PlainObject:
+    """An object whose world matrix follows from its own and its parents' F-curves.
+
+    Parameters
+    ----------
+    obj : bpy.types.Object
+    default : callable, optional
+        What other properties than transforms have where no strip plays.
+
+    Raises
+    ------
+    NotModelledError
+        Something else moves it.
+    """
+
+    def __init__(
+        self,
+        obj: bpy.types.Object,
+        default: Callable[[str, int], float] = rest_value,
+    ) -> None:
+        if any(not each.mute for each in obj.constraints):
+            raise NotModelledError(f"'{obj.name}' has constraints")
+        if obj.rigid_body is not None or obj.soft_body is not None:
+            raise NotModelledError(f"physics moves '{obj.name}'")
+        self.obj = obj
+        self.values = AnimatedValues(obj, default, lambda path: not path.startswith(_POSE))
+        for path, _ in self.values.columns:
+            if path not in _WIDTHS and not _HARMLESS.match(path):
+                raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+        self._parent: PlainObject | None = None
+        self._bone: str | None = None
+        self._rig: PlainRig | None = None
+        if obj.parent is not None:
+            self._read_parent(obj)
+
+    def _read_parent(self, obj: bpy.types.Object) -> None:
+        if obj.parent_type == "OBJECT":
+            self._parent = PlainObject(obj.parent)
+        elif obj.parent_type == "BONE" and obj.parent.type == "ARMATURE":
+            self._rig = PlainRig(obj.parent)
+            self._parent = self._rig.body
+            self._bone = obj.parent_bone
+            if self._bone not in obj.parent.data.bones:
+                raise NotModelledError(f"'{obj.name}' has a bone as parent that does not exist")
+        else:
+            raise NotModelledError(f"'{obj.name}' hangs on more than the place of its parent")
+
+    def world(self, frames: F64, sampled: F64 | None = None) -> F64:
+        """World matrices (T, 4, 4) in Blender's units; ``sampled`` saves sampling it again."""
+        sampled = self.values.sample(frames) if sampled is None else sampled
+        obj = self.obj
+        mode = obj.rotation_mode
+
+        def of(name: str) -> F64:
+            return self._channels(sampled, name)
+
+        turned = rotations(of(_rotation_name(mode)), mode)
+        if mode == "QUATERNION":
+            turned = rotations(of("delta_rotation_quaternion"), mode) @ turned
+        elif mode != "AXIS_ANGLE":
+            turned = rotations(of("delta_rotation_euler"), mode) @ turned
+        own = transforms(
+            of("location") + of("delta_location"), turned, of("scale") * of("delta_scale")
+        )
+        if self._parent is None:
+            return own
+        above = self._parent.world(frames)
+        if self._rig is not None and self._bone is not None:
+            above = above @ self._rig.seat_of(self._bone, frames)
+        return above @ np.array(obj.matrix_parent_inverse, np.float64) @ own
+
+    def _channels(self, sampled: F64, name: str) -> F64:
+        """One property over the times, (T, width)."""
+        still = np.array(getattr(self.obj, name), np.float64)
+        values = np.repeat(still[None], len(sampled), axis=0)
+        for index in range(len(still)):
+            column = self.values.columns.get((name, index))
+            if column is not None:
+                values[:, index] = sampled[:, column]
+        return values
+
+
+class PlainRig:
+    """An armature whose bones follow their parents and their F-curves only.
+
+    Raises
+    ------
+    NotModelledError
+        A bone has constraints or inherits in another way, or the armature does not pose.
+    """
+
+    def __init__(self, obj: bpy.types.Object) -> None:
+        self.body = PlainObject(obj)
+        data = obj.data
+        if data.pose_position != "POSE":
+            raise NotModelledError(f"'{obj.name}' shows its rest position")
+        if data.animation_data is not None and (
+            data.animation_data.action is not None or len(data.animation_data.drivers)
+        ):
+            raise NotModelledError(f"the armature of '{obj.name}' is animated itself")
+        self._names = [bone.name for bone in obj.pose.bones]
+        index = {name: k for k, name in enumerate(self._names)}
+        bones = [data.bones[name] for name in self._names]
+        for posed, bone in zip(obj.pose.bones, bones, strict=True):
+            if any(not each.mute for each in posed.constraints):
+                raise NotModelledError(f"bone '{bone.name}' of '{obj.name}' has constraints")
+            if not bone.use_inherit_rotation or bone.inherit_scale != "FULL":
+                raise NotModelledError(
+                    f"bone '{bone.name}' of '{obj.name}' inherits only part of its parent's pose"
+                )
+        self._rest = np.array([bone.matrix_local for bone in bones], np.float64)
+        self._lengths = {bone.name: bone.length for bone in bones}
+        self._relative = {bone.name for bone in bones if bone.use_relative_parent}
+        self._rig = Rig(
+            [-1 if bone.parent is None else index[bone.parent.name] for bone in bones],
+            self._rest,
+            [bone.use_local_location for bone in bones],
+        )
+        self._connected = np.array([b.use_connect and b.parent is not None for b in bones])
+        self._modes = [bone.rotation_mode for bone in obj.pose.bones]
+        self._still = {name: self._current(name) for name in (*_rotations(self._modes), *_OTHERS)}
+        # Which column of the sampled values goes to which bone and which of its numbers.
+        places: dict[str, list[tuple[int, int, int]]] = {name: [] for name in self._still}
+        self._values = AnimatedValues(obj, rest_value, lambda path: path.startswith(_POSE))
+        for (path, number), column in self._values.columns.items():
+            match = _BONE.match(path)
+            if match is None:
+                if not _HARMLESS.match(path):
+                    raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+                continue
+            name = bpy.utils.unescape_identifier(match[1])
+            if match[2] == "rotation_mode":
+                raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
+            if name in index and match[2] in places:
+                places[match[2]].append((column, index[name], number))
+        self._places = {name: np.array(found).T for name, found in places.items() if found}
+
+    def _current(self, name: str) -> F64:
+        flat = np.zeros(len(self._names) * _WIDTHS[name], np.float32)
+        self.body.obj.pose.bones.foreach_get(name, flat)
+        return flat.reshape(len(self._names), -1).astype(np.float64)
+
+    @property
+    def bone_count(self) -> int:
+        return len(self._names)
+
+    def sample(self, frames: F64) -> tuple[F64, F64]:
+        """World matrices (T, 4, 4), Blender's units, and skinning matrices (T, B, 3, 4)."""
+        return self.body.world(frames), self._skinning(self._values.sample(frames))
+
+    def _skinning(self, sampled: F64) -> F64:
+        values = {}
+        for name, still in self._still.items():
+            values[name] = np.repeat(still[None], len(sampled), axis=0)
+            if name in self._places:
+                columns, bones, numbers = self._places[name]
+                values[name][:, bones, numbers] = sampled[:, columns]
+        modes = dict.fromkeys(self._modes)
+        if len(modes) == 1:
+            (mode,) = modes
+            turned = rotations(values[_rotation_name(mode)], mode)
+        else:
+            turned = np.zeros((len(sampled), len(self._names), 3, 3))
+            for mode in modes:
+                mine = [k for k, other in enumerate(self._modes) if other == mode]
+                turned[:, mine] = rotations(values[_rotation_name(mode)][:, mine], mode)
+        values["location"][:, self._connected] = 0.0
+        return self._rig.pose(values["location"], turned, values["scale"])
+
+    def seat_of(self, bone: str, frames: F64) -> F64:
+        """Where objects sit that have a bone as their parent, (T, 4, 4), armature space."""
+        k = self._names.index(bone)
+        seat = np.zeros((len(frames), 4, 4))
+        seat[:, :3] = self._skinning(self._values.sample(frames))[:, k]
+        seat[:, 3, 3] = 1.0
+        if bone in self._relative:
+            return seat
+        seat = seat @ self._rest[k]
+        seat[:, :3, 3] += seat[:, :3, 1] * self._lengths[bone]  # the bone's tail
+        return seat
+
+
+_OTHERS = ("location", "scale")
+
+
+def _rotation_name(mode: str) -> str:
+    names = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
+    return names.get(mode, "rotation_euler")
+
+
+def _rotations(modes: list[str]) -> list[str]:
+    return list(dict.fromkeys(map(_rotation_name, modes)))

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How each effect and body of a scene is read: from F-curves, or by stepping through a scene.
+
+What follows from F-curves alone is sampled whole blocks at a time. The rest is stepped, in a
+scratch scene of what is needed where that gives the same, else in the user's own scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from ..avatars import avatar_meshes
+from ..engine.body.model import load_model
+from ..engine.scene import (
+    AnimationBlock,
+    EffectBlock,
+    PoseBlock,
+    SceneDescription,
+    SurfaceBinding,
+)
+from ..engine.tolerance import Tolerance
+from ..engine.volume.placement import world_bounds
+from . import effect_values, stepping
+from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
+from .animation_curves import NotModelledError
+from .curve_reading import CurveBody, CurveEffect, EffectChunks
+from .scene_description import HapticObjects, sample_frames
+from .scene_rows import Row, effect_block, pose_block
+from .stepped_reading import SteppedReading
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which effects and bodies, by their place in the scene's lists, come from F-curves."""
+
+    effects: dict[int, CurveEffect] = field(default_factory=dict)
+    bodies: dict[int, CurveBody] = field(default_factory=dict)
+    reason: str = ""  # why not all of them; empty if all
+    in_own_scene: bool = False
+    is_exact: bool = False  # every sample that is stepped is read; none is interpolated
+
+    @property
+    def note(self) -> str:
+        """What was done, for the report."""
+        if not self.reason:
+            return "sampled F-curves, stepped no scene"
+        where = "the whole scene" if self.in_own_scene else "a scratch scene"
+        return f"stepped {where}, because {self.reason}"
+
+
+def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values.Shapes) -> Plan:
+    """The cheapest way to read a scene, as far as can be told without trying."""
+    handler = stepping.foreign_handler()
+    if handler is not None:
+        return Plan(reason=handler, in_own_scene=True, is_exact=True)
+    plan = Plan()
+    reasons = []
+    for k, (effect, state) in enumerate(zip(found.effects, found.activations, strict=True)):
+        shape = None
+        if effect.hfx.kind == "VOLUME":
+            shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
+        try:
+            plan.effects[k] = CurveEffect(effect, state, shape, found.unit_m)
+        except NotModelledError as error:
+            reasons.append(str(error))
+    for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
+        try:
+            plan.bodies[k] = CurveBody(body, described.binding, found.unit_m)
+        except NotModelledError as error:
+            reasons.append(str(error))
+    if not reasons:
+        return plan
+    own = stepping.why_own_scene(found.scene)
+    simulates = stepping.simulated(found.scene) is not None
+    return Plan(plan.effects, plan.bodies, own or reasons[0], own is not None, simulates)
+
+
+class Pass:
+    """One pass through the times of a scene."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        found: HapticObjects,
+        scene: SceneDescription,
+        reading: SteppedReading,
+        *,
+        tolerance: Tolerance,
+        always_posed: bool,
+        stretch_of: Callable[[int], tuple[int, int]],
+        stack: ExitStack,
+    ) -> None:
+        self._plan = plan
+        self._scene = scene
+        self._reading = reading
+        self._always_posed = always_posed
+        self._effects = [k for k in range(len(found.effects)) if k not in plan.effects]
+        self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
+        self._volumes = [k for k, e in enumerate(found.effects) if e.hfx.kind == "VOLUME"]
+        self._chunks = EffectChunks(plan.effects, self._frames)
+        self._last: Row | None = None
+        self._cell = (0, -1)
+        self._near: list[Volume] = []
+        self._whole = self._light = None
+        if plan.in_own_scene:
+            self._whole = self._light = stack.enter_context(
+                stepping.own_scene(found.scene, found.layer)
+            )
+        elif self._effects or self._bodies:
+            stepped = [found.effects[k] for k in self._effects]
+            bodies = [found.bodies[k] for k in self._bodies]
+            surfaces = [
+                mesh
+                for k in self._bodies
+                if isinstance(scene.bodies[k].binding, SurfaceBinding)
+                for mesh in avatar_meshes.meshes_of(found.bodies[k])
+            ]
+            needed = [*stepped, *bodies, *surfaces]
+            self._whole = stack.enter_context(stepping.scratch_scene(found.scene, needed))
+            self._light = self._whole
+            if stepped and bodies:
+                self._light = stack.enter_context(stepping.scratch_scene(found.scene, stepped))
+        self._adaptive = self._adaptive_poses(tolerance, stretch_of)
+
+    def _adaptive_poses(
+        self, tolerance: Tolerance, stretch_of: Callable[[int], tuple[int, int]]
+    ) -> AdaptivePoses | None:
+        """None where every sample is to be read."""
+        step = grid_step(self._scene.time.rate_hz)
+        joint = self._effects and self._plan.in_own_scene
+        if not self._bodies or self._plan.is_exact or joint or step == 1:
+            return None
+        if tolerance.time_s == 0.0:
+            return None
+        if self._scene.time.rate_hz < 2 * self._scene.time.fps:
+            return None  # frames are that far apart that looking costs more than it saves
+        motions: dict[tuple[int, str], VertexMotion] = {}
+        for k in self._bodies:
+            binding = self._scene.bodies[k].binding
+            if isinstance(binding, SurfaceBinding):
+                return None
+            for model_id in {e.model_id for e in self._scene.effects if e.kind == "volume"}:
+                model, fitted = load_model(model_id), binding.fitted.get(model_id)
+                placed = model if fitted is None else fitted.of(model)
+                motions[k, model_id] = VertexMotion(placed, binding, tolerance)
+        period_s = 1.0 / float(self._scene.time.rate_hz)
+
+        def allows(span: Span) -> bool:
+            volumes = self._volumes_over(span.cell)
+            return all(
+                motion.allows(
+                    span,
+                    partial(poses.bones, body=k),
+                    [volume for volume in volumes if volume.model_id == model_id],
+                    period_s,
+                )
+                for (k, model_id), motion in motions.items()
+            )
+
+        time = self._scene.time
+        offset = (time.frame_first - time.scene_start) * time.rate_hz / time.fps
+        poses = AdaptivePoses(self._read_poses, stretch_of, allows, step, int(offset // 1))
+        return poses
+
+    def _volumes_over(self, cell: tuple[int, int]) -> list[Volume]:
+        """The volumes that may be felt over a part of the grid."""
+        if self._cell != cell:
+            self._cell, self._near = cell, []
+            indices = np.arange(cell[0], cell[1] + 1)
+            for k in self._volumes:
+                described = self._scene.effects[k]
+                if k not in self._plan.effects:  # it may be anywhere
+                    everywhere = np.full(3, np.inf)
+                    still = np.repeat(np.eye(4)[None], len(indices), axis=0)
+                    self._near.append(Volume(described.model_id, -everywhere, everywhere, still))
+                    continue
+                effect = self._chunks.read(k, indices)
+                if effect.matrices is None or not (effect.levels > 0.0).any():
+                    continue
+                box = world_bounds(effect.shapes[0], effect.matrices)
+                self._near.append(
+                    Volume(
+                        described.model_id,
+                        box[:, 0].min(axis=0),
+                        box[:, 1].max(axis=0),
+                        effect.matrices,
+                    )
+                )
+        return self._near
+
+    def _frames(self, indices: I64) -> F64:
+        """Frames of samples, rounded as Blender keeps them."""
+        return sample_frames(self._scene.time, indices).astype(np.float32).astype(np.float64)
+
+    def _read_poses(self, index: int) -> Poses:
+        assert self._whole is not None
+        return self._reading.read(index, self._whole, (), self._bodies).poses
+
+    def block(self, indices: I64, history: int = 0) -> AnimationBlock:
+        """What is where at samples without a gap between them."""
+        frames = self._frames(indices)
+        effects: dict[int, EffectBlock] = {
+            k: self._chunks.read(k, indices) for k in self._plan.effects
+        }
+        wanted = np.full(len(indices), self._always_posed)
+        for k in self._volumes:
+            if k in effects:
+                wanted |= ~(effects[k].levels <= 0.0)
+        rows = [self._row(int(i), w) for i, w in zip(indices, wanted.tolist(), strict=True)]
+        if self._effects:
+            self._last = rows[-1]
+            for k in self._effects:
+                modality = self._scene.effects[k].modality
+                effects[k] = effect_block([row.effects[k] for row in rows], modality)
+                if k in self._volumes:
+                    wanted |= ~(effects[k].levels <= 0.0)
+        poses: dict[int, PoseBlock] = {
+            k: body.read(frames, wanted) for k, body in self._plan.bodies.items()
+        }
+        poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
+        return AnimationBlock(
+            indices=indices,
+            effects=tuple(effects[k] for k in range(len(effects))),
+            poses=tuple(poses[k] for k in range(len(poses))),
+            history=history,
+        )
+
+    def _row(self, index: int, is_posed: bool) -> Row:
+        """What is stepped at one time."""
+        if self._last is not None and self._last.index == index:
+            return self._last
+        row = Row(index)
+        joint = self._adaptive is None and (is_posed or self._light is self._whole)
+        stepper = self._whole if joint else self._light
+        if self._effects and stepper is not None:
+            row = self._reading.read(index, stepper, self._effects, ())
+            is_posed |= any(
+                not row.effects[k].level <= 0.0 for k in self._effects if k in self._volumes
+            )
+        if not is_posed or not self._bodies:
+            return row
+        if self._adaptive is not None:
+            row.poses = self._adaptive.at(index)
+        elif self._effects and joint and stepper is not None:
+            self._reading.add_poses(row, stepper, self._bodies)
+        else:
+            row.poses = self._read_poses(index)
+        return row

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What does not change over time: which objects have a haptic meaning, and what they are.
+
+Faults that make an export impossible are told here, before any time is evaluated.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from .. import __version__
+from ..authoring import effects
+from ..avatars import avatar_meshes, body_binding
+from ..engine.body.model import load_model
+from ..engine.scene import (
+    BodyDescription,
+    EffectDescription,
+    HapticVolume,
+    PaintedArea,
+    SceneDescription,
+    TimeBase,
+)
+from ..engine.volume.shape import Falloff, FalloffKind
+from ..errors import InputError
+from . import activation
+from .broken_keys import refuse_broken_keys
+
+
+@dataclass(frozen=True)
+class HapticObjects:
+    """The bodies and effects of a scene that take part, and when each effect is on."""
+
+    scene: bpy.types.Scene
+    layer: bpy.types.ViewLayer
+    bodies: list[bpy.types.Object]
+    effects: list[bpy.types.Object]
+    activations: list[activation.Activation]
+    warnings: tuple[str, ...]
+
+    @property
+    def unit_m(self) -> float:
+        """Metres of a Blender unit."""
+        settings = self.scene.unit_settings
+        return 1.0 if settings.system == "NONE" else float(settings.scale_length)
+
+
+def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
+    """The haptic objects of a scene.
+
+    Raises
+    ------
+    InputError
+        There is no body or no effect, or one of them cannot be evaluated.
+    """
+    # Blender does not notice by itself that a script has set a property of ``hfx``.
+    for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)):
+        obj.update_tag()
+    layer.update()
+    enabled = _enabled_objects(layer.layer_collection)
+    bodies = _find_bodies(scene, layer, enabled)
+    kept, warnings = _find_effects(scene, layer, enabled)
+    silent = effects.silenced(kept)
+    activations = [
+        activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
+    ]
+    warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
+    found = HapticObjects(scene, layer, bodies, kept, activations, warnings)
+    refuse_broken_keys([*kept, *bodies])
+    return found
+
+
+def _find_bodies(
+    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
+) -> list[bpy.types.Object]:
+    bodies = effects.bodies_of(scene)
+    if not bodies:
+        raise InputError(
+            f"Scene '{scene.name}' has no haptic body: nobody is there to feel its "
+            "effects. Add one with Add > Haptic > Avatar, or mark an armature as a body."
+        )
+    for body in bodies:
+        for obj in (body, *avatar_meshes.meshes_of(body)):
+            if not _is_evaluated(obj, layer, enabled):
+                raise InputError(
+                    f"Body '{body.name}': '{obj.name}' is disabled in viewports or excluded "
+                    "from the view layer, so Blender does not pose it."
+                )
+    return bodies
+
+
+def _find_effects(
+    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
+) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
+    found = effects.effects_of(scene)
+    if not found:
+        raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
+    kept = [effect for effect in found if _is_evaluated(effect, layer, enabled)]
+    if not kept:
+        raise InputError(
+            f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
+        )
+    warnings = tuple(
+        f"effect '{effect.name}' is disabled in viewports or excluded from the view "
+        "layer: it was left out"
+        for effect in found
+        if effect not in kept
+    )
+    return kept, warnings
+
+
+def _enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
+    """Objects of the collections that are on in a view layer; the eye icon does not matter."""
+    if collection.collection.hide_viewport:
+        return set()
+    found = set() if collection.exclude else set(collection.collection.objects)
+    return found.union(*map(_enabled_objects, collection.children))
+
+
+def _is_evaluated(
+    obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
+) -> bool:
+    # What the view layer leaves out comes back as its own, unposed original; and even where
+    # something else needs it, so that it is evaluated, it is not posed.
+    is_enabled = obj in enabled and not obj.hide_viewport
+    return is_enabled and obj.evaluated_get(layer.depsgraph).is_evaluated
+
+
+def describe(found: HapticObjects, time: TimeBase, *, always_posed: bool) -> SceneDescription:
+    """Describe the haptic objects of a scene for the engine.
+
+    Parameters
+    ----------
+    always_posed : bool
+        Whether bodies are posed for painted effects, too.
+
+    Raises
+    ------
+    InputError
+        A body cannot be followed, or an effect's painted area does not fit.
+    """
+    ids = effects.unique_ids([*found.bodies, *found.effects])
+    described = tuple(
+        _describe_effect(effect, state, found, ids)
+        for effect, state in zip(found.effects, found.activations, strict=True)
+    )
+    frames = sample_frames(time, np.arange(time.sample_count))
+    posed = {
+        effect.model_id
+        for effect, state in zip(described, found.activations, strict=True)
+        if (effect.kind == "volume" or always_posed) and state.may_be_on(frames).any()
+    }
+    bindings = [body_binding.binding_of(body, posed) for body in found.bodies]
+    warnings = list(found.warnings)
+    warnings += filter(None, map(body_binding.warning_of, found.bodies))
+    if bpy.app.autoexec_fail:
+        warnings.append(
+            "Blender did not run a script or a driver of this file "
+            f"({bpy.app.autoexec_fail_message}): motion that depends on it is not exported"
+        )
+    return SceneDescription(
+        time=time,
+        bodies=tuple(
+            BodyDescription(ids[body.name], body.name, binding)
+            for body, binding in zip(found.bodies, bindings, strict=True)
+        ),
+        effects=described,
+        source=_source(found.scene),
+        warnings=tuple(warnings),
+    )
+
+
+def sample_frames(time: TimeBase, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """Frames of samples, (n,), rounded once: none falls before a clip that begins with it."""
+    step = time.fps / time.rate_hz
+    return time.frame_first + indices * step.numerator / step.denominator
+
+
+def _describe_effect(
+    effect: bpy.types.Object,
+    state: activation.Activation,
+    found: HapticObjects,
+    ids: dict[str, str],
+) -> EffectDescription:
+    hfx = effect.hfx
+    area: PaintedArea | HapticVolume
+    if hfx.kind == "PAINTED":
+        area = _painted_area(effect, found, ids)
+    else:
+        area = HapticVolume(Falloff(FalloffKind(hfx.falloff), hfx.falloff_share))
+    return EffectDescription(
+        id=ids[effect.name],
+        name=effect.name,
+        modality=hfx.modality,
+        model_id=effects.model_id_for(hfx.modality),
+        area=area,
+        is_contact=hfx.temperature_reference == "CONTACT",
+        clips=state.clips,
+    )
+
+
+def _painted_area(
+    effect: bpy.types.Object, found: HapticObjects, ids: dict[str, str]
+) -> PaintedArea:
+    hfx, bodies = effect.hfx, found.bodies
+    body = hfx.body or (bodies[0] if len(bodies) == 1 else None)
+    if body not in bodies:
+        raise InputError(
+            f"Effect '{effect.name}' is painted on no body of scene '{found.scene.name}'; "
+            "choose one of: " + ", ".join(body.name for body in bodies) + "."
+        )
+    vertices, weights = effects.area(effect)
+    wanted = effects.model_id_for(hfx.modality)
+    if hfx.model_id != wanted:
+        raise InputError(
+            f"Effect '{effect.name}' has no area on the {hfx.modality} model: expected "
+            f"'{wanted}', found '{hfx.model_id or 'nothing painted'}'. Paint it first."
+        )
+    model = load_model(wanted)
+    if hfx.model_hash != model.content_hash:
+        raise InputError(
+            f"Effect '{effect.name}' was painted on another edition of '{wanted}' "
+            f"({hfx.model_hash[:12]}, this is {model.content_hash[:12]})."
+        )
+    checked = effects.checked_area(effect.name, vertices, weights, len(model))
+    if not len(checked[0]):
+        raise InputError(f"Effect '{effect.name}' is painted nowhere. Paint it, or delete it.")
+    return PaintedArea(ids[body.name], *checked)
+
+
+def _source(scene: bpy.types.Scene) -> dict[str, str]:
+    source = {
+        "scene": scene.name,
+        "blender": bpy.app.version_string,
+        "hfx": __version__,
+    }
+    path = Path(bpy.data.filepath)
+    if bpy.data.filepath and path.is_file():
+        source["file"] = path.name
+        source["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return source

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The scene reader: the only code that turns Blender's scene into the engine's plain data.
+
+It first reads what does not change (:class:`SceneDescription`), finds from the animation data
+when anything can be felt at all, and then reads just those times, in the cheapest way that
+gives what Blender gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from fractions import Fraction
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.scene import AnimationBlock, TimeBase
+from ..engine.tolerance import EXACT, Tolerance
+from ..errors import InputError
+from . import scene_description, stepping
+from .effect_values import Shapes
+from .reading_plan import Pass, Plan, plan_of
+from .scene_rows import EffectRow, PoseRow, Row, effects_agree
+from .stepped_reading import SteppedReading
+
+BLOCK_SIZE = 32
+"""Times in a block; blocks start at multiples of it, so that results do not depend on the range."""
+
+_PROBES = 5
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+def time_base(
+    scene: bpy.types.Scene, frames: tuple[int, int] | None = None, rate_hz: Fraction | None = None
+) -> TimeBase:
+    """When samples are taken of a scene: its own frame range and rate unless told otherwise."""
+    first, last = frames or (scene.frame_start, scene.frame_end)
+    if last < first:
+        raise InputError(
+            f"Scene '{scene.name}': the frame range {first} to {last} holds no frames."
+        )
+    fps = Fraction(scene.render.fps) / Fraction(scene.render.fps_base).limit_denominator(10000)
+    rate = rate_hz or Fraction(scene.hfx.rate).limit_denominator(1000)
+    return TimeBase(fps, rate, scene.frame_start, first, last)
+
+
+class SceneReader:
+    """Reads one scene of the open file.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    frames : (first, last), optional
+        Frames to read, both included; the scene's own range by default.
+    rate_hz : Fraction, optional
+        Samples a second; the scene's own setting by default.
+    tolerance : Tolerance
+        How exact motion must be between the times that are truly read.
+    with_positions : bool
+        Also read the poses of bodies on which nothing but painted effects act.
+    with_velocities : bool
+        The same, exactly, and the time before each stretch, so that its first sample has a
+        velocity.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be exported: no body, no effects, a fault in one of them.
+    """
+
+    def __init__(
+        self,
+        scene: bpy.types.Scene,
+        *,
+        frames: tuple[int, int] | None = None,
+        rate_hz: Fraction | None = None,
+        tolerance: Tolerance = EXACT,
+        with_positions: bool = False,
+        with_velocities: bool = False,
+    ) -> None:
+        self.tolerance = tolerance
+        layer = scene.view_layers[0]
+        if scene == bpy.context.scene:
+            layer = bpy.context.view_layer
+        self._always_posed = with_positions or with_velocities
+        self._with_velocities = with_velocities
+        self._found = scene_description.find(scene, layer)
+        self.time = time_base(scene, frames, rate_hz)
+        self.description = scene_description.describe(
+            self._found, self.time, always_posed=self._always_posed
+        )
+        self._shapes = Shapes()
+        for effect in self._found.effects:
+            if effect.hfx.kind == "VOLUME":  # a bad mesh is told at once
+                self._shapes.shape_of(effect, effect.evaluated_get(layer.depsgraph))
+        self._reading = SteppedReading(self._found, self.description, self._shapes)
+        self.stepping_note = ""
+
+    @property
+    def times_stepped(self) -> int:
+        """How often a scene was set to a time and evaluated by Blender, so far."""
+        return self._reading.times_stepped
+
+    @property
+    def sample_indices(self) -> I64:
+        """Samples at which something can be felt; nothing can at all others."""
+        indices = np.arange(self.time.sample_count, dtype=np.int64)
+        return np.flatnonzero(self._may_be_on(indices, ("PAINTED", "VOLUME")))
+
+    def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
+        """Whether an effect of these kinds can be on, for some samples."""
+        frames = scene_description.sample_frames(self.time, indices)
+        on = np.zeros(len(indices), np.bool_)
+        for effect, state in zip(self._found.effects, self._found.activations, strict=True):
+            if effect.hfx.kind in kinds:
+                on |= state.may_be_on(frames)
+        return on
+
+    def blocks(self) -> Iterator[AnimationBlock]:
+        """Read each of :attr:`sample_indices`; scenes are left as they were.
+
+        Where volumes can be felt, a block begins with the sample before its own if that is of
+        the same stretch of time, so that what moves between two samples can be followed.
+        """
+        plan = self._checked_plan()
+        self.stepping_note = plan.note
+        with ExitStack() as stack:
+            reading = self._pass(plan, stack, self.tolerance)
+            for indices in _contiguous_blocks(self.sample_indices):
+                first = int(indices[0])
+                history = int(self._has_history(first))
+                if history:
+                    indices = np.insert(indices, 0, first - 1)
+                yield reading.block(indices, history)
+
+    def _pass(self, plan: Plan, stack: ExitStack, tolerance: Tolerance) -> Pass:
+        return Pass(
+            plan,
+            self._found,
+            self.description,
+            self._reading,
+            tolerance=EXACT if self._with_velocities else tolerance,
+            always_posed=self._always_posed,
+            stretch_of=self._stretch_of,
+            stack=stack,
+        )
+
+    def _has_history(self, index: int) -> bool:
+        if self._with_velocities:
+            return True
+        pair = np.array([index - 1, index])
+        begins = self.time.frame(index - 1) >= self.time.scene_start
+        return bool(begins and self._may_be_on(pair, ("VOLUME",)).all())
+
+    def _stretch_of(self, index: int) -> tuple[int, int]:
+        """The samples around one over which volumes can be on, whatever range is exported.
+
+        They are looked for near it only: what is farther away is of other parts of the grid.
+        """
+        reach = int(self.time.rate_hz) + 1
+        near = np.arange(index - reach, index + reach + 1)
+        off = ~self._may_be_on(near, ("VOLUME",))
+        if self._always_posed:
+            off[:] = False
+        if off[reach]:
+            return index, index
+        below, above = np.flatnonzero(off[:reach]), np.flatnonzero(off[reach:])
+        first = int(near[below[-1]]) + 1 if len(below) else int(near[0])
+        last = index + int(above[0]) - 1 if len(above) else int(near[-1])
+        return first, last
+
+    def _checked_plan(self) -> Plan:
+        """The cheapest plan that gives what the user's own scene gives at a few times."""
+        plan = plan_of(self._found, self.description, self._shapes)
+        indices = self.sample_indices
+        if not len(indices) or (plan.in_own_scene and not (plan.effects or plan.bodies)):
+            return plan
+        probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
+        truth = self._truth(probes.tolist())
+        if self._agrees(plan, truth):
+            return plan
+        if plan.effects or plan.bodies:
+            stepped = Plan(
+                reason="a few frames came out differently from F-curves",
+                in_own_scene=plan.in_own_scene,
+                is_exact=plan.is_exact,
+            )
+            if plan.in_own_scene or self._agrees(stepped, truth):
+                return stepped
+        return Plan(
+            reason="a few frames came out differently in a scratch scene",
+            in_own_scene=True,
+            is_exact=True,
+        )
+
+    def _truth(self, probes: list[int]) -> list[Row]:
+        everything = range(len(self._found.effects)), range(len(self._found.bodies))
+        with stepping.own_scene(self._found.scene, self._found.layer) as stepper:
+            return [self._reading.read(index, stepper, *everything) for index in probes]
+
+    def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
+        with ExitStack() as stack:
+            reading = self._pass(plan, stack, EXACT)
+            return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
+
+
+def _same(row: Row, block: AnimationBlock) -> bool:
+    """Whether a block of one time holds what was read at that time."""
+    for k, effect in enumerate(block.effects):
+        matrix = None if effect.matrices is None else effect.matrices[0]
+        other = EffectRow(float(effect.levels[0]), effect.parameters[0].tolist(), matrix)
+        if not effects_agree(row.effects[k], other):
+            return False
+    for k, pose in enumerate(block.poses):
+        if not pose.valid[0]:
+            continue
+        bones = None if pose.bones is None else pose.bones[0]
+        surface = None if pose.surface is None else pose.surface[0]
+        if not row.poses[k].agrees(PoseRow(pose.to_world[0], bones, surface)):
+            return False
+    return True
+
+
+def _contiguous_blocks(indices: I64) -> Iterator[I64]:
+    """Runs without gaps, cut at multiples of the block size."""
+    cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % BLOCK_SIZE == 0)) + 1
+    yield from (block for block in np.split(indices, cuts) if len(block))

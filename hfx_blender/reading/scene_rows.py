@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What was read at single times, and how it becomes parts of a block of the engine's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.modality import MODALITIES
+from ..engine.scene import EffectBlock, PoseBlock
+from ..engine.volume.shape import Shape
+
+F64 = npt.NDArray[np.float64]
+
+_RELATIVE = 1e-5
+_ABSOLUTE = 5e-6
+"""How far apart two ways of reading the same time may be: Blender computes in 32 bits."""
+
+
+@dataclass(eq=False)
+class EffectRow:
+    """One effect at one time."""
+
+    level: float = 0.0
+    parameters: list[float] | None = None
+    matrix: F64 | None = None
+    shape: Shape | None = None
+
+
+@dataclass(eq=False)
+class PoseRow:
+    """One body at one time."""
+
+    to_world: F64
+    bones: npt.NDArray[np.float32] | None = None
+    surface: npt.NDArray[np.float32] | None = None
+
+    def agrees(self, other: PoseRow) -> bool:
+        """Whether two readings of the same time are the same up to rounding."""
+        return all(
+            _close(a, b)
+            for a, b in zip(
+                (self.to_world, self.bones, self.surface),
+                (other.to_world, other.bones, other.surface),
+                strict=True,
+            )
+        )
+
+    def between(self, other: PoseRow, share: float) -> PoseRow:
+        """The pose at a share of the way to another, along straight lines."""
+
+        def blend(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+            return None if a is None or b is None else a + (b - a) * share
+
+        return PoseRow(
+            self.to_world + (other.to_world - self.to_world) * share,
+            blend(self.bones, other.bones),
+            blend(self.surface, other.surface),
+        )
+
+
+@dataclass(eq=False)
+class Row:
+    """What was read at one time; effects and bodies by their place in the scene's lists."""
+
+    index: int
+    effects: dict[int, EffectRow] = field(default_factory=dict)
+    poses: dict[int, PoseRow] = field(default_factory=dict)
+
+
+def effects_agree(one: EffectRow, two: EffectRow) -> bool:
+    """Whether two readings of the same time are the same up to rounding; nothing else of an
+    effect counts where it is off."""
+    if not _close(one.level, two.level):
+        return False
+    if not one.level > 0.0:
+        return True
+    return _close(one.parameters, two.parameters) and _close(one.matrix, two.matrix)
+
+
+def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
+    if one is None or two is None:
+        return one is two
+    one, two = np.asarray(one), np.asarray(two)
+    return one.shape == two.shape and np.allclose(one, two, _RELATIVE, _ABSOLUTE, equal_nan=True)
+
+
+def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
+    """An effect's rows of ascending times as a part of a block."""
+    count = len(MODALITIES[modality].parameters)
+    blank = [0.0] * count
+    parameters = np.array([row.parameters or blank for row in rows], np.float64)
+    levels = np.array([row.level for row in rows], np.float64)
+    if not any(row.matrix is not None for row in rows):
+        return EffectBlock(levels, parameters)
+    identity = np.eye(4)
+    shapes: dict[Shape, int] = {}
+    which = np.zeros(len(rows), np.int32)
+    for k, row in enumerate(rows):
+        if row.shape is not None:
+            which[k] = shapes.setdefault(row.shape, len(shapes))
+    return EffectBlock(
+        levels,
+        parameters,
+        np.stack([identity if row.matrix is None else row.matrix for row in rows]),
+        tuple(shapes),
+        which,
+    )
+
+
+def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:
+    """A body's rows of ascending times as a part of a block; None was not read."""
+    valid = np.array([row is not None for row in rows])
+    known = next((row for row in rows if row is not None), None)
+    if known is None:
+        return PoseBlock(valid, np.zeros((len(rows), 4, 4)))
+    filled = [known if row is None else row for row in rows]
+    return PoseBlock(
+        valid,
+        np.stack([row.to_world for row in filled]),
+        None if known.bones is None else np.stack([row.bones for row in filled]).astype(np.float64),
+        None if known.surface is None else np.stack([row.surface for row in filled]),
+    )

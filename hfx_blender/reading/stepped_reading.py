@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reading single times of a scene that is stepped through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+
+from ..avatars import body_binding
+from ..engine.scene import SceneDescription, SurfaceBinding
+from . import activation, effect_values
+from .scene_description import HapticObjects
+from .scene_rows import EffectRow, PoseRow, Row
+from .stepping import Stepper
+
+
+class SteppedReading:
+    """Reads effects and bodies from whatever scene is stepped."""
+
+    def __init__(
+        self, found: HapticObjects, scene: SceneDescription, shapes: effect_values.Shapes
+    ) -> None:
+        self._found = found
+        self._scene = scene
+        self._shapes = shapes
+        self.times_stepped = 0
+
+    def read(
+        self, index: int, stepper: Stepper, effects: Iterable[int], bodies: Iterable[int]
+    ) -> Row:
+        """Set a sample's time, and read some effects and bodies."""
+        stepper.set_frame(self._scene.time.frame(index))
+        self.times_stepped += 1
+        row = Row(index)
+        row.effects = {k: self._read_effect(k, stepper) for k in effects}
+        row.poses = {k: self._read_pose(k, stepper) for k in bodies}
+        return row
+
+    def add_poses(self, row: Row, stepper: Stepper, bodies: Iterable[int]) -> None:
+        """Read bodies at the time that is set already."""
+        row.poses |= {k: self._read_pose(k, stepper) for k in bodies}
+
+    def _read_effect(self, which: int, stepper: Stepper) -> EffectRow:
+        effect, state = self._found.effects[which], self._found.activations[which]
+        evaluated = stepper.evaluated(effect)
+        hfx = evaluated.hfx
+        values = EffectRow()
+        if state.source is activation.Source.OFF or not evaluated.is_evaluated:
+            return values
+        on = 1.0 if state.source is activation.Source.ALWAYS_ON else hfx.activation
+        values.level = on * hfx.intensity
+        matrix = np.array(evaluated.matrix_world, dtype=np.float64)
+        values.parameters = effect_values.parameters(hfx, matrix)
+        if hfx.kind == "VOLUME":
+            values.shape = self._shapes.shape_of(effect, evaluated)
+            values.matrix = effect_values.shape_matrices(matrix, self._found.unit_m, hfx)
+        return values
+
+    def _read_pose(self, which: int, stepper: Stepper) -> PoseRow:
+        body: bpy.types.Object = self._found.bodies[which]
+        binding = self._scene.bodies[which].binding
+        unit_m = self._found.unit_m
+        if isinstance(binding, SurfaceBinding):
+            matrix = np.array(stepper.evaluated(body.hfx.avatar).matrix_world, dtype=np.float64)
+            surface = body_binding.read_surfaces(body, stepper.evaluated)
+            return PoseRow(effect_values.to_metres(matrix, unit_m), surface=surface)
+        armature = stepper.evaluated(body)
+        matrices = np.zeros(len(binding.bone_names) * 16, np.float32)
+        armature.pose.bones.foreach_get("matrix_channel", matrices)  # column-major
+        bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
+        matrix = np.array(armature.matrix_world, dtype=np.float64)
+        return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)

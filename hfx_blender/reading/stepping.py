@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stepping through time: in the user's own scene, or in a scratch scene of what is needed only.
+
+A scratch scene links the haptic bodies and effects and nothing else (Blender adds what these
+depend on), so that no prop, no other character and no avatar mesh is evaluated. What it cannot
+reproduce is known and looked for; a few times are compared with the own scene besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+
+import bpy
+
+_PHYSICS = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "EXPLODE", "OCEAN"}
+
+
+_is_stepping = False
+
+
+class Stepper:
+    """One scene that is set to times and read through its dependency graph."""
+
+    def __init__(
+        self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer, *, simulates: bool = False
+    ) -> None:
+        self._scene = scene
+        self._layer = layer
+        self._simulates = simulates
+        self._simulated = scene.frame_start - 1
+
+    def set_frame(self, frame: Fraction) -> None:
+        """Evaluate the scene at a frame, which may lie between whole ones."""
+        whole = frame.numerator // frame.denominator
+        # Simulations advance on consecutive whole frames only, and interpolate between them.
+        while self._simulates and self._simulated < frame:
+            self._simulated += 1
+            self._scene.frame_set(self._simulated)
+        self._scene.frame_set(whole, subframe=float(frame - whole))
+
+    def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
+        """An object as it is at this time."""
+        return obj.evaluated_get(self._layer.depsgraph)
+
+
+@contextmanager
+def own_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Iterator[Stepper]:
+    """Step the user's scene; its frame is restored."""
+    with _restored(scene):
+        yield Stepper(scene, layer, simulates=simulated(scene) is not None)
+
+
+@contextmanager
+def _restored(scene: bpy.types.Scene) -> Iterator[None]:
+    """Go back to the present frame of a scene, whose objects Blender has changed meanwhile."""
+    global _is_stepping
+    before = scene.frame_current, scene.frame_subframe
+    _is_stepping = True
+    try:
+        yield
+    finally:
+        try:
+            scene.frame_set(before[0], subframe=before[1])
+        finally:
+            _is_stepping = False
+
+
+def is_stepping() -> bool:
+    """Whether time is stepped through now, which is not what the user plays or scrubs."""
+    return _is_stepping
+
+
+@contextmanager
+def scratch_scene(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Iterator[Stepper]:
+    """Step a scene of these objects; it is gone afterwards, and the scene's frame is restored."""
+    with _restored(scene), _scratch(scene, objects) as stepper:
+        yield stepper
+
+
+@contextmanager
+def _scratch(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Iterator[Stepper]:
+    scratch = bpy.data.scenes.new(".HFX Export")
+    try:
+        for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
+            setattr(scratch.render, name, getattr(scene.render, name))
+        for obj in objects:
+            scratch.collection.objects.link(obj)
+        layer = scratch.view_layers[0]
+        layer.update()
+        yield Stepper(scratch, layer)
+    finally:
+        # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
+        bpy.data.batch_remove([scratch])
+
+
+# What holds our own handlers: ``hfx_blender``, or its longer name as an extension.
+_OURS = (__package__ or "").rpartition(".")[0]
+
+
+def foreign_handler() -> str | None:
+    """A handler that may do anything when the frame changes; None if there is only ours."""
+    handlers = bpy.app.handlers
+    for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
+        module = getattr(handler, "__module__", None) or ""
+        if module != _OURS and not module.startswith(f"{_OURS}."):
+            name = getattr(handler, "__name__", type(handler).__name__)
+            return f"the handler '{name}' runs on frame changes"
+    return None
+
+
+def why_own_scene(scene: bpy.types.Scene) -> str | None:
+    """What a scratch scene could not reproduce; None if nothing of the kind is there."""
+    mover = simulated(scene)
+    if mover is not None:
+        return f"physics moves '{mover.name}'"
+    for owner in _driven():
+        for curve in owner.animation_data.drivers:
+            for variable in curve.driver.variables:
+                if variable.type == "CONTEXT_PROP" or any(
+                    target.id_type == "SCENE" for target in variable.targets
+                ):
+                    return f"a driver of '{owner.name}' reads the scene"
+    return None
+
+
+def simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """An object that physics moves or deforms."""
+    for obj in scene.objects:
+        if obj.rigid_body is not None or any(_simulates(m) for m in obj.modifiers):
+            return obj
+    return None
+
+
+def _simulates(modifier: bpy.types.Modifier) -> bool:
+    if modifier.type == "NODES" and modifier.node_group is not None:
+        return _has_simulation(modifier.node_group, set())
+    return modifier.type in _PHYSICS
+
+
+def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
+    seen.add(tree.name_full)
+    return any(
+        node.bl_idname == "GeometryNodeSimulationInput"
+        or (
+            node.type == "GROUP"
+            and node.node_tree is not None
+            and node.node_tree.name_full not in seen
+            and _has_simulation(node.node_tree, seen)
+        )
+        for node in tree.nodes
+    )
+
+
+def _driven() -> Iterator[bpy.types.ID]:
+    data = bpy.data
+    for owners in (data.objects, data.armatures, data.meshes, data.shape_keys, data.curves):
+        for owner in owners:
+            if owner.animation_data is not None and owner.animation_data.drivers:
+                yield owner
