@@ -54,6 +54,7 @@ class Shapes:
 
     def __init__(self) -> None:
         self._meshes: dict[str, tuple[bytes, MeshVolume]] = {}
+        self.notes: dict[str, None] = {}  # in order: what was mended in a mesh
 
     def shape_of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> Shape:
         """The shape of an effect as it is evaluated at a time."""
@@ -73,4 +74,11 @@ class Shapes:
                 positions.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3), effect.name
             )
             known = self._meshes[effect.name] = (content, volume)
+            if volume.note:
+                self.notes[volume.note] = None
         return known[1]
+
+    def last_of(self, effect: bpy.types.Object) -> Shape | None:
+        """The last mesh of an effect that could be one; None if there never was any."""
+        known = self._meshes.get(effect.name)
+        return known[1] if known else None

@@ -65,6 +65,8 @@ class SceneReader:
     with_velocities : bool
         The same, exactly, and the time before each stretch, so that its first sample has a
         velocity.
+    is_probed : bool
+        Compare a few times with what Blender evaluates, which sets the scene's frame.
 
     Raises
     ------
@@ -81,8 +83,10 @@ class SceneReader:
         tolerance: Tolerance = EXACT,
         with_positions: bool = False,
         with_velocities: bool = False,
+        is_probed: bool = True,
     ) -> None:
         self.tolerance = tolerance
+        self._is_probed = is_probed
         layer = scene.view_layers[0]
         if scene == bpy.context.scene:
             layer = bpy.context.view_layer
@@ -104,6 +108,20 @@ class SceneReader:
     def times_stepped(self) -> int:
         """How often a scene was set to a time and evaluated by Blender, so far."""
         return self._reading.times_stepped
+
+    @property
+    def warnings(self) -> dict[str, int]:
+        """What went wrong while the scene was read, and at how many samples."""
+        return {text: len(samples) for text, samples in self._reading.faults.items()}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was mended, and a user should know."""
+        return tuple(self._shapes.notes)
+
+    def steps(self) -> bool:
+        """Whether scenes have to be set to other frames, as not all follows from F-curves."""
+        return bool(plan_of(self._found, self.description, self._shapes).reason)
 
     @property
     def sample_indices(self) -> I64:
@@ -177,7 +195,9 @@ class SceneReader:
         """The cheapest plan that gives what the user's own scene gives at a few times."""
         plan = plan_of(self._found, self.description, self._shapes)
         indices = self.sample_indices
-        if not len(indices) or (plan.in_own_scene and not (plan.effects or plan.bodies)):
+        if not self._is_probed or not len(indices):
+            return plan
+        if plan.in_own_scene and not (plan.effects or plan.bodies):
             return plan
         probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
         truth = self._truth(probes.tolist())

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..avatars import body_binding
 from ..engine.scene import SceneDescription, SurfaceBinding
+from ..errors import InputError
 from . import activation, effect_values
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, PoseRow, Row
@@ -26,6 +27,8 @@ class SteppedReading:
         self._scene = scene
         self._shapes = shapes
         self.times_stepped = 0
+        self.faults: dict[str, set[int]] = {}
+        """Meshes that stopped to be volumes: what is wrong, and the samples at which it was."""
 
     def read(
         self, index: int, stepper: Stepper, effects: Iterable[int], bodies: Iterable[int]
@@ -34,7 +37,7 @@ class SteppedReading:
         stepper.set_frame(self._scene.time.frame(index))
         self.times_stepped += 1
         row = Row(index)
-        row.effects = {k: self._read_effect(k, stepper) for k in effects}
+        row.effects = {k: self._read_effect(k, stepper, index) for k in effects}
         row.poses = {k: self._read_pose(k, stepper) for k in bodies}
         return row
 
@@ -42,7 +45,7 @@ class SteppedReading:
         """Read bodies at the time that is set already."""
         row.poses |= {k: self._read_pose(k, stepper) for k in bodies}
 
-    def _read_effect(self, which: int, stepper: Stepper) -> EffectRow:
+    def _read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
         hfx = evaluated.hfx
@@ -54,7 +57,14 @@ class SteppedReading:
         matrix = np.array(evaluated.matrix_world, dtype=np.float64)
         values.parameters = effect_values.parameters(hfx, matrix)
         if hfx.kind == "VOLUME":
-            values.shape = self._shapes.shape_of(effect, evaluated)
+            try:
+                values.shape = self._shapes.shape_of(effect, evaluated)
+            except InputError as error:
+                values.shape = self._shapes.last_of(effect)
+                if values.shape is None:
+                    raise
+                values.level = 0.0  # silent while its mesh has no inside
+                self.faults.setdefault(str(error), set()).add(index)
             values.matrix = effect_values.shape_matrices(matrix, self._found.unit_m, hfx)
         return values
 

@@ -118,7 +118,8 @@ def _with_caps(
             f"'{name}' is not closed: {open_edges} of its {len(uses)} edges lack a face on one "
             f"side; fill the holes or merge the vertices there."
         )
-    note = f"'{name}' is open at {open_edges} edges: {len(holes)} holes were closed for it"
+    closed = "a hole was" if len(holes) == 1 else f"{len(holes)} holes were"
+    note = f"'{name}' is open at {open_edges} edges: {closed} closed for it"
     return with_middles, np.concatenate([triangles, caps]), note
 
 

@@ -317,7 +317,7 @@ def test_small_holes_are_closed_and_told(rng):
     inside = np.all((points > 0.0) & (points < 1.0), axis=0)
     for missing in range(12):
         volume = MeshVolume(CUBE[0], np.delete(CUBE[1], missing, axis=0), "Vase")
-        assert volume.note == "'Vase' is open at 3 edges: 1 holes were closed for it"
+        assert volume.note == "'Vase' is open at 3 edges: a hole was closed for it"
         np.testing.assert_array_equal(volume.contains(points), inside)
     lid = np.all(np.isclose(CUBE[0][CUBE[1]][:, :, 2], 1.0), axis=1)
     without_lid = MeshVolume(CUBE[0], CUBE[1][~lid], "Box")

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mesh volumes that change while the scene plays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+from hfx_scenes import FPS, small_scene
+
+from hfx_blender.engine.track.reader import TrackReader
+from hfx_blender.export import ExportSettings, export_scene
+
+FLAT_FROM = 5
+
+
+def _box(scene: Any) -> Any:
+    """A box round the avatar as the only effect that is felt; it is pressed flat from a frame."""
+    for obj in [each for each in scene.objects if each.hfx.role == "EFFECT"]:
+        bpy.data.objects.remove(obj)
+    bpy.ops.mesh.primitive_cube_add(size=3.0)
+    box = bpy.context.object
+    box.shape_key_add(name="Basis")
+    flat = box.shape_key_add(name="Flat")
+    for point in flat.data:
+        point.co.z = 0.0
+    for frame, value in ((0, 0.0), (FLAT_FROM - 1, 0.0), (FLAT_FROM, 1.0)):
+        flat.value = value
+        flat.keyframe_insert("value", frame=frame)
+    return box
+
+
+@pytest.fixture
+def small(registered: Any) -> Any:
+    return small_scene()
+
+
+def _exported(scene: Any, folder: Path) -> Any:
+    scene.frame_set(0)
+    return export_scene(scene, folder, "box", ExportSettings())
+
+
+def test_a_mesh_that_loses_its_inside_is_silent_and_counted(small: Any, tmp_path: Path) -> None:
+    _box(small)
+    bpy.ops.hfx.volume_from_mesh(modality="pressure", name="Press")
+    report = _exported(small, tmp_path)
+    warned = [text for text in report.warnings if "is flat" in text]
+    assert len(warned) == 1 and warned[0].startswith("'Press'")
+    with TrackReader(tmp_path / "box.hfxtrack") as track:
+        assert track.samples_at((FLAT_FROM - 2) / FPS)
+        assert not track.samples_at((FLAT_FROM + 1) / FPS)
+
+
+def test_a_hole_that_was_closed_is_told(small: Any, tmp_path: Path) -> None:
+    box = _box(small)
+    box.shape_key_clear()
+    mesh = box.data
+    faces = [tuple(face.vertices) for face in mesh.polygons][:-1]
+    points = [tuple(vertex.co) for vertex in mesh.vertices]
+    mesh.clear_geometry()
+    mesh.from_pydata(points, [], faces)
+    bpy.ops.hfx.volume_from_mesh(modality="pressure", name="Press")
+    report = _exported(small, tmp_path)
+    assert [text for text in report.notes if "a hole was closed" in text]
