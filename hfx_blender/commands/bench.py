@@ -51,6 +51,9 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", help="for trade: write its CSV and its plot"
     )
+    parser.add_argument(
+        "--busy", action="store_true", help="for safety: with every processor busy meanwhile"
+    )
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
@@ -148,7 +151,7 @@ def measure_trade(
 def _volumes(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     from ..bench import volumes
 
-    rounds = options.rounds or 7
+    rounds = options.rounds or (7 if options.short else 31)
     result = volumes.measure(short=options.short, rounds=rounds, progress=progress)
     return result, volumes.as_text(result)
 
@@ -174,7 +177,9 @@ def _safety(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]
     from ..bench import safety
 
     rounds = options.rounds or 1000
-    result = safety.measure(short=options.short, rounds=rounds, progress=progress)
+    result = safety.measure(
+        short=options.short, rounds=rounds, busy=options.busy, progress=progress
+    )
     return result, safety.as_text(result)
 
 

@@ -98,7 +98,7 @@ def _rows(weights: SkinWeights, kept: I32) -> SkinWeights:
 
 
 def _levels_of(model: PerceptualModel) -> tuple[Level, ...]:
-    origin = library.owner_of_ids(model)
+    origin = library.owner_of_ids(model.id, model.provenance)
     path = origin.folder / LEVELS_FILE.format(modality=model.modality)
     if not path.is_file():
         return ()

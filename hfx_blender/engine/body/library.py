@@ -13,13 +13,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from ... import resources
 from ...errors import InputError
-
-if TYPE_CHECKING:
-    from .model import PerceptualModel
 
 MANIFEST_FILE: Final = "manifest.json"
 
@@ -154,21 +151,27 @@ def find(identity: str, kind: str = "model") -> Entry:
     )
 
 
-def owner_of_ids(model: PerceptualModel) -> Entry:
+def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:
     """The model that gives a model's vertex ids their meaning: itself, or what it varies.
+
+    Parameters
+    ----------
+    model_id : str
+    provenance : mapping
+        Of that model: a variant names what it varies as ``canonical``.
 
     Raises
     ------
     InputError
         That model is unknown, or a variant was made from another edition of it.
     """
-    origin = model.provenance.get("canonical")
+    origin = provenance.get("canonical")
     if origin is None:
-        return find(model.id)
+        return find(model_id)
     entry = find(origin["id"])
     if origin["hash"] != entry.content_hash:
         raise InputError(
-            f"Body model '{model.id}' is a variant of another edition of '{entry.id}' "
+            f"Body model '{model_id}' is a variant of another edition of '{entry.id}' "
             f"({origin['hash'][:12]}..., here it is {entry.content_hash[:12]}...); build it again."
         )
     return entry

@@ -32,7 +32,7 @@ def fitted_to(avatar: Avatar) -> list[FittedModel]:
         if entry.kind != "model":
             continue
         model = load_model(entry.id + suffix)
-        owner = library.owner_of_ids(model)
+        owner = library.owner_of_ids(model.id, model.provenance)
         found.append(
             FittedModel(
                 model_id=owner.id,

@@ -8,7 +8,7 @@ that cut through a coarse limb are exchanged, and triangles that cross are drawn
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -16,10 +16,8 @@ from .. import mesh_edit
 from ..mesh_edit import F64, I64, Bool
 from ..nearest import locate
 from .crossings import crossings
+from .remesher import Remesher
 from .uncross import COARSE_M, uncross
-
-if TYPE_CHECKING:
-    from .remesh import Remesher
 
 _FLIP_GAIN: Final = 0.02  # of the spacing: what an exchanged diagonal must win
 _SMALLEST_ANGLE: Final = np.radians(12.0)

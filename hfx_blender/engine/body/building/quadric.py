@@ -17,7 +17,7 @@ from .. import mesh_edit
 from ..mesh_edit import F64, I64
 from ..parts import PARTS
 from .left_skin import Half, LeftSkin, Samples
-from .remesh import HEXAGON
+from .remesher import HEXAGON
 
 METHOD: Final = "quadric decimation of each part by itself (Danieau et al. 2018), mirrored"
 

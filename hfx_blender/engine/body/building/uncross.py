@@ -9,7 +9,7 @@ simulated annealing (Kirkpatrick, Gelatt and Vecchi 1983), its chances fixed, un
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -17,9 +17,7 @@ from .. import mesh_edit
 from ..mesh_edit import F64, I64, Bool
 from .crossings import crossings, depth_m, pierced
 from .left_skin import U8
-
-if TYPE_CHECKING:
-    from .remesh import Remesher
+from .remesher import Remesher
 
 COARSE_M: Final = 0.1
 """Spacing from which a limb is thinner than its cells."""
