@@ -104,13 +104,16 @@ class MeshVolume:
         inside = np.flatnonzero(self.contains(points))
         if not len(inside):
             return depths
-        within = points[:, inside] - self._middle[:, None]
+        depths[inside] = self.surface_distance_m(points[:, inside], linear)
+        return depths
+
+    def surface_distance_m(self, points: F64, linear: F64) -> F64:
+        """Distance (N,) of points, shape space, to the nearest triangle under ``linear`` (3, 3)."""
+        about = points - self._middle[:, None]
         stretch = np.linalg.svd(linear, compute_uv=False)
         if stretch[0] - stretch[2] <= _SIMILAR * stretch[0]:
-            depths[inside] = stretch[1] * self._tree.distances(within)
-        else:
-            depths[inside] = self._placed_tree(linear).distances(linear @ within)
-        return depths
+            return np.asarray(stretch[1] * self._tree.distances(about))
+        return self._placed_tree(linear).distances(linear @ about)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
         """The stretched triangles; remembered, as most stretched volumes do not turn."""
@@ -159,7 +162,7 @@ class MeshVolume:
         for _ in range(_CORE_ROUNDS):
             reach = float(np.sqrt(np.sum(half**2)))
             depths = self._tree.distances_beyond(
-                centres - self._middle[:, None], max(best - reach, 0.0)
+                centres - self._middle[:, None], max(best - reach, 0.0), 0.5 * _CORE_TOLERANCE
             )
             depths[~self.contains(centres)] *= -1.0
             best = max(best, float(depths.max()))

@@ -13,6 +13,8 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 _PAIRS_AT_ONCE: Final = 2**18
+_FEW: Final = 4  # boxes that a first guess follows
+_MANY: Final = 16  # the same deep inside, where many triangles are as far
 
 
 class TriangleTree:
@@ -44,18 +46,24 @@ class TriangleTree:
 
     def distances(self, points: F64) -> F64:
         """Distance of each point of (3, N) to the nearest triangle, (N,)."""
-        distances: F64 = np.sqrt(self._squared(points, self._first_guess(points)))
+        distances: F64 = np.sqrt(self._squared(points, self._first_guess(points, _FEW)))
         return distances
 
-    def distances_beyond(self, points: F64, limit: float) -> F64:
-        """As :meth:`distances`; cheaper, but not exact, for those not beyond ``limit``."""
-        squared = self._first_guess(points)
+    def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
+        """As :meth:`distances`, cheaper: too large by at most the share ``slack``.
+
+        Of points that are not beyond ``limit`` it is only told that they are not.
+        """
+        squared = self._first_guess(points, _MANY)
         far = squared > limit * limit
-        squared[far] = self._squared(points[:, far], squared[far])
+        squared[far] = self._squared(points[:, far], squared[far], (1.0 + slack) ** -2)
         return np.sqrt(squared)
 
-    def _squared(self, points: F64, best: F64) -> F64:
-        """Squared distances, given upper bounds of them: pass over the tree level by level."""
+    def _squared(self, points: F64, best: F64, share: float = 1.0) -> F64:
+        """Squared distances, given upper bounds of them: pass over the tree level by level.
+
+        Boxes beyond ``share`` of a bound are not entered.
+        """
         count = points.shape[1]
         owners, nodes = np.arange(count), np.zeros(count, np.int64)
         for low, high in self._levels[1:]:
@@ -63,12 +71,12 @@ class TriangleTree:
             nodes[1::2] += 1
             place = points.take(owners, axis=1)
             gaps = np.maximum(low.take(nodes, axis=1) - place, place - high.take(nodes, axis=1))
-            near = _squared_norm(np.maximum(gaps, 0.0)) <= best[owners]
+            near = _squared_norm(np.maximum(gaps, 0.0)) <= share * best[owners]
             owners, nodes = owners[near], nodes[near]
             if len(owners) > _PAIRS_AT_ONCE and count > 1:
                 half = count // 2
                 parts = (slice(half), slice(half, None))
-                return np.concatenate([self._squared(points[:, p], best[p]) for p in parts])
+                return np.concatenate([self._squared(points[:, p], best[p], share) for p in parts])
         triangles = self._order[nodes]
         best = best.copy()
         np.minimum.at(
@@ -78,16 +86,23 @@ class TriangleTree:
         )
         return best
 
-    def _first_guess(self, points: F64) -> F64:
-        """Squared distance to the triangle found by always going to the nearer middle."""
-        nodes = np.zeros(points.shape[1], np.int64)
+    def _first_guess(self, points: F64, width: int) -> F64:
+        """Squared distance to a triangle that is near: the ``width`` nearest boxes go on down."""
+        nodes = np.zeros((1, points.shape[1]), np.int64)
         for low, high in self._levels[1:]:
-            nodes = nodes * 2
-            left, right = (
-                _squared_norm(points - 0.5 * (low[:, n] + high[:, n])) for n in (nodes, nodes + 1)
-            )
-            nodes += right < left
-        return _to_triangles(points, self._frames[:, self._order[nodes]])
+            nodes = np.concatenate([2 * nodes, 2 * nodes + 1])
+            flat = nodes.ravel()
+            middles = 0.5 * (low.take(flat, axis=1) + high.take(flat, axis=1))
+            away = _squared_norm(
+                (points[:, None] - middles.reshape(3, *nodes.shape)).reshape(3, -1)
+            ).reshape(nodes.shape)
+            if len(nodes) > width:
+                nearest = np.argpartition(away, width - 1, axis=0)[:width]
+                nodes = np.take_along_axis(nodes, nearest, 0)
+        triangles = self._order[nodes.ravel()]
+        squared = _to_triangles(np.tile(points, len(nodes)), self._frames.take(triangles, axis=1))
+        nearest_of_all: F64 = squared.reshape(nodes.shape).min(axis=0)
+        return nearest_of_all
 
 
 def _squared_norm(vectors: F64) -> F64:

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far points outside a volume are from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .analytic import Capsule, Cylinder, Sphere
+from .mesh import MeshVolume
+from .shape import Shape
+
+F64 = npt.NDArray[np.float64]
+
+
+def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
+    """Distances to a volume of points outside it, (N,) metres; 0 inside.
+
+    Exact for meshes, boxes without shear, and round shapes that are scaled alike along all axes;
+    else the distance to the place that is nearest before stretching, so never too small.
+
+    Parameters
+    ----------
+    shape : Shape
+    points : (3, N) float64
+        Shape space.
+    to_world : (4, 4) float64
+        Placing matrix.
+    """
+    linear = to_world[:3, :3]
+    if isinstance(shape, MeshVolume):
+        return np.where(shape.contains(points), 0.0, shape.surface_distance_m(points, linear))
+    way = linear @ (points - _nearest(shape, points))
+    distances: F64 = np.sqrt(np.einsum("in,in->n", way, way))
+    return distances
+
+
+def _nearest(shape: Shape, points: F64) -> F64:
+    if isinstance(shape, Sphere):
+        return _onto_ball(points)
+    if isinstance(shape, Cylinder):
+        return np.vstack([_onto_ball(points[:2]), np.clip(points[2:], -1.0, 1.0)])
+    if isinstance(shape, Capsule):
+        on_axis = np.zeros_like(points)
+        on_axis[2] = np.clip(points[2], -shape.half_segment, shape.half_segment)
+        return on_axis + _onto_ball(points - on_axis)
+    low, high = shape.bounds
+    return np.clip(points, low[:, None], high[:, None])
+
+
+def _onto_ball(points: F64) -> F64:
+    length = np.sqrt(np.einsum("in,in->n", points, points))
+    return points / np.maximum(length, 1.0)
