@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx texture``: haptic surfaces: make maps, try strokes, measure roughness."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..console import Console
+from ..errors import InputError, UsageError
+from . import texture_source
+
+_RENDERERS = ("mcha", "textile", "direct")
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser("texture", help="haptic surfaces: maps, strokes, roughness")
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+
+    build = actions.add_parser(
+        "build",
+        help="make a haptic map",
+        description="Make the two layers of a haptic map as grey PNGs, and a JSON of its scale, "
+        "ranges and steps: STEM.intensity.png, STEM.sharpness.png, STEM.texture.json.",
+    )
+    texture_source.add_arguments(build)
+    build.add_argument("-o", "--output", type=Path, metavar="STEM", help="folder and name")
+    build.add_argument("--bits", type=int, choices=(8, 16), default=16, help="of a value (16)")
+
+    stroke = actions.add_parser(
+        "stroke",
+        help="what a stroke over a surface feels like",
+        description="Stroke over a surface along a line or a path, and write what is felt.",
+    )
+    texture_source.add_arguments(stroke)
+    stroke.add_argument("--from", dest="start", type=texture_source.pair, metavar="MM,MM")
+    stroke.add_argument("--to", dest="end", type=texture_source.pair, metavar="MM,MM")
+    stroke.add_argument(
+        "--path", type=Path, metavar="CSV", help="x and y in mm; or time in s, x and y"
+    )
+    stroke.add_argument(
+        "--speed", type=float, metavar="MM/S", help="mm a second (default: 100, a fast stroke)"
+    )
+    stroke.add_argument(
+        "--renderer", choices=_RENDERERS, default="mcha", help="how it is rendered (mcha)"
+    )
+    stroke.add_argument("--rate", type=float, default=120.0, metavar="HZ", help="of the pointer")
+    stroke.add_argument("--drive", type=float, metavar="1/MM", help="c_v instead of your own")
+    stroke.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help=".wav, .ahap, .he, .haptic or .csv; may be repeated",
+    )
+
+    info = actions.add_parser("info", help="size, ranges and roughness of a surface")
+    texture_source.add_arguments(info)
+    rough = actions.add_parser("roughness", help="Ra, Rz and Rmax by ISO 4287")
+    texture_source.add_arguments(rough)
+    for sub in (info, rough):
+        sub.add_argument("--cutoff", type=float, default=2.5, metavar="MM", help="(2.5)")
+    listing = actions.add_parser("list", help="the materials of the library")
+    board = actions.add_parser(
+        "board", help="the example: 4 x 4 squares of four materials, as a .blend"
+    )
+    board.add_argument("-o", "--output", type=Path, default=Path("board.blend"), metavar="FILE")
+    for sub, function in (
+        (build, _build),
+        (stroke, _stroke),
+        (info, _info),
+        (rough, _roughness),
+        (listing, _list),
+        (board, _board),
+    ):
+        sub.add_argument("--json", action="store_true", help="the result as JSON")
+        sub.set_defaults(run=function)
+
+
+def _build(options: argparse.Namespace, console: Console) -> int:
+    from ..formats import texture_map
+
+    source = texture_source.read(options)
+    stem = options.output or Path(source.name)
+    _check_folder(stem)
+    written = texture_map.write(source.map, stem, options.bits, source.name)
+    for note in (*source.notes, *written.notes):
+        console.warn(f"note: {note}")
+    for path in written.files:
+        console.say(f"wrote {path}")
+    console.result({"files": [str(p) for p in written.files], "notes": list(source.notes)})
+    return 0
+
+
+def _check_folder(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder '{path.parent}'")
+
+
+def _stroke(options: argparse.Namespace, console: Console) -> int:
+    import numpy as np
+
+    from ..authoring import surface_calibration
+    from ..engine.texture.render import render_stroke
+    from ..engine.texture.surface_texture import Renderer, SurfaceTexture
+    from ..formats import stroke_files
+
+    for path in options.output:
+        stroke_files.check(path)
+        _check_folder(path)
+    stroke = _stroke_of(options)
+    source = texture_source.read(options)
+    if options.drive is not None and not 0.0 < options.drive < 1e6:
+        raise UsageError(f"--drive {options.drive:g}: expected a number above 0")
+    drive = surface_calibration.drive_per_m() if options.drive is None else options.drive * 1000.0
+    renderer = Renderer(options.renderer)
+    if source.height is None and renderer is not Renderer.MCHA:
+        raise InputError(
+            f"{options.source}: a map has no heights; --renderer {renderer.value} needs the "
+            "picture, scan or material that it was made of."
+        )
+    texture = SurfaceTexture(source.height, source.map, renderer, drive, source.map.device)
+    has_sound = any(path.suffix.lower() == ".wav" for path in options.output)
+    rate = stroke_files.WAV_RATE_HZ if has_sound else 8000.0
+    felt = render_stroke(texture, stroke, waveform_rate_hz=rate)
+    facts = {
+        "seconds": stroke.duration_s,
+        "length_mm": 1000.0 * stroke.length_m,
+        "speed_mm_s": 1000.0 * stroke.length_m / stroke.duration_s,
+        "mean_amplitude_m_s2": float(felt.amplitude_m_s2.mean()),
+        "peak_amplitude_m_s2": float(felt.amplitude_m_s2.max()),
+        "mean_frequency_hz": float(np.mean(felt.frequency_hz)),
+    }
+    console.say(
+        f"{facts['length_mm']:.1f} mm in {facts['seconds']:.2f} s "
+        f"({facts['speed_mm_s']:.1f} mm/s): amplitude {facts['mean_amplitude_m_s2']:.2f} m/s^2, "
+        f"at most {facts['peak_amplitude_m_s2']:.2f}; {facts['mean_frequency_hz']:.0f} Hz"
+    )
+    notes, files = list(source.notes), []
+    for path in options.output:
+        written = stroke_files.write(felt, stroke, source.map.device, path)
+        notes += [f"{path}: {note}" for note in written.notes]
+        files += [str(each) for each in written.files]
+        console.say(f"wrote {path}")
+    for note in notes:
+        console.warn(f"note: {note}")
+    console.result({**facts, "files": files, "notes": notes})
+    return 0
+
+
+def _stroke_of(options: argparse.Namespace) -> Any:
+    """The stroke that is asked for: a line, or a file's path."""
+    import numpy as np
+
+    from ..engine.texture import stroke
+
+    speed = 100.0 if options.speed is None else options.speed
+    if not 0.0 < speed <= 10_000.0:
+        raise UsageError(f"--speed {speed:g}: expected mm a second, above 0, up to 10000")
+    if not 1.0 <= options.rate <= 10_000.0:
+        raise UsageError(f"--rate {options.rate:g}: expected 1 to 10000 Hz")
+    if options.path is None:
+        if options.start is None or options.end is None:
+            raise UsageError("give --from and --to, or --path")
+        path = np.array([options.start, options.end]) / 1000.0
+        return stroke.along(path, speed / 1000.0, options.rate)
+    if options.start is not None or options.end is not None:
+        raise UsageError("give --path, or --from and --to, not both")
+    table = _table(options.path)
+    if table.shape[1] == 2:
+        return stroke.along(table / 1000.0, speed / 1000.0, options.rate)
+    if options.speed is not None:
+        raise UsageError(f"{options.path} has times of its own: leave out --speed")
+    return stroke.Stroke(table[:, 0], table[:, 1:] / 1000.0)
+
+
+def _table(path: Path) -> Any:
+    """Numbers (N, 2 or 3) of a CSV file; a first line that is no numbers is a heading."""
+    import numpy as np
+
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}).") from error
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            rows.append([float(part) for part in line.replace(";", ",").split(",")])
+        except ValueError as error:
+            if number > 1:
+                raise InputError(f"{path}: line {number} is no numbers: '{line[:60]}'.") from error
+        if rows and (len(rows[-1]) != len(rows[0]) or len(rows[0]) not in (2, 3)):
+            raise InputError(f"{path}: line {number}: expected x,y or time,x,y in every line.")
+    if len(rows) < 2:
+        raise InputError(f"{path}: {len(rows)} positions; a stroke needs two.")
+    return np.array(rows)
+
+
+def _info(options: argparse.Namespace, console: Console) -> int:
+    source = texture_source.read(options)
+    made = source.map
+    rows, columns = made.intensity.shape
+    facts: dict[str, Any] = {
+        "name": source.name,
+        "size_mm": [1000.0 * length for length in made.size_m],
+        "texels": [columns, rows],
+        "tiles": made.tiles,
+        "amplitude_g": list(made.device.amplitude_g),
+        "frequency_hz": list(made.device.frequency_hz),
+        "mean_intensity": float(made.intensity.mean()),
+        "highest_intensity": float(made.intensity.max()),
+        "mean_sharpness": float(made.sharpness.mean()),
+        "notes": list(source.notes),
+    }
+    if source.height is not None:
+        try:
+            facts["roughness_um"] = _measured(source.height, options.cutoff)
+        except InputError as error:
+            facts["notes"].append(str(error))
+    for key, value in facts.items():
+        if key != "notes":
+            console.say(f"{key:<18} {_short(value)}")
+    for note in facts["notes"]:
+        console.say(f"note: {note}")
+    console.result(facts)
+    return 0
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {_short(v)}" for k, v in value.items())
+    if isinstance(value, list):
+        return " x ".join(_short(v) for v in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _measured(height: Any, cutoff_mm: float) -> dict[str, float]:
+    from math import pi
+
+    from ..engine.texture.roughness import roughness_of_surface
+
+    found = {}
+    for axis, angle in (("x", 0.0), ("y", pi / 2.0)):
+        measured = roughness_of_surface(height, cutoff_mm / 1000.0, direction_rad=angle)
+        for name in ("ra", "rz", "rmax"):
+            found[f"{name}_{axis}"] = 1e6 * getattr(measured, f"{name}_m")
+    return found
+
+
+def _roughness(options: argparse.Namespace, console: Console) -> int:
+    source = texture_source.read(options)
+    if source.height is None:
+        raise InputError(f"{options.source}: a map has no heights, so it has no roughness.")
+    facts = _measured(source.height, options.cutoff)
+    console.say(f"along   Ra (um)   Rz (um)   Rmax (um)   cut-off {options.cutoff:g} mm")
+    for axis in "xy":
+        ra, rz, rmax = (facts[f"{name}_{axis}"] for name in ("ra", "rz", "rmax"))
+        console.say(f"{axis:<5} {ra:>9.3f} {rz:>9.3f} {rmax:>11.3f}")
+    console.result({"cutoff_mm": options.cutoff, **facts})
+    return 0
+
+
+def _list(options: argparse.Namespace, console: Console) -> int:
+    from ..engine.texture.procedural import MATERIALS
+
+    for each in MATERIALS.values():
+        size = 1000.0 * each.size_m
+        console.say(f"{each.name:<18} {each.kind:<8} {each.title:<18} {size:g} x {size:g} mm")
+    console.result(
+        {m.name: {"kind": m.kind, "size_mm": 1000.0 * m.size_m} for m in MATERIALS.values()}
+    )
+    return 0
+
+
+def _board(options: argparse.Namespace, console: Console) -> int:
+    from .. import blender_session
+
+    if options.output.suffix != ".blend":
+        raise UsageError(f"{options.output}: expected a name that ends in .blend")
+    _check_folder(options.output)
+    blender_session.start()
+    from ..demo import board
+
+    made = board.save(options.output)
+    console.say(f"wrote {options.output}: {len(made)} squares")
+    console.result({"file": str(options.output), "squares": made})
+    return 0

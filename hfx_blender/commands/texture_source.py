@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What ``hfx texture`` works on: a map, a picture, a scan, a library material, an object."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import blender_session
+from ..errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from ..engine.texture.haptic_map import HapticMap
+    from ..engine.texture.height_field import HeightField
+
+
+@dataclass(frozen=True, eq=False)
+class TextureSource:
+    """One surface, however it was given."""
+
+    name: str
+    map: HapticMap
+    height: HeightField | None  # None for a map, which has none
+    notes: tuple[str, ...] = ()
+
+
+def add_arguments(parser: Any) -> None:
+    """The source, and how it is read."""
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        help="a map (.texture.json), a picture of heights, a point cloud (.ply, .xyz), a .blend, "
+        "or a material of 'hfx texture list'",
+    )
+    parser.add_argument("--object", metavar="NAME", help="whose surface, in a .blend")
+    parser.add_argument(
+        "--resolution", type=int, default=512, metavar="N", help="texels along the longer edge"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="another piece of a library material")
+    parser.add_argument(
+        "--colours", action="store_true", help="the picture is a photograph, not heights"
+    )
+    parser.add_argument(
+        "--size",
+        type=pair,
+        metavar="MM,MM",
+        help="width and height of a picture (default: 100 mm along the longer edge)",
+    )
+    parser.add_argument(
+        "--height", type=float, default=0.2, metavar="MM", help="of white over black (0.2)"
+    )
+    parser.add_argument(
+        "--unit", type=float, default=1.0, metavar="MM", help="of a point cloud's numbers (1)"
+    )
+    parser.add_argument(
+        "--tiles", action="store_true", help="a picture or scan that goes on at the opposite edge"
+    )
+    parser.add_argument("--roughness", type=Path, metavar="PICTURE", help="dark is smooth")
+    parser.add_argument("--blur", type=float, default=0.1, metavar="MM", help="Gaussian (0.1)")
+    parser.add_argument(
+        "--slope", type=float, default=1.0, help="that is felt at full strength (1)"
+    )
+    parser.add_argument(
+        "--amplitude", type=pair, default=(0.0, 1.3), metavar="G,G", help="the device's, in g"
+    )
+    parser.add_argument(
+        "--frequency", type=pair, default=(80.0, 260.0), metavar="HZ,HZ", help="the device's"
+    )
+    parser.add_argument(
+        "--steps", action="store_true", help="round to noticeable steps of 0.2 g and 40 Hz"
+    )
+
+
+def pair(text: str) -> tuple[float, float]:
+    """Two numbers with a comma between them, for argparse."""
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"'{text}': expected two numbers with a comma between")
+    try:
+        return float(parts[0]), float(parts[1])
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{text}': expected two numbers") from error
+
+
+def read(options: argparse.Namespace) -> TextureSource:
+    """Read the source that the options name.
+
+    Raises
+    ------
+    UsageError
+        An option has a value that it cannot have.
+    InputError
+        The source is missing or cannot be used.
+    """
+    from ..engine.texture.procedural import MATERIALS
+
+    if not 8 <= options.resolution <= 4096:
+        raise UsageError(f"--resolution {options.resolution}: expected 8 to 4096")
+    name, path = options.source, Path(options.source)
+    if name in MATERIALS:
+        field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
+        return _built(name, field, roughness, (), options)
+    if name.endswith(".texture.json"):
+        return _map(path)
+    if path.suffix == ".blend":
+        return _object(path, options)
+    if not path.is_file():
+        what = "it is a folder" if path.is_dir() else "there is no such file"
+        if not path.suffix:
+            what += f", and no library material ({', '.join(MATERIALS)})"
+        raise InputError(f"{path}: {what}.")
+    return _file(path, options)
+
+
+def _map(path: Path) -> TextureSource:
+    from ..formats import texture_map
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file.")
+    return TextureSource(path.name.removesuffix(".texture.json"), texture_map.read(path), None)
+
+
+def _file(path: Path, options: argparse.Namespace) -> TextureSource:
+    blender_session.start()
+    import os
+    from dataclasses import replace
+
+    import bpy
+
+    from ..authoring import image_values, surface_sources
+    from ..engine.texture.height_field import from_image
+
+    full = Path(os.path.abspath(path))  # Blender does not look in the working folder
+    if path.suffix.lower() not in surface_sources.PICTURES:
+        relief = surface_sources.read_scan(
+            full,
+            unit_mm=options.unit,
+            size_mm=(1.0, 1.0),
+            height_mm=options.height,
+            resolution=options.resolution,
+        )
+        field, notes = replace(relief.height, tiles=options.tiles), relief.notes
+    else:
+        image = image_values.load(str(full))
+        width, height = image.size
+        grey = (image_values.brightness_of if options.colours else image_values.data_of)(image)
+        bpy.data.images.remove(image)
+        grey, notes = image_values.without_holes(grey, path.name)
+        longest = max(width, height)
+        size = options.size or (100.0 * width / longest, 100.0 * height / longest)
+        if float(grey.max()) == float(grey.min()):
+            notes += ("the picture is the same everywhere: nothing of it is felt",)
+        size_m = size[0] / 1000.0, size[1] / 1000.0
+        field = from_image(grey, options.height / 1000.0, size_m, tiles=options.tiles)
+    return _built(path.stem, field, None, notes, options)
+
+
+def _object(path: Path, options: argparse.Namespace) -> TextureSource:
+    blender_session.open_blend(path)
+    import bpy
+
+    from ..authoring import surfaces
+
+    scene = bpy.context.scene
+    found = surfaces.surfaces_of(scene)
+    if options.object is None:
+        if len(found) != 1:
+            names = ", ".join(f"'{obj.name}'" for obj in found) or "none"
+            raise InputError(f"{path}: choose a surface with --object; there are: {names}.")
+        obj = found[0]
+    else:
+        obj = scene.objects.get(options.object)
+        if obj is None:
+            raise InputError(f"{path}: has no object '{options.object}'.")
+    if not surfaces.is_surface(obj):
+        surfaces.add_surface(obj)
+        obj.hfx.surface.resolution = options.resolution
+    made = surfaces.map_of(obj)
+    note = obj.hfx.surface.note
+    return TextureSource(obj.name, made, surfaces.field_of(obj), (note,) if note else ())
+
+
+def _built(
+    name: str, field: HeightField, roughness: Any, notes: tuple[str, ...], options: Any
+) -> TextureSource:
+    from ..engine.texture.device_range import DeviceRange, NoticeableSteps
+    from ..engine.texture.mcha import MapSettings, make_map
+
+    if options.roughness is not None:
+        roughness = _picture(options.roughness)
+    settings = MapSettings(
+        blur_m=options.blur / 1000.0,
+        full_slope=options.slope,
+        device=DeviceRange(options.amplitude, options.frequency),
+        steps=NoticeableSteps() if options.steps else None,
+    )
+    return TextureSource(name, make_map(field, roughness, settings), field, notes)
+
+
+def _picture(path: Path) -> Any:
+    blender_session.start()
+    import os
+
+    import bpy
+
+    from ..authoring import image_values
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file.")
+    image = image_values.load(os.path.abspath(path))
+    try:
+        return image_values.data_of(image)
+    finally:
+        bpy.data.images.remove(image)

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ways of contacts on a surface, from one sample to the next, in surface coordinates.
+
+A contact is a point of skin and the nearest place on the mesh. Its way is what that place did
+relative to the material: where the place of the sample before has gone with the (moving,
+deforming) mesh is the start, the place of now the end. So an object that carries a resting
+finger along gives no way at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .triangle_grid import Nearest, TriangleGrid
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+_SEAM_SHARE: Final = 0.5
+"""Coordinates that jump by so much more than the way itself have crossed a seam."""
+
+_IDS: Final = 1 << 32
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMesh:
+    """A mesh with surface coordinates."""
+
+    triangles: I32  # (F, 3)
+    coordinates_m: F64  # (F, 3, 2) of the corners, metres
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPaths:
+    """Contacts at some times, one time after the other, each with its way to there.
+
+    The way is two straight pieces. Where coordinates are continuous, the second goes on where
+    the first ends; across a seam, the first is on the side that is left and the second on the
+    one that is entered.
+    """
+
+    time: I64  # (n,) which time, ascending
+    ids: I64  # (n,) which point of skin, ascending within a time
+    triangle: I64  # (n,)
+    weights: F64  # (n, 3) barycentric
+    distance_m: F64  # (n,) from skin to surface
+    coordinates_m: F64  # (n, 2)
+    pieces_m: F64  # (n, 2, 2, 2) piece, begin and end, coordinate; no way at a new contact
+    moved_m: F64  # (n, 3) the way in the space of the mesh, relative to the material
+    before: I64  # (n,) the same contact at the time before, by its place here; -1: new
+    carried: int  # the first so many are those of the last time of the call before, at time -1
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def way_m(self) -> F64:
+        """Length of each way in surface coordinates, (n,)."""
+        steps = self.pieces_m[:, :, 1] - self.pieces_m[:, :, 0]
+        length: F64 = np.sqrt(np.einsum("npc,npc->np", steps, steps)).sum(axis=1)
+        return length
+
+    def speed_m_s(self, step_s: float) -> F64:
+        """Tangential speed relative to the surface, (n,)."""
+        return np.asarray(np.sqrt(np.einsum("nc,nc->n", self.moved_m, self.moved_m)) / step_s)
+
+
+class ContactFollower:
+    """Follows points of skin on one mesh, over any number of times at once.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+    reach_m : float
+        Skin that is no farther from the surface touches it.
+    max_contacts : int
+        At one time; what is in ``first`` comes first, then what is nearest.
+    first : (ids,) bool, optional
+        Points of skin that come first, by id.
+    """
+
+    def __init__(
+        self,
+        mesh: SurfaceMesh,
+        reach_m: float,
+        max_contacts: int = 100,
+        first: Bool | None = None,
+    ) -> None:
+        self._mesh = mesh
+        self._reach_m = reach_m
+        self._max_contacts = max_contacts
+        self._first = first
+        self._still: _Still | None = None
+        self._last = _none_yet()
+        self._last_ids = np.zeros(0, np.int64)
+
+    def follow(
+        self, matrices: F64, vertices: F64, time: I64, ids: I64, points: F64, follows: Bool
+    ) -> ContactPaths:
+        """Contacts at some times with their ways.
+
+        Parameters
+        ----------
+        matrices : (T, 4, 4) float64
+            Mesh to world.
+        vertices : (T or 1, V, 3) float64
+            Of the mesh; one row if it does not deform.
+        time, ids : (n,) int64
+            Of each point of skin; ascending by time, then by id.
+        points : (n, 3) float64
+            Where it is, world, metres.
+        follows : (T,) bool
+            Whether each time is the sample after the one before it; the first: after the last
+            time of the call before.
+        """
+        found, space = self._nearest(matrices, vertices, time, points)
+        found = self._chosen(found, time, ids)
+        time, ids = time[found.point], ids[found.point]
+        carried = len(self._last_ids) if follows[0] else 0
+        last = len(matrices) - 1
+        now = _part(found, np.flatnonzero(time == last))
+        now_ids = ids[time == last]
+        if carried:
+            found = _joined([self._last, found])
+            time = np.concatenate([np.full(carried, -1), time])
+            ids = np.concatenate([self._last_ids, ids])
+        if len(space) == 1:  # all in one space that stands still: places tell ways at once
+            corners = space[0][self._mesh.triangles[found.triangle[:carried]]]
+            found.place[:carried] = np.einsum("nk,nkc->nc", found.weights[:carried], corners)
+        paths = self._paths(space, found, time, ids, follows, carried)
+        self._last, self._last_ids = now, now_ids
+        return paths
+
+    def restart(self) -> None:
+        """Forget what was followed."""
+        self._last, self._last_ids = _none_yet(), np.zeros(0, np.int64)
+
+    def _chosen(self, found: Nearest, time: I64, ids: I64) -> Nearest:
+        """No more contacts at a time than are allowed."""
+        counts = np.bincount(time[found.point]) if len(found.point) else np.zeros(1, np.int64)
+        if counts.max() <= self._max_contacts:
+            return found
+        later = np.zeros(len(found.point), np.bool_)
+        if self._first is not None:
+            later = ~self._first[ids[found.point]]
+        order = np.lexsort((found.distance, later, time[found.point]))
+        rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
+        return _part(found, np.sort(order[rank < self._max_contacts]))
+
+    def _nearest(self, matrices: F64, vertices: F64, time: I64, points: F64) -> tuple[Nearest, F64]:
+        """Places of those within reach, and the vertices in the space of the places.
+
+        That is one row, in the space of the first placing, where the mesh only moves and turns.
+        """
+        turns = self._turns(matrices, vertices)
+        if turns is not None:
+            assert self._still is not None
+            offset = points - matrices[time, :3, 3]
+            if len(turns) == 1:
+                turned = offset @ turns[0]
+            else:
+                turned = np.einsum("nj,njk->nk", offset, turns[time])
+            return self._still.grid.nearest(turned), self._still.placed
+        world = vertices @ matrices[:, :3, :3].transpose(0, 2, 1) + matrices[:, None, :3, 3]
+        parts = [self._nearest_at(world[k], time, points, k) for k in np.unique(time).tolist()]
+        return _joined([_none_yet(), *parts]), world
+
+    def _turns(self, matrices: F64, vertices: F64) -> F64 | None:
+        """From the space of the grid to the world's directions; None where there is no grid."""
+        if len(vertices) > 1:
+            return None
+        linear = matrices[:, :3, :3]
+        if self._still is None:
+            self._still = _still(self._mesh, vertices[0], linear[0], self._reach_m)
+        still = self._still
+        if not np.array_equal(vertices[0], still.local):
+            return None  # it deforms, one call after the other
+        if (linear == linear[0]).all():
+            linear = linear[:1]
+        turns = linear @ still.inverse
+        error = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
+        return turns if error <= 1e-6 else None
+
+    def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> Nearest:
+        """At one time of a mesh that deforms: a grid of what is near the points only."""
+        mine = np.flatnonzero(time == k)
+        triangles = self._mesh.triangles
+        low = points[mine].min(axis=0) - self._reach_m
+        high = points[mine].max(axis=0) + self._reach_m
+        # A triangle that reaches into the box has a corner on neither far side of it.
+        below, above = (world < low).T, (world > high).T
+        outside = np.zeros(len(triangles), np.bool_)
+        for beyond in (*below, *above):
+            a, b, c = beyond[triangles.T]
+            outside |= a & b & c
+        near = np.flatnonzero(~outside)
+        corners = world[triangles[near]]
+        found = TriangleGrid(corners, self._reach_m, is_for_once=True).nearest(points[mine])
+        return Nearest(
+            mine[found.point], near[found.triangle], found.weights, found.place, found.distance
+        )
+
+    def _paths(
+        self, vertices: F64, found: Nearest, time: I64, ids: I64, follows: Bool, carried: int
+    ) -> ContactPaths:
+        triangle, weights = found.triangle, found.weights
+        now = np.einsum("nk,nkc->nc", weights, self._mesh.coordinates_m[triangle])
+        pieces = np.repeat(now[:, None], 4, axis=1).reshape(-1, 2, 2, 2)
+        moved = np.zeros((len(ids), 3))
+        before = np.full(len(ids), -1, np.int64)
+        key = time * _IDS + ids
+        slot = np.searchsorted(key, key - _IDS)
+        kept = np.flatnonzero((key[slot] == key - _IDS) & (time >= 0) & follows[time])
+        if len(kept):
+            was = before[kept] = slot[kept]
+            if len(vertices) == 1:
+                moved[kept] = found.place[kept] - found.place[was]
+            else:
+                at = time[kept][:, None], self._mesh.triangles[triangle[was]]
+                material = np.einsum("nk,nkc->nc", weights[was], vertices[at])
+                moved[kept] = found.place[kept] - material
+            pieces[kept] = self._pieces(vertices, time[kept], triangle, now, kept, was, moved[kept])
+        return ContactPaths(
+            time, ids, triangle, weights, found.distance, now, pieces, moved, before, carried
+        )
+
+    def _pieces(
+        self, vertices: F64, time: I64, triangle: I64, places: F64, kept: I64, was: I64, way: F64
+    ) -> F64:
+        """The way in surface coordinates as two pieces, (n, 2, 2, 2)."""
+        start, end = places[was], places[kept]
+        arriving = self._along(vertices, time, triangle[kept], way)
+        leaving = arriving.copy()
+        other = np.flatnonzero(triangle[was] != triangle[kept])
+        if len(other):
+            leaving[other] = self._along(vertices, time[other], triangle[was][other], way[other])
+        expected = 0.5 * (arriving + leaving)
+        error = end - start - expected
+        apart = np.zeros(len(way), np.bool_)
+        apart[other] = np.einsum("nc,nc->n", error[other], error[other]) > (
+            _SEAM_SHARE**2 * np.einsum("nc,nc->n", expected[other], expected[other]) + 1e-24
+        )
+        middle = 0.5 * (start + end)
+        pieces = np.stack([start, middle, middle, end], axis=1)
+        seam = np.flatnonzero(apart)
+        pieces[seam, 1] = start[seam] + 0.5 * leaving[seam]
+        pieces[seam, 2] = end[seam] - 0.5 * arriving[seam]
+        return pieces.reshape(-1, 2, 2, 2)
+
+    def _along(self, vertices: F64, time: I64, triangle: I64, way: F64) -> F64:
+        """A way (n, 3) in the mesh's space as one in surface coordinates (n, 2)."""
+        if self._still is not None and vertices is self._still.placed:
+            charts = self._still.charts[triangle]
+        else:
+            corners = vertices[time[:, None], self._mesh.triangles[triangle]]
+            charts = _charts(corners, self._mesh.coordinates_m[triangle])
+        return np.asarray(np.einsum("nci,ni->nc", charts, way))
+
+
+@dataclass(frozen=True, eq=False)
+class _Still:
+    """The mesh as it was first placed: what holds for as long as it only moves and turns."""
+
+    local: F64  # (V, 3)
+    inverse: F64  # (3, 3) of the linear part of its placing
+    placed: F64  # (1, V, 3) in the space of the grid
+    grid: TriangleGrid
+    charts: F64  # (F, 2, 3)
+
+
+def _still(mesh: SurfaceMesh, local: F64, linear: F64, reach_m: float) -> _Still:
+    placed = local @ linear.T
+    corners = placed[mesh.triangles]
+    # A flattened object has no inverse; the one that is nearest to it is no turn, and is refused.
+    return _Still(
+        local.copy(),
+        np.linalg.pinv(linear),
+        placed[None],
+        TriangleGrid(corners, reach_m),
+        _charts(corners, mesh.coordinates_m),
+    )
+
+
+def _none_yet() -> Nearest:
+    nothing = np.zeros(0, np.int64)
+    return Nearest(nothing, nothing, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+
+def _part(found: Nearest, chosen: I64) -> Nearest:
+    return Nearest(
+        found.point[chosen],
+        found.triangle[chosen],
+        found.weights[chosen],
+        found.place[chosen],
+        found.distance[chosen],
+    )
+
+
+def _joined(parts: list[Nearest]) -> Nearest:
+    return Nearest(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("point", "triangle", "weights", "place", "distance")
+        )
+    )
+
+
+def _charts(corners: F64, coordinates_m: F64) -> F64:
+    """What takes ways in space to ways in surface coordinates, in each triangle, (n, 2, 3)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    gram = edges @ edges.transpose(0, 2, 1)
+    det = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2
+    det = np.where(det > 0.0, det, np.inf)[:, None]
+    to_v = (gram[:, 1, 1, None] * edges[:, 0] - gram[:, 0, 1, None] * edges[:, 1]) / det
+    to_w = (gram[:, 0, 0, None] * edges[:, 1] - gram[:, 0, 1, None] * edges[:, 0]) / det
+    steps = coordinates_m[:, 1:] - coordinates_m[:, :1]
+    charts: F64 = steps[:, 0, :, None] * to_v[:, None] + steps[:, 1, :, None] * to_w[:, None]
+    return charts

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Micro-collision haptic maps from heights and roughness (Liu and Gu 2025, section 3.2).
+
+Intensity: Gaussian blur, Sobel gradient magnitude, one slope for full strength that all
+materials share. Frequency: sharpness is one minus roughness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from .device_range import DeviceRange, NoticeableSteps
+from .haptic_map import HapticMap
+from .height_field import HeightField, wrapped
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+
+TRUNCATE: Final = 4.0
+"""Standard deviations after which the Gaussian kernel ends."""
+
+_WORKERS: Final = 2
+
+
+@dataclass(frozen=True)
+class MapSettings:
+    """How a map is made; the same for all materials, so that they can be compared."""
+
+    blur_m: float = 0.1e-3
+    """Standard deviation of the Gaussian blur."""
+
+    full_slope: float = 1.0
+    """Slope, metres per metre, that is felt at full strength."""
+
+    default_roughness: float = 0.5
+    """Roughness 0..1 where no roughness is given."""
+
+    device: DeviceRange = field(default_factory=DeviceRange)
+    steps: NoticeableSteps | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.blur_m) and self.blur_m >= 0.0):
+            raise InputError(f"Haptic map: a blur of {1e3 * self.blur_m:g} mm; expected 0 or more.")
+        if not (np.isfinite(self.full_slope) and self.full_slope > 0.0):
+            raise InputError(f"Haptic map: full slope {self.full_slope:g}; expected more than 0.")
+
+
+def make_map(
+    field: HeightField, roughness: npt.ArrayLike | None = None, settings: MapSettings | None = None
+) -> HapticMap:
+    """The haptic map of a surface.
+
+    Parameters
+    ----------
+    field : HeightField
+    roughness : (h, w) float, optional
+        0 smooth to 1 rough, linear, bottom row first; covers the same rectangle and may have
+        another resolution. None: ``settings.default_roughness`` everywhere.
+
+    Raises
+    ------
+    InputError
+        The roughness is not a picture of finite numbers.
+    """
+    settings = settings or MapSettings()
+    slope = blurred_slope(field, settings.blur_m)
+    intensity = np.minimum(slope / np.float32(settings.full_slope), np.float32(1.0))
+    sharpness = _sharpness(field, roughness, settings.default_roughness)
+    made = HapticMap(intensity, sharpness, field.texel_m, tiles=field.tiles, device=settings.device)
+    return made if settings.steps is None else made.in_steps(settings.steps)
+
+
+def blurred_slope(field: HeightField, blur_m: float) -> F32:
+    """Sobel gradient magnitude of the blurred heights, metres per metre, (H, W).
+
+    The kernels are those in space, the Gaussian ending after four standard deviations; they are
+    applied by Fourier, whose cost does not grow with the blur. What does not tile goes on
+    flat beyond its edges.
+    """
+    from scipy import fft
+
+    heights = field.heights_m
+    rows, columns = heights.shape
+    heights = (heights - heights.mean()).astype(np.float32)
+    reach = [int(TRUNCATE * blur_m / t + 0.5) + 1 for t in field.texel_m]
+    top = left = 0
+    if not field.tiles:
+        top, left = reach[1], reach[0]
+        below = fft.next_fast_len(rows + 2 * top, real=True) - rows - top
+        right = fft.next_fast_len(columns + 2 * left, real=True) - columns - left
+        heights = np.pad(heights, ((top, below), (left, right)), "edge")
+    spectrum = fft.rfft2(heights, workers=_WORKERS)
+    squared = np.zeros((rows, columns), np.float32)
+    along = [
+        _transfers(np.arange(n), heights.shape[k], field.texel_m[1 - k], blur_m)
+        for k, n in enumerate(spectrum.shape)
+    ]
+    for axis in (0, 1):
+        factors = [along[k][int(k == axis)].astype(np.complex64) for k in (0, 1)]
+        slope = fft.irfft2(
+            spectrum * factors[0][:, None] * factors[1],
+            heights.shape,
+            workers=_WORKERS,
+            overwrite_x=True,
+        )[top : top + rows, left : left + columns]
+        squared += slope * slope
+    return np.asarray(np.sqrt(squared, out=squared))
+
+
+def _transfers(
+    waves: npt.NDArray[np.int64], count: int, texel_m: float, blur_m: float
+) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+    """What Gauss and Sobel make of each wave along one axis: smoothing, and the slope."""
+    angle = 2.0 * np.pi * waves / count
+    blur = np.ones(len(waves))
+    if blur_m > 0.0:
+        offsets = np.arange(1, int(TRUNCATE * blur_m / texel_m + 0.5) + 1)
+        weights = np.exp(-0.5 * (offsets * texel_m / blur_m) ** 2)
+        total = np.ones(len(waves))
+        for offset, weight in zip(offsets.tolist(), weights.tolist(), strict=True):
+            total += 2.0 * weight * np.cos(offset * angle)
+        blur = total / (1.0 + 2.0 * weights.sum())
+    return blur * (0.5 + 0.5 * np.cos(angle)) + 0j, 1j * blur * np.sin(angle) / texel_m
+
+
+def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: float) -> F32:
+    shape = field.heights_m.shape
+    if roughness is None:
+        return np.full(shape, 1.0 - np.clip(default, 0.0, 1.0), np.float32)
+    values = np.asarray(roughness, np.float32)
+    if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
+        raise InputError(f"Roughness picture: expected finite rows and columns, {values.shape}.")
+    values = _stretched(_stretched(values, shape[1], field.tiles).T, shape[0], field.tiles).T
+    return np.ascontiguousarray(np.float32(1.0) - np.clip(values, 0.0, 1.0))
+
+
+def _stretched(values: F32, count: int, tiles: bool) -> F32:
+    """Columns resampled to another number of them, linearly; both cover the same width."""
+    known = values.shape[1]
+    if known == count:
+        return values
+    place = (np.arange(count) + 0.5) * (known / count) - 0.5
+    first = np.floor(place)
+    share = (place - first).astype(np.float32)
+    i = first.astype(np.int64)
+    left = values[:, wrapped(i, known, tiles)]
+    return left + share * (values[:, wrapped(i + 1, known, tiles)] - left)

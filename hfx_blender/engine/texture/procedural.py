@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A library of materials made by arithmetic: gravel, metal, fabric and wood, in variants.
+
+Each is a square that tiles without a seam, the same for the same seed on any machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ..surface_names import MATERIAL_TITLES
+from .height_field import HeightField
+from .weave import Weave, woven
+
+F64 = npt.NDArray[np.float64]
+
+Recipe = Callable[[np.random.Generator, int, float], F64]
+"""Random numbers, texels a side and size in metres to heights (N, N) in metres."""
+
+KINDS: Final = ("gravel", "metal", "fabric", "wood")
+
+
+@dataclass(frozen=True)
+class ProceduralMaterial:
+    """A recipe for heights; roughness 0..1 says how dull a collision with it is."""
+
+    name: str  # unique, also the key of ``MATERIALS``
+    kind: str  # one of ``KINDS``
+    title: str
+    size_m: float  # of the square
+    roughness: float
+    heights: Recipe
+
+    def make(self, texels: int = 512, seed: int = 0) -> tuple[HeightField, F64]:
+        """Heights and roughness (N, N) of one square.
+
+        Raises
+        ------
+        InputError
+            Fewer than 16 texels.
+        """
+        if texels < 16:
+            raise InputError(f"Material '{self.name}': {texels} texels; expected 16 or more.")
+        rng = np.random.default_rng([seed, *self.name.encode()])
+        heights = self.heights(rng, texels, self.size_m)
+        texel = self.size_m / texels
+        field = HeightField(heights - heights.min(), (texel, texel))
+        deviation = _noise(rng, texels, self.size_m, 4e-3, 1e-3)
+        return field, np.clip(self.roughness + 0.05 * deviation, 0.0, 1.0)
+
+
+def material(name: str) -> ProceduralMaterial:
+    """A material by its name.
+
+    Raises
+    ------
+    InputError
+        There is none of that name.
+    """
+    if name not in MATERIALS:
+        raise InputError(f"Material '{name}': expected one of {', '.join(MATERIALS)}.")
+    return MATERIALS[name]
+
+
+def _noise(
+    rng: np.random.Generator,
+    texels: int,
+    size_m: float,
+    longest_m: float,
+    shortest_m: float,
+    stretch: float = 1.0,
+    fall: float = 1.0,
+) -> F64:
+    """Noise that tiles, RMS 1, of waves in a band; ``stretch`` times as long along x.
+
+    The waves' amplitude is their wavelength to the power of ``fall``.
+    """
+    frequency = np.fft.fftfreq(texels, size_m / texels)
+    radius = np.hypot(frequency[None, :] * stretch, frequency[:, None])
+    band = (radius >= 1.0 / longest_m) & (radius <= 1.0 / shortest_m)
+    strength = np.where(band, np.where(radius > 0.0, radius, 1.0) ** -(fall + 0.5), 0.0)
+    # White noise drawn on a coarse grid of waves would change with the resolution: it may.
+    spectrum = np.fft.fft2(rng.standard_normal((texels, texels))) * strength
+    values = np.fft.ifft2(spectrum).real
+    scale = values.std()
+    return np.asarray(values / scale if scale > 0.0 else values)
+
+
+def _stones(
+    rng: np.random.Generator, texels: int, size_m: float, diameter_m: float, flatness: float
+) -> F64:
+    """Stones that lie side by side, 0..1: each point belongs to the stone that is highest there."""
+    spacing = 0.72 * diameter_m
+    per_side = max(round(size_m / spacing), 2)
+    grid = (np.stack(np.meshgrid(*[np.arange(per_side)] * 2), -1).reshape(-1, 2) + 0.5) / per_side
+    centres = grid * size_m + rng.uniform(-0.4, 0.4, grid.shape) * size_m / per_side
+    radii = 0.5 * diameter_m * rng.uniform(0.7, 1.3, len(centres))
+    squash = rng.uniform(0.7, 1.0, len(centres))
+    turn = rng.uniform(0.0, np.pi, len(centres))
+    texel = size_m / texels
+    heights = np.zeros((texels, texels))
+    for (cx, cy), radius, narrow, angle in zip(centres, radii, squash, turn, strict=True):
+        reach = int(np.ceil(radius / texel))
+        i = np.arange(-reach, reach + 1)
+        column, row = int(cx / texel) + i, int(cy / texel) + i
+        dx = (column + 0.5) * texel - cx
+        dy = ((row + 0.5) * texel - cy)[:, None]
+        along = np.cos(angle) * dx + np.sin(angle) * dy
+        across = (np.cos(angle) * dy - np.sin(angle) * dx) / narrow
+        inside = np.maximum(1.0 - (along**2 + across**2) / radius**2, 0.0)
+        dome = radius / (0.65 * diameter_m) * inside**flatness
+        place = np.ix_(row % texels, column % texels)
+        heights[place] = np.maximum(heights[place], dome)
+    return heights
+
+
+def _gravel(diameter_m: float, depth_m: float, flatness: float, grit_m: float) -> Recipe:
+    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
+        stones = depth_m * _stones(rng, texels, size_m, diameter_m, flatness)
+        grit = grit_m * _noise(rng, texels, size_m, 1.5e-3, 0.25e-3, fall=0.5)
+        return np.asarray(stones + grit)
+
+    return heights
+
+
+def _brushed(depth_m: float, length: float) -> Recipe:
+    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
+        return depth_m * _noise(rng, texels, size_m, 0.6e-3, 0.12e-3, stretch=length, fall=0.0)
+
+    return heights
+
+
+def _cast(depth_m: float) -> Recipe:
+    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
+        return depth_m * _noise(rng, texels, size_m, 2e-3, 0.2e-3, fall=0.6)
+
+    return heights
+
+
+def _hammered(diameter_m: float, depth_m: float) -> Recipe:
+    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
+        dents = -depth_m * _stones(rng, texels, size_m, diameter_m, 1.0)
+        return np.asarray(dents + 1e-6 * _noise(rng, texels, size_m, 1e-3, 0.2e-3))
+
+    return heights
+
+
+def _cloth(weave: Weave) -> Recipe:
+    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
+        cloth = woven(weave, size_m, texels).heights_m
+        slack = 0.06 * weave.depth_m * _noise(rng, texels, size_m, 8e-3, 1.5e-3)
+        fibres = 0.04 * weave.depth_m * _noise(rng, texels, size_m, 0.5e-3, 0.15e-3, fall=0.0)
+        return np.asarray(cloth + slack + fibres)
+
+    return heights
+
+
+def _corduroy(period_m: float, depth_m: float) -> Recipe:
+    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
+        ribs = max(round(size_m / period_m), 1)
+        y = (np.arange(texels) + 0.5) / texels
+        rib = np.abs(np.sin(np.pi * ribs * y)) ** 0.6
+        pile = 0.05 * _noise(rng, texels, size_m, 0.6e-3, 0.15e-3, fall=0.0)
+        return np.asarray(depth_m * (rib[:, None] + pile))
+
+    return heights
+
+
+def _timber(rings_m: float, depth_m: float, pores_m: float, cracks_m: float) -> Recipe:
+    """Year rings along x, bent by slow noise; pores are short dents along the grain."""
+
+    def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
+        y = (np.arange(texels) + 0.5) / texels
+        bend = 0.9 * _noise(rng, texels, size_m, size_m, 0.15 * size_m, stretch=3.0)
+        rings = max(round(size_m / rings_m), 1)
+        phase = rings * y[:, None] + bend
+        late = (phase - np.floor(phase)) ** 3  # early wood rises slowly, late wood ends sharply
+        grain = _noise(rng, texels, size_m, 1.2e-3, 0.2e-3, stretch=20.0, fall=0.4)
+        pore = _noise(rng, texels, size_m, 0.8e-3, 0.25e-3, stretch=8.0, fall=0.3)
+        crack = _noise(rng, texels, size_m, 6e-3, 0.8e-3, stretch=25.0, fall=0.8)
+        wood = depth_m * (late + 0.12 * grain)
+        wood = wood - pores_m * np.clip(pore - 1.3, 0.0, 1.0)
+        return np.asarray(wood - cracks_m * np.clip(crack - 1.5, 0.0, 1.0))
+
+    return heights
+
+
+def _named(name: str, size_m: float, roughness: float, heights: Recipe) -> ProceduralMaterial:
+    return ProceduralMaterial(name, *MATERIAL_TITLES[name], size_m, roughness, heights)
+
+
+def _library() -> dict[str, ProceduralMaterial]:
+    made = [
+        _named("gravel-fine", 0.06, 0.85, _gravel(3e-3, 0.8e-3, 0.6, 40e-6)),
+        _named("gravel-coarse", 0.1, 0.95, _gravel(8e-3, 2.5e-3, 0.6, 90e-6)),
+        _named("gravel-pebbles", 0.1, 0.8, _gravel(6e-3, 2e-3, 0.9, 10e-6)),
+        _named("gravel-sharp", 0.08, 0.95, _gravel(5e-3, 2e-3, 0.4, 110e-6)),
+        _named("metal-brushed", 0.04, 0.15, _brushed(3e-6, 60.0)),
+        _named("metal-satin", 0.04, 0.1, _brushed(1.5e-6, 15.0)),
+        _named("metal-cast", 0.04, 0.3, _cast(8e-6)),
+        _named("metal-hammered", 0.06, 0.1, _hammered(7e-3, 0.12e-3)),
+        _named(
+            "fabric-shirting",
+            0.02,
+            0.45,
+            _cloth(Weave("plain", 0.3e-3, 40e-6)),
+        ),
+        _named(
+            "fabric-denim",
+            0.03,
+            0.55,
+            _cloth(Weave("denim", 0.5e-3, 120e-6, np.pi / 4.0)),
+        ),
+        _named(
+            "fabric-twill",
+            0.03,
+            0.5,
+            _cloth(Weave("twill", 0.6e-3, 160e-6, np.pi / 6.0)),
+        ),
+        _named(
+            "fabric-basket",
+            0.04,
+            0.6,
+            _cloth(Weave("basket", 1.0e-3, 350e-6)),
+        ),
+        _named(
+            "fabric-satin",
+            0.02,
+            0.35,
+            _cloth(Weave("satin", 0.25e-3, 30e-6)),
+        ),
+        _named("fabric-corduroy", 0.04, 0.6, _corduroy(1.6e-3, 0.4e-3)),
+        _named("wood-oak", 0.08, 0.65, _timber(4e-3, 60e-6, 90e-6, 0.0)),
+        _named("wood-pine", 0.08, 0.55, _timber(5e-3, 120e-6, 10e-6, 0.0)),
+        _named(
+            "wood-weathered",
+            0.1,
+            0.8,
+            _timber(5e-3, 260e-6, 60e-6, 0.5e-3),
+        ),
+        _named("wood-veneer", 0.06, 0.5, _timber(2.5e-3, 25e-6, 30e-6, 0.0)),
+    ]
+    return {each.name: each for each in made}
+
+
+MATERIALS: Final[dict[str, ProceduralMaterial]] = _library()

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A stroke over a surface as a vibration, by the renderer that the surface names."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from .device_range import STANDARD_GRAVITY
+from .lookup import strongest_in_steps
+from .signal import Signal, carrier
+from .stroke import Stroke
+from .surface_texture import Renderer, SurfaceTexture
+from .synthesis import amplitude_and_frequency, profile
+from .textile import drive_levels
+
+F64 = npt.NDArray[np.float64]
+
+
+def render_stroke(
+    texture: SurfaceTexture,
+    stroke: Stroke,
+    *,
+    step_s: float | None = None,
+    waveform_rate_hz: float = 8000.0,
+) -> Signal:
+    """What a stroke feels like.
+
+    Parameters
+    ----------
+    step_s : float, optional
+        Time between two values of amplitude and frequency; the device's own update by default.
+        For ``TEXTILE`` it is the window of the Fourier transform as well.
+    waveform_rate_hz : float
+        Rate of the waveform; 8 kHz is plenty for skin, 48 kHz is for ears.
+
+    Raises
+    ------
+    InputError
+        The stroke is shorter than one step, or the step or the rate is not above zero.
+    """
+    step = texture.device.update_s if step_s is None else step_s
+    if not (np.isfinite([step, waveform_rate_hz]).all() and step > 0.0 and waveform_rate_hz > 0.0):
+        raise InputError(
+            f"Stroke: steps of {step:g} s at {waveform_rate_hz:g} Hz; expected more than 0."
+        )
+    count = int(np.floor(stroke.duration_s / step * (1.0 + 1e-12)))
+    if count < 1:
+        raise InputError(
+            f"Stroke: it lasts {stroke.duration_s:g} s, less than one step of {step:g} s."
+        )
+    if texture.renderer is Renderer.DIRECT:
+        return _direct(texture, stroke, step, count, waveform_rate_hz)
+    if texture.renderer is Renderer.TEXTILE:
+        assert texture.height is not None
+        levels = drive_levels(texture.height, stroke, texture.drive_per_m, step)
+        amplitude = texture.device.amplitude_m_s2(levels)
+        frequency = np.full(count, texture.device.carrier_hz)
+    else:
+        assert texture.map is not None
+        intensity, sharpness = strongest_in_steps(texture.map, stroke, step, count)
+        amplitude = texture.device.amplitude_m_s2(intensity)
+        frequency = texture.device.frequency_of(sharpness)
+    return Signal(
+        stroke.times_s[0] + step * np.arange(count),
+        step,
+        amplitude,
+        frequency,
+        carrier(amplitude, frequency, step, waveform_rate_hz),
+        waveform_rate_hz,
+    )
+
+
+def _direct(
+    texture: SurfaceTexture, stroke: Stroke, step: float, count: int, rate_hz: float
+) -> Signal:
+    assert texture.height is not None
+    full = texture.device.amplitude_g[1] * STANDARD_GRAVITY
+    drive = texture.drive_per_m * profile(texture.height, stroke, rate_hz)
+    waveform = full * np.clip(drive, -1.0, 1.0)
+    begins = np.minimum(np.rint(step * rate_hz * np.arange(count)).astype(np.int64), len(drive) - 1)
+    length = max(round(step * rate_hz), 2)
+    window = np.minimum(begins[:, None] + np.arange(length), len(drive) - 1)
+    amplitude, frequency = amplitude_and_frequency(waveform[window], rate_hz)
+    return Signal(
+        stroke.times_s[0] + step * np.arange(count),
+        step,
+        np.minimum(amplitude, full),
+        frequency,
+        waveform,
+        rate_hz,
+    )

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scans of real surfaces as height fields: scattered points, and pictures with holes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from .height_field import HeightField, sample_grid
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+MAX_TEXELS: Final = 1 << 24
+_MIN_SPAN: Final = 1e-9  # metres
+_ROUNDS: Final = 4
+
+
+def from_points(
+    points_m: npt.ArrayLike,
+    texel_m: float | None = None,
+    *,
+    is_levelled: bool = True,
+) -> HeightField:
+    """A height field from scattered points of a scan; it does not tile.
+
+    Points that are not finite are left out. Texels without a point (holes, corners) go on
+    smoothly from those around them.
+
+    Parameters
+    ----------
+    points_m : (N, 3) float
+        x, y and height, metres, in any order.
+    texel_m : float, optional
+        Size of the texels; by default about one point falls into each.
+    is_levelled : bool
+        Take away the mean plane: a scan is seldom level.
+
+    Raises
+    ------
+    InputError
+        Fewer than three points, all on one line, or more texels than can be held.
+    """
+    points = np.asarray(points_m, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"Scan: expected points (N, 3), got {points.shape}.")
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 3:
+        raise InputError(f"Scan: {len(points)} usable points; a surface needs three or more.")
+    low = points[:, :2].min(axis=0)
+    span = np.ptp(points[:, :2], axis=0)
+    flat = points[:, :2] - points[:, :2].mean(axis=0)
+    thin = np.sqrt(max(float(np.linalg.eigvalsh(flat.T @ flat / len(flat))[0]), 0.0))
+    if thin <= max(_MIN_SPAN, 1e-9 * float(span.max())):
+        raise InputError("Scan: all of its points are on one line, seen from above.")
+    texel = float(np.sqrt(np.prod(span) / len(points))) if texel_m is None else texel_m
+    if not (np.isfinite(texel) and texel > 0.0):
+        raise InputError(f"Scan: a texel of {1e3 * texel:g} mm; expected more than 0.")
+    columns, rows = (max(int(np.ceil(s / texel * (1.0 - 1e-9))), 1) for s in span)
+    if rows * columns > MAX_TEXELS:
+        raise InputError(
+            f"Scan: {columns} x {rows} texels of {1e3 * texel:g} mm are more than "
+            f"{MAX_TEXELS}; choose larger ones."
+        )
+    heights = points[:, 2]
+    if is_levelled:
+        design = np.column_stack([flat, np.ones(len(flat))])
+        heights = heights - design @ np.linalg.lstsq(design, heights, rcond=None)[0]
+    place = points[:, :2] - low
+    grid = _averaged(place, heights, (rows, columns), texel)
+    # A texel's mean belongs to where its points are, not to its middle: what the surface lacks
+    # at the points is added, a few times.
+    for _ in range(_ROUNDS):
+        lacking = heights - sample_grid(grid, place, (texel, texel), False)
+        grid = grid + _averaged(place, lacking, (rows, columns), texel)
+    return HeightField(grid, (texel, texel), tiles=False)
+
+
+def fill_holes(heights_m: npt.ArrayLike) -> F64:
+    """Heights (H, W) whose holes (what is not finite) go on smoothly from their borders.
+
+    The picture is halved again and again, each time averaging what is known, and what is
+    unknown is taken from the next smaller one.
+
+    Raises
+    ------
+    InputError
+        Nothing is known.
+    """
+    heights = np.asarray(heights_m, np.float64)
+    known = np.isfinite(heights)
+    if known.all():
+        return heights
+    if not known.any():
+        raise InputError("Scan: it has no height anywhere, only holes.")
+    weights = known.astype(np.float64)
+    return _filled(np.where(known, heights, 0.0), weights)
+
+
+def _filled(values: F64, weights: F64) -> F64:
+    rows, columns = values.shape
+    if (weights > 0.0).all() or values.size == 1:
+        return values
+    pad = ((0, rows % 2), (0, columns % 2))
+    parts = np.pad(values * weights, pad), np.pad(weights, pad)
+    total, share = (
+        part.reshape(part.shape[0] // 2, 2, part.shape[1] // 2, 2).sum(axis=(1, 3))
+        for part in parts
+    )
+    coarse = _filled(total / np.where(share > 0.0, share, 1.0), np.minimum(share, 1.0))
+    i = np.clip((np.arange(columns) - 0.5) / 2.0, 0.0, coarse.shape[1] - 1.0)
+    j = np.clip((np.arange(rows) - 0.5) / 2.0, 0.0, coarse.shape[0] - 1.0)
+    i0, j0 = np.floor(i).astype(np.int64), np.floor(j).astype(np.int64)
+    i1, j1 = np.minimum(i0 + 1, coarse.shape[1] - 1), np.minimum(j0 + 1, coarse.shape[0] - 1)
+    across = coarse[:, i0] + (i - i0) * (coarse[:, i1] - coarse[:, i0])
+    smooth = across[j0] + (j - j0)[:, None] * (across[j1] - across[j0])
+    return np.where(weights > 0.0, values, smooth)
+
+
+def _averaged(place: F64, values: F64, shape: tuple[int, int], texel: float) -> F64:
+    """Mean value of the points in each texel; where there is none, as around it."""
+    rows, columns = shape
+    i = np.minimum((place[:, 0] / texel).astype(np.int64), columns - 1)
+    j = np.minimum((place[:, 1] / texel).astype(np.int64), rows - 1)
+    which = j * columns + i
+    count = np.bincount(which, minlength=rows * columns)
+    total = np.bincount(which, values, rows * columns)
+    grid = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return fill_holes(grid.reshape(shape))

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A stroke: where a finger was on a surface, at times as uneven as a touch screen tells them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+
+F64 = npt.NDArray[np.float64]
+
+SLOW_M_S: Final = 0.02
+FAST_M_S: Final = 0.1
+"""The two speeds of the textile study (textiles on the phone, section 5)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """Positions of a finger, joined by straight lines (equation 5 of the textile paper).
+
+    Parameters
+    ----------
+    times_s : (N,) float64
+        Rising.
+    points_m : (N, 2) float64
+        Surface coordinates, metres.
+
+    Raises
+    ------
+    InputError
+        Fewer than two positions, times that do not rise, or what is not a number.
+    """
+
+    times_s: F64
+    points_m: F64
+
+    def __post_init__(self) -> None:
+        times = np.asarray(self.times_s, np.float64)
+        points = np.asarray(self.points_m, np.float64)
+        if times.ndim != 1 or points.shape != (len(times), 2):
+            raise InputError(
+                f"Stroke: expected N times and (N, 2) positions, got {times.shape} and "
+                f"{points.shape}."
+            )
+        if len(times) < 2:
+            raise InputError(f"Stroke: {len(times)} position; a stroke needs two.")
+        if not (np.isfinite(times).all() and np.isfinite(points).all()):
+            raise InputError("Stroke: a time or a position is not a finite number.")
+        if not (np.diff(times) > 0.0).all():
+            late = int(np.flatnonzero(np.diff(times) <= 0.0)[0]) + 1
+            raise InputError(
+                f"Stroke: time {late} ({times[late]:g} s) is not after the one before."
+            )
+        object.__setattr__(self, "times_s", times)
+        object.__setattr__(self, "points_m", points)
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.times_s[-1] - self.times_s[0])
+
+    @property
+    def length_m(self) -> float:
+        return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
+
+    @property
+    def speeds_m_s(self) -> F64:
+        """Speed between positions, (N - 1,)."""
+        steps = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        speeds: F64 = steps / np.diff(self.times_s)
+        return speeds
+
+    def at(self, times_s: F64) -> F64:
+        """Positions (..., 2) at any times; before and after the stroke, the finger rests."""
+        times = np.asarray(times_s, np.float64)
+        parts = [np.interp(times, self.times_s, self.points_m[:, k]) for k in (0, 1)]
+        return np.stack(parts, axis=-1)
+
+    def speed_at(self, times_s: F64) -> F64:
+        """Speed at any times, m/s; zero outside of the stroke."""
+        times = np.asarray(times_s, np.float64)
+        which = np.searchsorted(self.times_s, times, "right") - 1
+        inside = (which >= 0) & (times <= self.times_s[-1])
+        return np.where(inside, self.speeds_m_s[np.clip(which, 0, len(self.times_s) - 2)], 0.0)
+
+    def resampled(self, rate_hz: float) -> Stroke:
+        """The same stroke as a pointer of this rate tells it (60 to 240 Hz on touch screens)."""
+        if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+            raise InputError(f"Stroke: a rate of {rate_hz:g} Hz; expected more than 0.")
+        count = int(np.floor(self.duration_s * rate_hz * (1.0 + 1e-12)))
+        times = self.times_s[0] + np.arange(count + 1) / rate_hz
+        if self.times_s[-1] - times[-1] > 1e-9 * max(self.duration_s, 1.0):
+            times = np.append(times, self.times_s[-1])
+        return Stroke(times, self.at(times))
+
+    def backwards(self) -> Stroke:
+        """The same way in the other direction, starting at the same time."""
+        times = self.times_s[0] + (self.times_s[-1] - self.times_s[::-1])
+        return Stroke(times, self.points_m[::-1])
+
+    def turned(self, angle_rad: float) -> Stroke:
+        """Turned about the origin, counter-clockwise."""
+        c, s = np.cos(angle_rad), np.sin(angle_rad)
+        return Stroke(self.times_s, self.points_m @ np.array([[c, s], [-s, c]]))
+
+
+def line(
+    start_m: tuple[float, float],
+    direction_rad: float,
+    length_m: float,
+    speed_m_s: float,
+    rate_hz: float = 120.0,
+) -> Stroke:
+    """A straight stroke at an even speed."""
+    way = length_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
+    return along(np.array([start_m, np.asarray(start_m) + way]), speed_m_s, rate_hz)
+
+
+def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
+    """A stroke along a path (N, 2) at an even speed, as a pointer of a rate tells it.
+
+    Raises
+    ------
+    InputError
+        The path has no length, or the speed or the rate is not above zero.
+    """
+    path = np.asarray(path_m, np.float64)
+    if path.ndim != 2 or path.shape[1:] != (2,) or len(path) < 2 or not np.isfinite(path).all():
+        raise InputError(f"Path: expected two or more positions (N, 2), got {path.shape}.")
+    if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
+        raise InputError(f"Path: a speed of {1e3 * speed_m_s:g} mm/s; expected more than 0.")
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    if steps.sum() <= 0.0:
+        raise InputError("Path: all of its positions are the same; expected a way to go.")
+    keep = np.concatenate([[True], steps > 0.0])
+    times = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])]) / speed_m_s
+    return Stroke(times, path[keep]).resampled(rate_hz)
+
+
+def uneven(stroke: Stroke, rng: np.random.Generator, gaps_s: tuple[float, float]) -> Stroke:
+    """The same stroke as told at uneven times; phones do so every 15 to 70 ms."""
+    count = int(stroke.duration_s / gaps_s[0]) + 1
+    times = stroke.times_s[0] + np.cumsum(rng.uniform(*gaps_s, count))
+    times = times[times < stroke.times_s[-1] - 1e-9]
+    times = np.concatenate([stroke.times_s[:1], times, stroke.times_s[-1:]])
+    return Stroke(times, stroke.at(times))

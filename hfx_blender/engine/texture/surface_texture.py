@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a surface feels like: its heights, its haptic map, and which of both is rendered how."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from ...errors import InputError
+from ..surface_names import DRIVE_PER_M as DRIVE_PER_M
+from .device_range import DeviceRange
+from .haptic_map import HapticMap
+from .height_field import HeightField
+
+
+class Renderer(Enum):
+    """How a surface is turned into vibration."""
+
+    MCHA = "mcha"  # micro-collisions: the haptic map's strongest texel on the way
+    TEXTILE = "textile"  # the weighted spectrum of the height over a window, one frequency
+    DIRECT = "direct"  # the height itself, at audio rate, for wide-band actuators
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTexture:
+    """One material as it is felt.
+
+    Parameters
+    ----------
+    height : HeightField, optional
+        Needed by ``TEXTILE`` and ``DIRECT``.
+    map : HapticMap, optional
+        Needed by ``MCHA``. Its texels need not be those of the heights.
+    renderer : Renderer
+    drive_per_m : float
+        c_v of equation 3: drive (0..1) per metre of height; calibrated per user and device.
+    device : DeviceRange
+        What a drive of 0..1 means. A map is rendered with this device, not with its own.
+
+    Raises
+    ------
+    InputError
+        What the renderer needs is not there.
+    """
+
+    height: HeightField | None = None
+    map: HapticMap | None = None
+    renderer: Renderer = Renderer.MCHA
+    drive_per_m: float = DRIVE_PER_M
+    device: DeviceRange = field(default_factory=DeviceRange)
+
+    def __post_init__(self) -> None:
+        if self.renderer is Renderer.MCHA and self.map is None:
+            raise InputError("Haptic surface: micro-collisions need a haptic map.")
+        if self.renderer is not Renderer.MCHA and self.height is None:
+            raise InputError(f"Haptic surface: renderer '{self.renderer.value}' needs heights.")
+        if not (np.isfinite(self.drive_per_m) and self.drive_per_m >= 0.0):
+            raise InputError(
+                f"Haptic surface: drive per metre is {self.drive_per_m:g}; expected 0 or more."
+            )

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The textile renderer: how strongly a window of heights is felt (textiles on the phone, eq. 1-5).
+
+The heights along the finger's way, at an even rate, are transformed by Fourier over one update
+window, weighted by the sensitivity of the skin's receptors, and summed to one drive level.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .height_field import HeightField
+from .stroke import Stroke
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+RATE_HZ: Final = 2000.0
+"""Lowest rate of the heights; raised by a whole factor where a step would skip a texel."""
+
+WINDOW_S: Final = 0.05
+"""The update window of the paper."""
+
+MAX_FACTOR: Final = 64
+"""Bound of that factor: a stroke of metres per second over a fine map is no surface any more."""
+
+
+def receptor_weights(frequencies_hz: npt.ArrayLike) -> F64:
+    """Weights of equation 4: thresholds of the skin's slow and rapid receptors."""
+    f = np.abs(np.asarray(frequencies_hz, np.float64))
+    return np.select([f < 10.0, f < 40.0, f < 800.0], [1.0 / 6.0, 0.5, 1.0], 0.0)
+
+
+def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
+    """Root of equation 3 without c_v: the weighted RMS of heights, in metres.
+
+    The mean is taken away first. F is the unitary discrete Fourier transform, and its sum goes
+    over positive and negative frequencies, so that with all weights 1 this is the plain RMS,
+    whatever the length of the window (Parseval).
+
+    Parameters
+    ----------
+    heights_m : (..., n) float64
+    rate_hz : float
+
+    Returns
+    -------
+    (...) float64
+    """
+    n = heights_m.shape[-1]
+    heights = heights_m - heights_m[..., :1]  # first: what is constant becomes exactly nothing
+    spectrum = np.fft.rfft(heights - heights.mean(axis=-1, keepdims=True), axis=-1)
+    weights = receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz))
+    doubled = np.full(len(weights), 2.0)
+    doubled[0] = 1.0
+    if n % 2 == 0:
+        doubled[-1] = 1.0
+    # Not a matrix product: OpenBLAS would wake threads for it.
+    power = np.einsum("...k,k->...", spectrum.real**2 + spectrum.imag**2, doubled * weights**2)
+    rms: F64 = np.sqrt(power) / n
+    return rms
+
+
+def drive_levels(
+    field: HeightField, stroke: Stroke, drive_per_m: float, window_s: float = WINDOW_S
+) -> F64:
+    """P of equation 3 for each window of a stroke, from its begin; what is left over is dropped.
+
+    Returns
+    -------
+    (floor(duration / window_s),) float64
+        Drive levels; above 1 a device is at its limit.
+    """
+    count = int(np.floor(stroke.duration_s / window_s * (1.0 + 1e-12)))
+    begins = stroke.times_s[0] + window_s * np.arange(count)
+    levels = np.zeros(count)
+    factors = np.array([_factor(field, stroke, t, window_s) for t in begins], np.int64)
+    for factor in np.unique(factors).tolist():
+        mine = np.flatnonzero(factors == factor)
+        rate = RATE_HZ * factor
+        times = begins[mine, None] + _instants(window_s, rate)
+        levels[mine] = drive_per_m * weighted_rms(field.sample(stroke.at(times)), rate)
+    return levels
+
+
+class TextileStream:
+    """The same levels as :func:`drive_levels`, while the finger still moves.
+
+    Each window's level is there as soon as the pointer has told a position after its end.
+    """
+
+    def __init__(self, field: HeightField, drive_per_m: float, window_s: float = WINDOW_S) -> None:
+        self._field, self._drive_per_m, self._window_s = field, drive_per_m, window_s
+        self._times: list[float] = []
+        self._points: list[tuple[float, float]] = []
+        self._start_s = 0.0
+        self._done = 0
+
+    def push(self, time_s: float, point_m: tuple[float, float]) -> list[tuple[float, float]]:
+        """Tell the next position; returns the (begin of the window, level) that it completes."""
+        if self._times and not time_s > self._times[-1]:
+            return []  # told twice, or late: what is known already stands
+        if not self._times:
+            self._start_s = time_s
+        self._times.append(time_s)
+        self._points.append(point_m)
+        found: list[tuple[float, float]] = []
+        while len(self._times) > 1:
+            begin = self._start_s + self._window_s * self._done
+            if (time_s - self._start_s) / self._window_s * (1.0 + 1e-12) < self._done + 1:
+                break
+            stroke = Stroke(np.array(self._times), np.array(self._points))
+            rate = RATE_HZ * _factor(self._field, stroke, begin, self._window_s)
+            times = begin + _instants(self._window_s, rate)
+            rms = weighted_rms(self._field.sample(stroke.at(times)), rate)
+            found.append((begin, self._drive_per_m * float(rms)))
+            self._done += 1
+        self._forget(self._start_s + self._window_s * self._done)
+        return found
+
+    def _forget(self, before_s: float) -> None:
+        while len(self._times) > 2 and self._times[1] <= before_s:
+            del self._times[0], self._points[0]
+
+
+def _instants(window_s: float, rate_hz: float) -> F64:
+    """When heights are taken in a window: in the middle of steps, so that a stroke backwards
+    meets the same heights.
+    """
+    instants: F64 = (np.arange(round(window_s * rate_hz)) + 0.5) / rate_hz
+    return instants
+
+
+def _factor(field: HeightField, stroke: Stroke, begin_s: float, window_s: float) -> int:
+    """By how much the rate must be raised so that no step in a window is longer than a texel."""
+    first = max(int(np.searchsorted(stroke.times_s, begin_s, "right")) - 1, 0)
+    last = int(np.searchsorted(stroke.times_s, begin_s + window_s, "left"))
+    steps = np.abs(np.diff(stroke.points_m[first : last + 1], axis=0))
+    seconds = np.diff(stroke.times_s[first : last + 1])
+    texels = (steps / np.asarray(field.texel_m)).max(axis=1) / seconds
+    per_sample = float(texels.max()) / RATE_HZ if len(texels) else 0.0
+    return int(np.clip(np.ceil(per_sample * (1.0 - 1e-9)), 1, MAX_FACTOR))

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Grey PNG pictures of 8 and 16 bits, in numpy and zlib only.
+
+Blender's own writer would put 16 bits through colour management, and its image data needs
+Blender; the layers of haptic maps must arrive bit by bit anywhere. (PNG: ISO/IEC 15948.)
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..atomic_files import atomic_file
+from ..errors import InputError
+
+Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+U8 = npt.NDArray[np.uint8]
+
+_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_CHANNELS: Final = {0: 1, 2: 3, 4: 2, 6: 4}  # of the colour types that are read
+MAX_PIXELS: Final = 1 << 28
+
+
+def write(values: Grey, path: Path) -> None:
+    """Write a picture (H, W), top row first; uint8 or uint16 tells the depth.
+
+    The file says that its values are linear (gAMA 1), so that no reader takes them for sRGB.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    if values.ndim != 2 or values.size == 0 or values.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"expected (H, W) uint8 or uint16, got {values.shape} {values.dtype}")
+    rows, columns = values.shape
+    deep = values.dtype == np.uint16
+    data = np.ascontiguousarray(values, ">u2").view(np.uint8) if deep else values
+    lines = np.zeros((rows, data.shape[1] + 1), np.uint8)
+    lines[:, 0] = 2  # each row as its difference to the one above: small for smooth maps
+    lines[0, 1:] = data[0]
+    np.subtract(data[1:], data[:-1], out=lines[1:, 1:])
+    header = struct.pack(">IIBBBBB", columns, rows, 16 if deep else 8, 0, 0, 0, 0)
+    with atomic_file(path) as file:
+        file.write(_SIGNATURE)
+        file.write(_chunk(b"IHDR", header))
+        file.write(_chunk(b"gAMA", struct.pack(">I", 100_000)))
+        file.write(_chunk(b"IDAT", zlib.compress(lines.tobytes(), 4)))
+        file.write(_chunk(b"IEND", b""))
+
+
+def read(path: Path) -> tuple[Grey, bool]:
+    """A picture (H, W), top row first, as it is stored; whether it had colours.
+
+    Of a coloured picture the mean of red, green and blue is taken; transparency is left out.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is no picture of 8 or 16 bits a channel.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    try:
+        return _decoded(content)
+    except (ValueError, struct.error, zlib.error) as error:
+        raise InputError(f"{path}: is not a PNG picture that can be read ({error}).") from error
+
+
+def _decoded(content: bytes) -> tuple[Grey, bool]:
+    if not content.startswith(_SIGNATURE):
+        raise ValueError("no PNG signature")
+    chunks = list(_chunks(content))
+    if not chunks or chunks[0][0] != b"IHDR" or len(chunks[0][1]) != 13:
+        raise ValueError("no header")
+    columns, rows, depth, colour, packing, filtering, interlace = struct.unpack(
+        ">IIBBBBB", chunks[0][1]
+    )
+    if depth not in (8, 16) or colour not in _CHANNELS:
+        raise ValueError(f"{depth} bits of colour type {colour}; read are 8 and 16, no palette")
+    if packing or filtering or interlace:
+        raise ValueError("an interlaced or unknown packing")
+    if not 0 < rows * columns <= MAX_PIXELS:
+        raise ValueError(f"{columns} x {rows} pixels")
+    unit = _CHANNELS[colour] * depth // 8
+    size = rows * (columns * unit + 1)
+    unpacker = zlib.decompressobj()
+    packed = b"".join(data for name, data in chunks if name == b"IDAT")
+    raw = unpacker.decompress(packed, size)
+    if len(raw) != size:
+        raise ValueError(f"{len(raw)} bytes of rows, expected {size}")
+    lines = np.frombuffer(raw, np.uint8).reshape(rows, -1)
+    data = _unfiltered(lines[:, 0], lines[:, 1:], unit)
+    channels: npt.NDArray[Any] = data if depth == 8 else data.view(">u2").astype(np.uint16)
+    channels = channels.reshape(rows, columns, _CHANNELS[colour])
+    if colour in (0, 4):
+        return np.ascontiguousarray(channels[:, :, 0]), False
+    mean = np.rint(channels[:, :, :3].mean(axis=2))
+    return mean.astype(channels.dtype), True
+
+
+def _chunk(name: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+
+def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    place = len(_SIGNATURE)
+    while place + 12 <= len(content):
+        (size,) = struct.unpack_from(">I", content, place)
+        name, data = content[place + 4 : place + 8], content[place + 8 : place + 8 + size]
+        end = place + 12 + size
+        if end > len(content):
+            raise ValueError("it ends too early")
+        if struct.unpack_from(">I", content, end - 4)[0] != zlib.crc32(name + data):
+            raise ValueError(f"a damaged part {name!r}")
+        yield name, data
+        if name == b"IEND":
+            return
+        place = end
+    raise ValueError("it ends too early")
+
+
+def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
+    """Rows (H, bytes) from what each of them says of its neighbours; ``unit`` bytes a pixel."""
+    if kinds.max() > 4:
+        raise ValueError(f"row filter {kinds.max()}")
+    if kinds.max() <= 2:
+        done = np.zeros_like(lines)
+        above = np.zeros(lines.shape[1], np.uint8)
+        for k, kind in enumerate(kinds.tolist()):
+            if kind == 1:
+                row = lines[k].reshape(-1, unit)
+                above = np.cumsum(row, axis=0, dtype=np.uint8).ravel()
+            else:
+                above = lines[k] + above if kind == 2 else lines[k]
+            done[k] = above
+        return done
+    return _by_diagonals(kinds, lines, unit)
+
+
+def _by_diagonals(kinds: U8, lines: U8, unit: int) -> U8:
+    """As above for filters that look left and up: all pixels of a diagonal are independent."""
+    rows, width = lines.shape
+    pixels = lines.reshape(rows, width // unit, unit)
+    columns = pixels.shape[1]
+    done = np.zeros((rows + 1, columns + 1, unit), np.int16)  # a border of zeros above and left
+    for diagonal in range(rows + columns - 1):
+        i = np.arange(max(0, diagonal - columns + 1), min(rows, diagonal + 1))
+        j = diagonal - i
+        left, up, corner = done[i + 1, j], done[i, j + 1], done[i, j]
+        guess = left + up - corner
+        to_left, to_up, to_corner = abs(guess - left), abs(guess - up), abs(guess - corner)
+        paeth = np.where(
+            (to_left <= to_up) & (to_left <= to_corner),
+            left,
+            np.where(to_up <= to_corner, up, corner),
+        )
+        kind = kinds[i][:, None]
+        added = np.select(
+            [kind == 1, kind == 2, kind == 3, kind == 4],
+            [left, up, (left + up) >> 1, paeth],
+            np.int16(0),
+        )
+        done[i + 1, j + 1] = (pixels[i, j] + added) & 255
+    return np.ascontiguousarray(done[1:, 1:].astype(np.uint8).reshape(rows, width))

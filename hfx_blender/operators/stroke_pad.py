@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stroke a surface with the mouse: see it, hear it, feel it on a device, export it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+
+from .. import file_suffixes
+from ..authoring import surfaces
+from ..errors import HfxError, InputError
+from ..playback.live import live
+from .shared import HfxOperator
+from .surfaces import active_surface
+
+if TYPE_CHECKING:
+    from ..playback.stroke_pad import Take
+
+_TICK_S = 0.01
+
+last_take: Take | None = None
+"""The last stroke over any surface of this Blender; what is exported."""
+
+
+class HFX_OT_stroke_pad(HfxOperator):
+    """Stroke the active surface with the mouse: see, hear and feel what a finger would"""
+
+    bl_idname = "hfx.stroke_pad"
+    bl_label = "Stroke Pad"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(active_surface(context), "Select an object with a haptic surface")
+
+    def work(self, context: bpy.types.Context) -> str:
+        raise InputError("The stroke pad needs a window; 'Stroke a Line' does without.")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        from ..playback.stroke_pad import StrokePad
+        from ..playback.stroke_sound import StrokeSound
+        from ..ui.stroke_pad_view import PadPlace, draw
+
+        obj, area = context.object, context.area
+        if area is None or area.type not in ("VIEW_3D", "IMAGE_EDITOR"):
+            self.report({"ERROR"}, "Open the stroke pad from a 3D viewport or the Image Editor")
+            return {"CANCELLED"}
+        try:
+            self._pad = StrokePad(obj.name, surfaces.texture_of(obj))
+        except HfxError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        settings = obj.hfx.surface
+        self._area = area
+        self._region = next(region for region in area.regions if region.type == "WINDOW")
+        self._sound = StrokeSound(
+            float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
+        )
+        place = PadPlace(self._region.width, self._region.height)
+        self._place, self._pad_draw = place, draw
+        self._space = type(area.spaces.active)
+        arguments = (self._pad, settings.intensity_image, place)
+        self._handler = self._space.draw_handler_add(draw, arguments, "WINDOW", "POST_PIXEL")
+        self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        area.tag_redraw()
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            return self._react(context, event)
+        except Exception:
+            self._close(context)
+            raise
+
+    def _react(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        pad, now = self._pad, time.monotonic()
+        x, y = event.mouse_x - self._region.x, event.mouse_y - self._region.y
+        if event.type == "ESC" and event.value == "PRESS":
+            self._close(context)
+            return {"FINISHED"}
+        if event.type == "LEFTMOUSE" and event.value == "PRESS":
+            if not self._place.holds(x, y):
+                return {"PASS_THROUGH"}
+            pad.press(now, self._place.surface_point(pad, x, y))
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE" and pad.is_stroking:
+            self._keep(pad.release(now))
+        elif event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE") and pad.is_stroking:
+            pad.move(now, self._place.surface_point(pad, x, y))
+        elif event.type == "TIMER":
+            if not pad.is_stroking:
+                return {"PASS_THROUGH"}
+            pad.rest(now)
+        elif event.value == "PRESS" and event.type in ("ONE", "TWO", "R", "E"):
+            self._key(event.type)
+        elif not self._place.holds(x, y):
+            return {"PASS_THROUGH"}
+        self._feel()
+        self._area.tag_redraw()
+        return {"RUNNING_MODAL"}
+
+    def _feel(self) -> None:
+        """Let what came be heard, and felt on connected devices."""
+        pad = self._pad
+        signal = pad.next_step()
+        if signal is None:
+            return
+        self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
+        self._sound.rub(pad.now.speed_m_s / pad.target_m_s / 2.0)
+        live.send_vibration(float(signal.amplitude_m_s2[-1]), float(signal.frequency_hz[-1]))
+
+    def _keep(self, take: Take | None) -> None:
+        global last_take
+        last_take = take or last_take
+        self._sound.rub(0.0)
+        live.send_vibration(0.0, self._pad.texture.device.carrier_hz)
+
+    def _key(self, key: str) -> None:
+        from ..engine.texture.surface_texture import Renderer
+        from ..playback.stroke_pad import TARGETS_M_S
+
+        pad = self._pad
+        pad.cancel()
+        if key in ("ONE", "TWO"):
+            pad.target_m_s = TARGETS_M_S[key == "TWO"]
+        elif key == "R":
+            order = list(Renderer) if pad.texture.height is not None else [Renderer.MCHA]
+            following = order[(order.index(pad.texture.renderer) + 1) % len(order)]
+            pad.texture = replace(pad.texture, renderer=following)
+        elif last_take is not None:
+            bpy.ops.hfx.export_stroke("INVOKE_DEFAULT")
+
+    def _close(self, context: bpy.types.Context) -> None:
+        self._space.draw_handler_remove(self._handler, "WINDOW")
+        context.window_manager.event_timer_remove(self._timer)
+        self._keep(None)
+        self._sound.close()
+        self._area.tag_redraw()
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        self._close(context)
+
+
+class HFX_OT_stroke(HfxOperator):
+    """Stroke the active surface along a line, as a finger at an even speed would"""
+
+    bl_idname = "hfx.stroke"
+    bl_label = "Stroke a Line"
+    bl_options = {"REGISTER"}
+
+    start: FloatVectorProperty(name="From (mm)", size=2, default=(0.0, 0.0))
+    end: FloatVectorProperty(name="To (mm)", size=2, default=(50.0, 0.0))
+    speed: FloatProperty(name="Speed (mm/s)", default=20.0, min=0.1, max=10_000.0)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(active_surface(context), "Select an object with a haptic surface")
+
+    def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
+        from ..engine.texture import stroke as strokes
+        from ..engine.texture.render import render_stroke
+        from ..playback.stroke_pad import Take
+
+        global last_take
+        obj = context.object
+        texture = surfaces.texture_of(obj)
+        path = np.array([list(self.start), list(self.end)], np.float64) / 1000.0
+        stroke = strokes.along(path, self.speed / 1000.0)
+        signal = render_stroke(texture, stroke)
+        last_take = Take(obj.name, texture, stroke, signal)
+        return (
+            f"{signal.amplitude_m_s2.mean():.2f} m/s², at most {signal.amplitude_m_s2.max():.2f}; "
+            f"{signal.frequency_hz.mean():.0f} Hz"
+        )
+
+
+class HFX_OT_export_stroke(HfxOperator):
+    """Write the last stroke as WAV, AHAP, .he, .haptic or CSV"""
+
+    bl_idname = "hfx.export_stroke"
+    bl_label = "Export Last Stroke"
+    bl_options = {"REGISTER"}
+
+    filepath: StringProperty(subtype="FILE_PATH")
+    kind: EnumProperty(
+        name="Format",
+        items=[(suffix, suffix[1:].upper(), "") for suffix in file_suffixes.STROKES],
+        description="Where the name has no suffix",
+    )
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        return cls.needs(last_take, "Stroke a surface first")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.filepath and last_take is not None:
+            self.filepath = bpy.path.clean_name(last_take.name) + self.kind
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ..engine.texture.render import render_stroke
+        from ..formats import stroke_files
+
+        assert last_take is not None
+        if not self.filepath:
+            raise InputError("Choose a file.")
+        path = Path(bpy.path.abspath(self.filepath))
+        if not path.suffix:
+            path = path.with_suffix(self.kind)
+        stroke_files.check(path)
+        signal = last_take.signal
+        if path.suffix.lower() == ".wav":
+            rate = stroke_files.WAV_RATE_HZ
+            signal = render_stroke(last_take.texture, last_take.stroke, waveform_rate_hz=rate)
+        written = stroke_files.write(signal, last_take.stroke, last_take.texture.device, path)
+        return f"Wrote {path.name}" + "".join(f"; {note}" for note in written.notes)
+
+
+_register, _unregister = bpy.utils.register_classes_factory(
+    (HFX_OT_stroke_pad, HFX_OT_stroke, HFX_OT_export_stroke)
+)
+
+
+def register() -> None:
+    _register()
+
+
+def unregister() -> None:
+    global last_take
+    last_take = None
+    _unregister()

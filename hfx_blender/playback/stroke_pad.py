@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A pad on which a surface is stroked with the mouse: what is felt, now and over the stroke.
+
+Nothing here draws or needs a window; :mod:`..ui.stroke_pad_view` shows it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.texture.render import render_stroke
+from ..engine.texture.signal import Signal
+from ..engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
+from ..engine.texture.surface_texture import SurfaceTexture
+from ..errors import InputError
+
+F64 = npt.NDArray[np.float64]
+
+TARGETS_M_S = (SLOW_M_S, FAST_M_S)
+TARGET_PX_S = 200.0
+"""At the target speed the pointer moves so many pixels a second, whatever speed that stands for."""
+
+SPEED_WINDOW_S = 0.15
+LONGEST_S = 60.0
+WAVEFORM_HZ = 8000.0
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What is felt at this moment."""
+
+    speed_m_s: float = 0.0
+    height_m: float = 0.0
+    amplitude_m_s2: float = 0.0
+    frequency_hz: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A stroke that is over, and what it felt like."""
+
+    name: str  # of the surface
+    texture: SurfaceTexture
+    stroke: Stroke
+    signal: Signal
+
+
+class StrokePad:
+    """One surface under the mouse.
+
+    Parameters
+    ----------
+    name : str
+        Of the surface, for messages.
+    texture : SurfaceTexture
+    target_m_s : float
+        The speed that the user tries to keep; it sets the pad's scale.
+    """
+
+    def __init__(self, name: str, texture: SurfaceTexture, target_m_s: float = SLOW_M_S) -> None:
+        self.name = name
+        self.texture = texture
+        self.brightest = 1.0 if texture.map is None else float(texture.map.intensity.max())
+        self.target_m_s = target_m_s
+        self.now = Felt()
+        self.take: Take | None = None
+        self.fault = ""
+        self._times: list[float] = []
+        self._points: list[tuple[float, float]] = []
+        self._rendered_s = 0.0
+        self.history: list[tuple[float, Felt]] = []  # of the present or the last stroke
+        self.waveform_m_s2: F64 = np.zeros(2)  # of the last step
+
+    @property
+    def metres_per_pixel(self) -> float:
+        return self.target_m_s / TARGET_PX_S
+
+    @property
+    def is_stroking(self) -> bool:
+        return bool(self._times)
+
+    @property
+    def path_m(self) -> F64:
+        """Where the present stroke went, (N, 2); empty between strokes."""
+        return np.array(self._points, np.float64).reshape(-1, 2)
+
+    def press(self, time_s: float, point_m: tuple[float, float]) -> None:
+        """A stroke begins."""
+        self._times, self._points = [time_s], [point_m]
+        self._rendered_s, self.now, self.fault = time_s, Felt(height_m=self._height(point_m)), ""
+        self.history = []
+
+    def move(self, time_s: float, point_m: tuple[float, float]) -> None:
+        """The pointer is somewhere else; times that do not rise are left out."""
+        if not self._times or time_s <= self._times[-1]:
+            return
+        if time_s - self._times[0] > LONGEST_S:
+            self.fault = f"a stroke lasts {LONGEST_S:g} s at most"
+            return
+        self._times.append(time_s)
+        self._points.append(point_m)
+        self._feel(time_s)
+
+    def rest(self, time_s: float) -> None:
+        """Time passes while the pointer stands still."""
+        if self._times:
+            self.move(time_s, self._points[-1])
+
+    def next_step(self) -> Signal | None:
+        """What was felt since it was last asked, in whole steps of the device; None if nothing."""
+        step = self.texture.device.update_s
+        if not self._times or self._times[-1] - self._rendered_s < step:
+            return None
+        count = int((self._times[-1] - self._rendered_s) / step * (1.0 + 1e-9))
+        signal = self._render(self._rendered_s, self._rendered_s + count * step)
+        self._rendered_s += count * step
+        return signal
+
+    def release(self, time_s: float) -> Take | None:
+        """The stroke is over; returns it, unless it was too short to be one."""
+        self.rest(time_s)
+        times, points = np.array(self._times), self.path_m
+        self._times, self._points, self.now = [], [], Felt()
+        try:
+            stroke = Stroke(times - times[0], points)
+            signal = render_stroke(self.texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
+        except (InputError, IndexError) as error:
+            self.fault = str(error)
+            return None
+        self.take = Take(self.name, self.texture, stroke, signal)
+        return self.take
+
+    def cancel(self) -> None:
+        """The stroke is not wanted."""
+        self._times, self._points, self.now = [], [], Felt()
+
+    def _feel(self, time_s: float) -> None:
+        begin = max(time_s - SPEED_WINDOW_S, self._times[0])
+        stroke = Stroke(np.array(self._times[-200:]), np.array(self._points[-200:]))
+        grid = np.linspace(begin, time_s, 16)
+        way = np.linalg.norm(np.diff(stroke.at(grid), axis=0), axis=1).sum()
+        speed = float(way) / (time_s - begin) if time_s > begin else 0.0
+        step = self.texture.device.update_s
+        amplitude = frequency = 0.0
+        signal = self._render(time_s - step, time_s) if time_s - step >= self._times[0] else None
+        if signal is not None:
+            amplitude = float(signal.amplitude_m_s2[-1])
+            frequency = float(signal.frequency_hz[-1])
+            self.waveform_m_s2 = signal.waveform_m_s2
+        self.now = Felt(speed, self._height(self._points[-1]), amplitude, frequency)
+        self.history.append((time_s - self._times[0], self.now))
+
+    def _render(self, begin_s: float, end_s: float) -> Signal | None:
+        stroke = Stroke(np.array(self._times), self.path_m)
+        inner = (stroke.times_s > begin_s) & (stroke.times_s < end_s)
+        times = np.concatenate([[begin_s], stroke.times_s[inner], [end_s]])
+        part = Stroke(times, stroke.at(times))
+        try:
+            return render_stroke(self.texture, part, waveform_rate_hz=WAVEFORM_HZ)
+        except InputError:
+            return None  # shorter than a step, by rounding
+
+    def _height(self, point_m: tuple[float, float]) -> float:
+        field = self.texture.height
+        return 0.0 if field is None else float(field.sample(np.array([point_m]))[0])

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Height fields: what is sampled is what was meant, with and without end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from hfx_blender.engine.texture.height_field import HeightField, from_image, sample_grid
+from hfx_blender.engine.texture.linear_light import height_from_colour, luminance, srgb_to_linear
+from hfx_blender.errors import InputError
+
+
+def _plane(rows: int, columns: int, texel: tuple[float, float]) -> HeightField:
+    x = (np.arange(columns) + 0.5) * texel[0]
+    y = (np.arange(rows) + 0.5) * texel[1]
+    return HeightField(0.3 * x[None, :] - 0.2 * y[:, None] + 0.1, texel, tiles=False)
+
+
+@pytest.mark.parametrize("order", ["linear", "cubic"])
+def test_a_plane_is_a_plane_whatever_the_texels(order: str) -> None:
+    field = _plane(7, 9, (2e-3, 5e-3))
+    points = np.random.default_rng(0).uniform((4e-3, 9e-3), (13e-3, 26e-3), (50, 2))
+    expected = 0.3 * points[:, 0] - 0.2 * points[:, 1] + 0.1
+    np.testing.assert_allclose(field.sample(points, order), expected, atol=1e-12)
+    np.testing.assert_allclose(field.gradient(points), np.tile([0.3, -0.2], (50, 1)), atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(1, 12),
+    st.integers(1, 12),
+    st.integers(-3, 3),
+    st.integers(-3, 3),
+    st.sampled_from(["linear", "cubic"]),
+)
+def test_what_tiles_repeats(rows: int, columns: int, right: int, up: int, order: str) -> None:
+    rng = np.random.default_rng(rows * 100 + columns)
+    field = HeightField(rng.normal(size=(rows, columns)), (1e-3, 3e-3))
+    points = rng.uniform(-0.05, 0.05, (20, 2))
+    moved = points + np.array([right, up]) * field.size_m
+    np.testing.assert_allclose(field.sample(moved, order), field.sample(points, order), atol=1e-9)
+
+
+def test_linear_sampling_is_that_of_scipy() -> None:
+    rng = np.random.default_rng(1)
+    grid = rng.normal(size=(16, 12))
+    points = rng.uniform(-0.1, 0.1, (40_000, 2))  # more than are looked up together
+    places = np.stack([points[:, 1] / 3e-3 - 0.5, points[:, 0] / 2e-3 - 0.5])
+    expected = ndimage.map_coordinates(grid, places, order=1, mode="grid-wrap")
+    np.testing.assert_allclose(sample_grid(grid, points, (2e-3, 3e-3), True), expected, atol=1e-12)
+
+
+def test_beyond_the_edge_of_what_does_not_tile_it_goes_on_flat() -> None:
+    field = HeightField(np.array([[1.0, 2.0], [3.0, 4.0]]), (1.0, 1.0), tiles=False)
+    far = np.array([[-9.0, -9.0], [9.0, -9.0], [-9.0, 9.0], [9.0, 9.0]])
+    np.testing.assert_array_equal(field.sample(far), [1.0, 2.0, 3.0, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("heights", "texel", "words"),
+    [
+        (np.zeros((0, 4)), (1.0, 1.0), "rows and columns"),
+        (np.zeros(4), (1.0, 1.0), "rows and columns"),
+        (np.array([[1.0, np.nan]]), (1.0, 1.0), "1 of 2 heights"),
+        (np.array([[1.0, np.inf]]), (1.0, 1.0), "1 of 2 heights"),
+        (np.ones((2, 2)), (0.0, 1.0), "texel of 0 x 1000 mm"),
+        (np.ones((2, 2)), (1.0, np.nan), "texel"),
+    ],
+)
+def test_what_is_no_surface_is_refused(
+    heights: np.ndarray, texel: tuple[float, float], words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        HeightField(heights, texel)
+
+
+def test_a_constant_picture_is_a_flat_surface() -> None:
+    field = from_image(np.full((4, 4), 0.5), 1e-3, (0.01, 0.02))
+    assert field.texel_m == (0.0025, 0.005)
+    np.testing.assert_allclose(field.sample(np.zeros((3, 2))), 0.5e-3)
+    assert not field.slopes.any()
+
+
+def test_codes_of_srgb_are_made_linear() -> None:
+    # From the standard: 0.04045 / 12.92, and code 188 is 0.5029 of the light.
+    np.testing.assert_allclose(
+        srgb_to_linear([0.0, 0.04045, 188 / 255, 1.0]), [0.0, 0.0031308, 0.50289, 1.0], atol=1e-5
+    )
+    assert luminance([0.0, 1.0, 0.0]) == pytest.approx(0.7152)
+    assert height_from_colour(np.ones((2, 2, 4))).tolist() == [[1.0, 1.0], [1.0, 1.0]]

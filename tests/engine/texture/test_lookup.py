@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Micro-collisions: no texel on the way is skipped, and the most salient come first."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.engine.texture import stroke as strokes
+from hfx_blender.engine.texture.haptic_map import HapticMap
+from hfx_blender.engine.texture.lookup import (
+    Collisions,
+    collisions,
+    crossed_texels,
+    most_salient,
+    strongest_in_steps,
+    trace,
+)
+from hfx_blender.engine.texture.stroke import Stroke
+
+
+def _map(intensity: np.ndarray, texel: tuple[float, float] = (1e-3, 1e-3)) -> HapticMap:
+    layer = np.asarray(intensity, np.float32)
+    return HapticMap(layer, np.linspace(0, 1, layer.size, dtype="f4").reshape(layer.shape), texel)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 1_000_000), st.booleans())
+def test_every_texel_that_a_fine_walk_meets_is_crossed(seed: int, tiles: bool) -> None:
+    rng = np.random.default_rng(seed)
+    shape, texel = (5, 7), (1.1, 0.6)
+    ends = rng.uniform(-9.0, 9.0, (2, 4, 2))
+    found = crossed_texels(ends[0], ends[1], shape, texel, tiles)
+    for k in range(4):
+        share = np.linspace(0.0, 1.0, 5000)[:, None]
+        walk = np.floor((ends[0, k] + share * (ends[1, k] - ends[0, k])) / texel).astype(int)
+        if tiles:
+            walk = walk % (7, 5)
+        else:
+            walk = np.clip(walk, 0, (6, 4))
+        met = set((walk[:, 1] * 7 + walk[:, 0]).tolist())
+        crossed = set(found.texel[found.segment == k].tolist())
+        assert met <= crossed
+        assert len(crossed - met) <= 1  # a corner that the walk steps over
+        assert np.isclose(found.share[found.segment == k].min(), 0.0)
+
+
+def test_one_sharp_texel_between_two_pointer_samples_is_felt() -> None:
+    intensity = np.zeros((1, 1000))
+    intensity[0, 437] = 1.0
+    map_ = _map(intensity, (1e-4, 1e-4))
+    stroke = Stroke(np.array([0.0, 0.05]), np.array([[0.0, 5e-5], [0.0999, 5e-5]]))  # 2 m/s
+    felt, sharpness = strongest_in_steps(map_, stroke, 0.01, 5)
+    np.testing.assert_allclose(felt, [0.0, 0.0, 1.0, 0.0, 0.0])
+    assert sharpness[2] == pytest.approx(437 / 999, abs=1e-6)
+
+
+def test_steps_hold_the_strongest_texel_of_their_time() -> None:
+    rng = np.random.default_rng(0)
+    map_ = _map(rng.uniform(size=(20, 20)))
+    stroke = strokes.uneven(strokes.line((0.0, 0.0), 0.5, 0.1, 0.1), rng, (0.01, 0.05))
+    texels = trace(map_, stroke)
+    felt, _ = strongest_in_steps(map_, stroke, 0.05, 20)
+    for k in range(20):
+        inside = (texels.times_s >= 0.05 * k) & (texels.times_s < 0.05 * (k + 1))
+        entered_before = np.flatnonzero(texels.times_s < 0.05 * k)[-1:]
+        expected = np.concatenate([texels.intensity[inside], texels.intensity[entered_before]])
+        assert felt[k] == pytest.approx(expected.max())
+
+
+def test_collisions_are_the_peaks_on_the_way() -> None:
+    map_ = _map([[0.1, 0.6, 0.6, 0.2, 0.9, 0.0, 0.0, 0.3]])
+    found = collisions(map_, Stroke(np.array([0.0, 0.8]), np.array([[0.0, 5e-4], [7.99e-3, 5e-4]])))
+    np.testing.assert_allclose(found.intensity, [0.6, 0.9, 0.3], atol=1e-6)
+    assert (np.diff(found.times_s) > 0.0).all()
+
+
+def test_a_way_without_texels_has_no_collisions() -> None:
+    rest = Stroke(np.array([0.0, 1.0]), np.zeros((2, 2)))
+    assert len(collisions(_map(np.ones((2, 2))), rest)) == 0
+
+
+def test_the_most_salient_come_first() -> None:
+    times = np.array([0.0, 0.02, 0.04, 0.1, 0.12])
+    found = Collisions(times, np.array([0.5, 0.9, 0.6, 0.2, 0.3]), np.zeros(5))
+    kept = most_salient(found, 0.05)
+    np.testing.assert_array_equal(kept.times_s, [0.02, 0.12])
+    assert len(most_salient(found, 0.0)) == 5
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=40), st.floats(0.001, 0.5))
+def test_what_is_dropped_is_near_to_something_stronger(levels: list[float], gap: float) -> None:
+    rng = np.random.default_rng(len(levels))
+    times = np.sort(rng.uniform(0.0, 1.0, len(levels)))
+    found = Collisions(times, np.array(levels), np.zeros(len(levels)))
+    kept = most_salient(found, gap)
+    assert (np.diff(kept.times_s) >= gap * (1.0 - 1e-6)).all()
+    for t, level in zip(times, levels, strict=True):
+        near = np.abs(kept.times_s - t) < gap
+        assert kept.intensity[near].max() >= level

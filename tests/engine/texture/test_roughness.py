@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Roughness of profiles whose values arithmetic tells."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hfx_blender.engine.texture.height_field import HeightField
+from hfx_blender.engine.texture.roughness import (
+    gaussian_waviness,
+    roughness_of_profile,
+    roughness_of_surface,
+)
+from hfx_blender.errors import InputError
+
+SPACING = 1e-6
+LENGTH = 7 * 2.5e-3
+X = np.arange(int(LENGTH / SPACING)) * SPACING
+
+
+@pytest.mark.parametrize(
+    ("wave", "ra", "rz"),
+    [
+        (np.sin, 2.0 / np.pi, 2.0),
+        (lambda p: 2.0 / np.pi * np.arcsin(np.sin(p)), 0.5, 2.0),  # triangle
+        (lambda p: np.sign(np.sin(p + 1e-9)), 1.0, 2.0),  # square
+    ],
+)
+def test_profiles_have_the_roughness_that_arithmetic_tells(wave, ra: float, rz: float) -> None:  # type: ignore[no-untyped-def]
+    heights = 3e-6 * wave(2.0 * np.pi * X / 1e-4)
+    found = roughness_of_profile(heights, SPACING)
+    assert found.ra_m == pytest.approx(3e-6 * ra, rel=0.01)
+    assert found.rz_m == pytest.approx(3e-6 * rz, rel=0.01)
+    assert found.rmax_m == pytest.approx(3e-6 * rz, rel=0.01)
+    assert (found.sampling_lengths, found.cutoff_m) == (5, 2.5e-3)
+
+
+def test_a_single_scratch_is_in_rmax_and_a_fifth_of_it_in_rz() -> None:
+    heights = 1e-6 * np.sin(2.0 * np.pi * X / 1e-4)
+    middle = int(0.5 * LENGTH / SPACING)
+    heights[middle : middle + 10] = -11e-6
+    found = roughness_of_profile(heights, SPACING)
+    assert found.rmax_m == pytest.approx(12e-6, rel=0.01)
+    assert found.rz_m == pytest.approx((4 * 2e-6 + 12e-6) / 5, rel=0.01)
+
+
+def test_form_and_slope_are_no_roughness() -> None:
+    heights = 1e-6 * np.sin(2.0 * np.pi * X / 1e-4)
+    plain = roughness_of_profile(heights, SPACING)
+    found = roughness_of_profile(heights + 0.02 * X + 1e-4 * np.sin(2 * np.pi * X / 0.1), SPACING)
+    assert found.ra_m == pytest.approx(plain.ra_m, rel=0.03)
+
+
+def test_half_of_a_wave_as_long_as_the_cutoff_passes_the_surface_filter() -> None:
+    x = (np.arange(64) + 0.5) / 64
+    wave = np.sin(2.0 * np.pi * x)
+    field = HeightField(np.tile(wave, (8, 1)), (2.5e-3 / 64, 1e-3))
+    np.testing.assert_allclose(gaussian_waviness(field, 2.5e-3), 0.5 * field.heights_m, atol=1e-9)
+
+
+def test_the_surface_has_the_roughness_of_its_profiles() -> None:
+    x = (np.arange(100) + 0.5) / 100
+    field = HeightField(np.tile(5e-6 * np.sin(2.0 * np.pi * x * 4), (10, 1)), (5e-6, 5e-6))
+    across = roughness_of_surface(field, direction_rad=0.0)
+    assert across.ra_m == pytest.approx(10e-6 / np.pi, rel=0.02)
+    along = roughness_of_surface(field, direction_rad=np.pi / 2.0)
+    assert along.ra_m < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("heights", "spacing"),
+    [
+        (np.zeros(100), 1e-6),
+        (np.zeros((10, 10)), 1e-4),
+        (np.full(20_000, np.nan), 1e-6),
+        (np.zeros(20_000), 0.0),
+        (np.zeros(20), 1.0),
+    ],
+)
+def test_a_profile_that_cannot_be_judged_is_refused(heights: np.ndarray, spacing: float) -> None:
+    with pytest.raises(InputError):
+        roughness_of_profile(heights, spacing)
+
+
+def test_a_flat_surface_has_none() -> None:
+    found = roughness_of_surface(HeightField(np.ones((50, 50)), (1e-4, 1e-4)))
+    assert max(found.ra_m, found.rz_m, found.rmax_m) < 1e-12

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Haptic surfaces in the engine: fingers that move over an object feel its material."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from gratings import grating
+
+from hfx_blender.engine.body.model import PerceptualModel, load_model
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.samples import SampleRun
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticSurface,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.texture.contact_path import ContactFollower, SurfaceMesh
+from hfx_blender.engine.texture.contact_rendering import ContactRenderer
+from hfx_blender.engine.texture.device_range import STANDARD_GRAVITY
+from hfx_blender.engine.texture.height_field import HeightField
+from hfx_blender.engine.texture.mcha import make_map
+from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.engine.texture.textile import weighted_rms
+from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.engine.track import TrackHeader
+
+RATE = 100
+FINGERS = PARTS.index("fingers")
+FULL = 1.3 * STANDARD_GRAVITY
+
+
+@pytest.fixture(scope="module")
+def hand() -> PerceptualModel:
+    return load_model("hfx-vibration-1")
+
+
+def _scene(texture: SurfaceTexture, times: int, model: PerceptualModel) -> SceneDescription:
+    vertices, triangles = SHEET
+    area = HapticSurface(triangles, vertices[triangles][..., :2], texture, reach_m=0.003)
+    return SceneDescription(
+        TimeBase(Fraction(RATE), Fraction(RATE), 0, 0, times - 1),
+        (BodyDescription("body", "Body", SkinBinding(model.bone_names)),),
+        (EffectDescription("table", "Table", "vibration", model.id, area),),
+    )
+
+
+SHEET = (
+    np.array([[-0.05, -0.05, 0], [0.05, -0.05, 0], [0.05, 0.05, 0], [-0.05, 0.05, 0]]),
+    np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+)
+
+
+def _block(
+    model: PerceptualModel,
+    offsets: np.ndarray,
+    indices: np.ndarray,
+    history: int = 0,
+    levels: np.ndarray | None = None,
+) -> AnimationBlock:
+    """The body stands still; the sheet, below a fingertip, is moved by the offsets."""
+    times = len(offsets)
+    fingers = np.flatnonzero(model.part == FINGERS)
+    lowest = model.vertices[fingers][np.argmin(model.vertices[fingers, 2])]
+    matrices = np.tile(np.eye(4), (times, 1, 1))
+    matrices[:, :3, 3] = lowest + offsets
+    body = PoseBlock(
+        np.ones(times, bool),
+        np.tile(np.eye(4), (times, 1, 1)),
+        np.tile(np.eye(3, 4), (times, len(model.bone_names), 1, 1)),
+    )
+    surface = EffectBlock(
+        np.ones(times) if levels is None else levels,
+        np.tile([FULL, 160.0], (times, 1)),
+        matrices,
+        vertices=SHEET[0][None],
+    )
+    return AnimationBlock(indices, (surface,), (body,), history)
+
+
+def _texture(renderer: Renderer) -> SurfaceTexture:
+    field = grating(1e-3)
+    return SurfaceTexture(field, make_map(field), renderer)
+
+
+def _run(model: PerceptualModel, renderer: Renderer, offsets: np.ndarray) -> list[SampleRun]:
+    engine = Engine(
+        _scene(_texture(renderer), len(offsets), model), models=lambda _: model, tolerance=PAPER
+    )
+    return engine.evaluate(_block(model, offsets, np.arange(len(offsets))))
+
+
+def _slide(times: int, speed: float = 0.1) -> np.ndarray:
+    offsets = np.zeros((times, 3))
+    offsets[:, 0] = -speed / RATE * np.arange(times)
+    return offsets
+
+
+@pytest.mark.parametrize("renderer", list(Renderer))
+def test_a_sliding_finger_feels_the_surface(hand: PerceptualModel, renderer: Renderer) -> None:
+    (run,) = _run(hand, renderer, _slide(30))
+    assert run.stream.modality == "vibration"
+    np.testing.assert_array_equal(run.indices, np.arange(1, 30))
+    assert (hand.part[run.vertices] == FINGERS).all()
+    assert (run.weights > 0.0).all() and (run.weights <= 1.0).all()
+    for k, sample in enumerate(run):
+        assert sample.weights.max() == pytest.approx(1.0)
+        assert (np.diff(sample.vertices) > 0).all()
+        if k >= 5:  # the window is full
+            if renderer is Renderer.TEXTILE:  # 100 Hz, 20 um, five whole periods a window
+                drive = 1e4 * 20e-6 / np.sqrt(2.0)
+                assert sample.parameters[0] == pytest.approx(drive * FULL, rel=0.01)
+                assert sample.parameters[1] == 160.0
+            elif renderer is Renderer.DIRECT:
+                assert sample.parameters[0] == pytest.approx(1e4 * 20e-6 * FULL, rel=0.02)
+                assert sample.parameters[1] == pytest.approx(100.0, rel=0.02)
+            else:
+                assert sample.parameters[1] == pytest.approx(170.0)
+                slope = 20e-6 * 2.0 * np.pi / 1e-3
+                assert 0.5 * slope * FULL < sample.parameters[0] <= slope * FULL
+
+
+@pytest.mark.parametrize("renderer", list(Renderer))
+def test_a_resting_finger_feels_nothing(hand: PerceptualModel, renderer: Renderer) -> None:
+    assert _run(hand, renderer, np.zeros((20, 3))) == []
+
+
+def test_a_finger_that_stops_is_silent_at_once(hand: PerceptualModel) -> None:
+    offsets = np.concatenate([_slide(10), np.repeat(_slide(10)[-1:], 10, axis=0)])
+    for renderer in Renderer:
+        (run,) = _run(hand, renderer, offsets)
+        np.testing.assert_array_equal(run.indices, np.arange(1, 10))
+
+
+@pytest.mark.parametrize("renderer", list(Renderer))
+@pytest.mark.parametrize("split", [1, 7])
+def test_splitting_time_changes_nothing(
+    hand: PerceptualModel, renderer: Renderer, split: int
+) -> None:
+    offsets = _slide(24)
+    offsets[:, 1] = 2e-3 * np.sin(np.arange(24))
+    (whole,) = _run(hand, renderer, offsets)
+    engine = Engine(_scene(_texture(renderer), 24, hand), models=lambda _: hand, tolerance=PAPER)
+    parts = []
+    for first in range(0, 24, split):
+        history = int(first > 0)
+        indices = np.arange(first - history, min(first + split, 24))
+        parts += engine.evaluate(_block(hand, offsets[indices], indices, history))
+    np.testing.assert_array_equal(np.concatenate([p.indices for p in parts]), whole.indices)
+    np.testing.assert_array_equal(np.concatenate([p.vertices for p in parts]), whole.vertices)
+    np.testing.assert_allclose(
+        np.concatenate([p.parameters for p in parts]), whole.parameters, rtol=1e-9
+    )
+    np.testing.assert_allclose(np.concatenate([p.weights for p in parts]), whole.weights, rtol=1e-5)
+
+
+def test_the_window_of_the_engine_is_that_of_the_textile_renderer(hand: PerceptualModel) -> None:
+    rng = np.random.default_rng(0)
+    field = HeightField(rng.normal(size=(16, 16)) * 1e-5, (1e-3, 1e-3))
+    texture = SurfaceTexture(field, None, Renderer.TEXTILE)
+    engine = Engine(
+        _scene(texture, 12, hand), models=lambda _: hand, record=("positions",), tolerance=PAPER
+    )
+    (run,) = engine.evaluate(_block(hand, _slide(12), np.arange(12)))
+    sample = list(run)[-1]
+    strongest = int(np.argmax(sample.weights))
+    assert sample.positions is not None
+    block = _block(hand, _slide(12), np.arange(12))
+    assert block.effects[0].matrices is not None
+    end = sample.positions[strongest] - block.effects[0].matrices[-1, :3, 3]
+    times = (np.arange(100) + 0.5) / 2000.0 - 0.05
+    points = end[:2] + times[:, None] * np.array([0.1, 0.0])
+    expected = 1e4 * float(weighted_rms(field.sample(points), 2000.0)) * FULL
+    assert sample.parameters[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_before_it_touched_nothing_changed_under_a_contact() -> None:
+    vertices, triangles = SHEET
+    field = grating(1e-3, texels=16)  # no step passes a texel
+    texture = SurfaceTexture(field, None, Renderer.TEXTILE)
+    follower = ContactFollower(SurfaceMesh(triangles, vertices[triangles][..., :2]), 0.003)
+    points = np.zeros((2, 3))
+    points[:, 0] = [0.2e-3, 1.2e-3]  # 10 cm/s for one sample of a hundredth of a second
+    paths = follower.follow(
+        np.tile(np.eye(4), (2, 1, 1)),
+        vertices[None],
+        np.arange(2),
+        np.zeros(2, np.int64),
+        points,
+        np.array([False, True]),
+    )
+    drive, _ = ContactRenderer(texture, 0.01).render(paths)
+    x = np.concatenate([np.full(80, 0.2e-3), 0.2e-3 + 1e-3 * (np.arange(20) + 0.5) / 20])
+    heights = field.sample(np.stack([x, 0.0 * x], axis=1))
+    np.testing.assert_allclose(drive, [0.0, 1e4 * weighted_rms(heights, 2000.0)], rtol=1e-9)
+
+
+def test_what_is_off_or_nowhere_is_not_felt(hand: PerceptualModel) -> None:
+    scene = _scene(_texture(Renderer.MCHA), 10, hand)
+    engine = Engine(scene, models=lambda _: hand, tolerance=PAPER)
+    off = _block(hand, _slide(10), np.arange(10), levels=np.zeros(10))
+    assert engine.evaluate(off) == []
+    broken = _block(hand, _slide(10), np.arange(10))
+    assert broken.effects[0].matrices is not None
+    broken.effects[0].matrices[4] = np.nan
+    (run,) = Engine(scene, models=lambda _: hand, tolerance=PAPER).evaluate(broken)
+    np.testing.assert_array_equal(run.indices, [1, 2, 3, 6, 7, 8, 9])
+    far = _slide(10)
+    far[:, 2] = -5.0
+    assert (
+        Engine(scene, models=lambda _: hand, tolerance=PAPER).evaluate(
+            _block(hand, far, np.arange(10))
+        )
+        == []
+    )
+
+
+def test_a_surface_is_at_home_in_the_scene(hand: PerceptualModel) -> None:
+    scene = _scene(_texture(Renderer.MCHA), 10, hand)
+    header = TrackHeader.of(scene, {hand.id: hand}, settings={}, tools={})
+    assert header.effects[0].kind == "volume"
