@@ -14,7 +14,7 @@ F64 = npt.NDArray[np.float64]
 
 
 def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Distances to a volume of points outside it, (N,) metres; 0 inside.
+    """Distances to a volume of points outside it, (n, V) metres; 0 inside.
 
     Exact for meshes, boxes without shear, and round shapes that are scaled alike along all axes;
     else the distance to the place that is nearest before stretching, so never too small.
@@ -22,17 +22,21 @@ def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
     Parameters
     ----------
     shape : Shape
-    points : (3, N) float64
+    points : (3, n, V) float64
         Shape space.
-    to_world : (4, 4) float64
-        Placing matrix.
+    to_world : (n, 4, 4) float64
+        Placing matrices.
     """
-    linear = to_world[:3, :3]
+    linear = to_world[:, :3, :3]
+    flat = points.reshape(3, -1)
     if isinstance(shape, MeshVolume):
-        return np.where(shape.contains(points), 0.0, shape.surface_distance_m(points, linear))
-    way = linear @ (points - _nearest(shape, points))
-    distances: F64 = np.sqrt(np.einsum("in,in->n", way, way))
-    return distances
+        distances = np.stack(
+            [shape.surface_distance_m(points[:, k], each) for k, each in enumerate(linear)]
+        )
+        return np.where(shape.contains(flat).reshape(distances.shape), 0.0, distances)
+    offsets = (flat - _nearest(shape, flat)).reshape(points.shape)
+    way = np.einsum("nij,jnv->inv", linear, offsets)
+    return np.asarray(np.sqrt(np.square(way).sum(axis=0)))
 
 
 def _nearest(shape: Shape, points: F64) -> F64:

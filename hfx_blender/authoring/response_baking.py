@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Baking a contact response: what it yields at each frame becomes keys of a property."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from .. import compat
+from ..errors import InputError
+
+TARGETS = (
+    (
+        "ENVELOPE",
+        "Envelope",
+        "The property 'envelope' of the volume, for drivers of sound, light or anything else",
+    ),
+    (
+        "INTENSITY",
+        "Intensity",
+        "The volume's own intensity; its filters are muted, so that it is felt as before while "
+        "it touches",
+    ),
+    ("SPEAKER", "Speaker Volume", "The volume of the speakers that are parented to it"),
+)
+
+
+def bake(
+    scene: bpy.types.Scene,
+    effect: bpy.types.Object,
+    target: str = "ENVELOPE",
+    frames: tuple[int, int] | None = None,
+) -> int:
+    """Write what a volume's response yields at each frame as keys; how many there are.
+
+    Of several bodies the one that feels it most counts. Keys where nothing changes are left out.
+
+    Raises
+    ------
+    InputError
+        There is no body, the volume touches nobody, or there is nothing to write to.
+    """
+    from ..engine.evaluate import Engine
+    from ..reading.scene_reader import SceneReader
+
+    reader = SceneReader(scene, frames=frames)
+    ids = [e.id for e in reader.description.effects if e.name == effect.name]
+    if not ids:
+        raise InputError(f"'{effect.name}' is muted, hidden or no effect of this scene.")
+    engine = Engine(reader.description, tolerance=reader.tolerance)
+    levels = np.zeros(reader.time.sample_count)
+    base = np.ones(reader.time.sample_count)
+    for block in reader.blocks():
+        for each, animated in zip(reader.description.effects, block.effects, strict=True):
+            if each.id == ids[0]:
+                rows = slice(block.history, None)
+                base[block.indices[rows]] = animated.levels[rows]
+        for run in engine.evaluate(block):
+            if run.stream.effect_id == ids[0]:
+                levels[run.indices] = np.maximum(levels[run.indices], run.levels)
+    if not levels.any():
+        raise InputError(f"'{effect.name}' touches nobody between these frames.")
+    first, last = reader.time.frame_first, reader.time.frame_last
+    every = np.arange(first, last + 1)
+    # The strongest moment of each frame: an impact between two frames is not lost.
+    at = np.minimum(
+        [int((f - first) * reader.time.rate_hz / reader.time.fps) for f in [*every, last + 1]],
+        len(levels),
+    )
+    pairs = list(zip(at[:-1].tolist(), at[1:].tolist(), strict=True))
+    if target == "INTENSITY":
+        # Activation still counts on top of it; a clip is not baked twice.
+        shares = np.divide(levels, base, out=np.zeros_like(levels), where=base > 0.0)
+        intensity = effect.hfx.intensity if not _is_animated(effect, "hfx.intensity") else 1.0
+        values = [float(shares[a : max(b, a + 1)].max()) * intensity for a, b in pairs]
+    else:
+        values = [float(levels[a : max(b, a + 1)].max()) for a, b in pairs]
+    keys = _without_repeats(list(zip(every.tolist(), values, strict=True)))
+    for owner, path in _owners(effect, target):
+        data = owner.animation_data or owner.animation_data_create()
+        if data.action is None:
+            data.action = bpy.data.actions.new(f"{owner.name} Response")
+        compat.set_keys(compat.new_fcurve(owner, data.action, path), keys)
+    if target == "INTENSITY":
+        for each in effect.hfx.response:
+            each.is_muted = True
+    effect.update_tag()
+    return len(keys)
+
+
+def _owners(effect: bpy.types.Object, target: str) -> list[tuple[bpy.types.ID, str]]:
+    if target == "SPEAKER":
+        speakers = [child.data for child in effect.children if child.type == "SPEAKER"]
+        if not speakers:
+            raise InputError(f"'{effect.name}' has no speaker. Parent one to it first.")
+        return [(speaker, "volume") for speaker in speakers]
+    return [(effect, f"hfx.{target.lower()}")]
+
+
+def _is_animated(effect: bpy.types.Object, path: str) -> bool:
+    return any(curve.data_path == path for curve in compat.fcurves(effect))
+
+
+def _without_repeats(keys: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Keys without those between two that have the same value."""
+    return [
+        key
+        for k, key in enumerate(keys)
+        if k in (0, len(keys) - 1) or not keys[k - 1][1] == key[1] == keys[k + 1][1]
+    ]

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx sound``: what a scene's haptic volumes sound like, over any loudspeakers."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .. import blender_session
+from ..console import Console
+from ..errors import InputError, OutputError, UsageError
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser(
+        "sound",
+        help="write a scene's spatial sound",
+        description="Write one multichannel WAV, a channel a loudspeaker: each haptic volume of "
+        "a scene is a source where it is, heard by the first body, in step with the rasters of "
+        "its devices.",
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE.blend")
+    parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="DIR")
+    add_options(parser)
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """How a scene is heard."""
+    parser.add_argument(
+        "--loudspeakers",
+        default="stereo",
+        metavar="L",
+        help="stereo, quad, 5.0, 7.0, ring8, cube8, or azimuths in degrees, left positive, each "
+        "with an elevation after a colon: 30,-30,110:20,-110:20 (default: stereo)",
+    )
+    parser.add_argument(
+        "--panning", choices=("vbap", "ring"), default="vbap", help="how sources are panned"
+    )
+    parser.add_argument(
+        "--reference",
+        type=float,
+        default=2.0,
+        metavar="M",
+        help="where the direct and the reverberated sound are equal (default: 2)",
+    )
+    parser.add_argument(
+        "--audible",
+        type=float,
+        default=8.0,
+        metavar="M",
+        help="what is farther is silent (default: 8)",
+    )
+
+
+def settings_of(options: argparse.Namespace) -> Any:
+    """The settings that options ask for.
+
+    Raises
+    ------
+    UsageError
+        The loudspeakers, their panning or a distance make no sense.
+    """
+    from ..engine.spatial_sound.distance import Hearing
+    from ..engine.spatial_sound.layouts import parse
+    from ..engine.spatial_sound.panner import Panner
+    from ..sound import SoundSettings
+
+    try:
+        hearing = Hearing(options.reference, options.audible)
+    except ValueError as error:
+        raise UsageError(f"distances of the sound: {error}") from None
+    layout = parse(options.loudspeakers)
+    Panner(layout, hearing, options.panning)  # refuses what does not fit
+    return SoundSettings(layout=layout, scheme=options.panning, hearing=hearing)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Open the scene, and write its sound."""
+    bpy = blender_session.start()
+
+    from ..formats.sound_wav import SUFFIX
+    from ..sound import write_sound
+
+    settings = settings_of(options)
+    if not options.scene.is_file():
+        raise InputError(f"{options.scene}: there is no such file.")
+    blender_session.open_blend(options.scene)
+    try:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{options.output}: cannot be made ({error.strerror}).") from error
+    path = options.output / (options.scene.stem + SUFFIX)
+    count = write_sound(
+        bpy.context.scene, path, settings, progress=console.progress(options.scene.name)
+    )
+    console.say(f"{path}: {count} sources over {len(settings.layout)} loudspeakers")
+    console.result({"file": str(path), "sources": count, "loudspeakers": len(settings.layout)})
+    return 0

@@ -1,0 +1,6 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Contact response: how a haptic volume answers a touch, as a stack of filters.
+
+What follows from one moment alone (:mod:`touches`) is kept apart from what remembers
+(:mod:`settling`), so that time may be split between processes and put together again.
+"""

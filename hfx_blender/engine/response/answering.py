@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Contact responses of a whole scene: the engine's contacts go in, what is felt comes out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from ..contact import ReachableBounds
+from ..coverage import BodySkin
+from ..modality import MODALITIES
+from ..samples import SampleRun, Stream
+from ..scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PoseBlock,
+    SceneDescription,
+)
+from ..volume.placement import world_bounds
+from .filters import Kind
+from .settling import Settling
+from .touches import BodyPlaces, Moments, Touches
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+@dataclass(eq=False)
+class Answering:
+    """Applies the responses of a scene's volumes, block after block.
+
+    ``defers`` leaves the part that remembers to a :class:`Settling` that gets all
+    :attr:`deferred` touches in the order of time: where parts of time are evaluated apart.
+    """
+
+    scene: SceneDescription
+    defers: bool = False
+    settling: Settling = field(default_factory=Settling)
+    deferred: list[Touches] = field(default_factory=list)
+    _places: tuple[ReachableBounds, BodyPlaces] | None = field(init=False, default=None)
+
+    @property
+    def memory_s(self) -> float:
+        """For how long what was felt may matter: a part of time is felt as in the whole if what
+        was so long before it, and a sample more, is evaluated first."""
+        return max(
+            (
+                each.rings_s
+                for effect in self.scene.effects
+                if isinstance(effect.area, HapticVolume)
+                for each in effect.area.response
+            ),
+            default=0.0,
+        )
+
+    def answer(
+        self,
+        effect: EffectDescription,
+        body: BodyDescription,
+        animated: EffectBlock,
+        block: AnimationBlock,
+        rows: I64,
+        posed: I64,
+        skin: BodySkin,
+        pose: PoseBlock,
+        bounds: ReachableBounds,
+        run: SampleRun | None,
+    ) -> SampleRun | None:
+        """What is felt of a volume with a response, from its contacts with a body."""
+        assert isinstance(effect.area, HapticVolume)
+        stream = Stream(effect.id, body.id, effect.modality, effect.model_id)
+        if run is None and not self.defers and self._is_far(stream, animated, rows, bounds, effect):
+            self.settling.pass_over(stream, int(block.indices[rows[-1]]))
+            return None
+        times = block.live_s
+        if times is None:
+            times = self.scene.time.times_s(block.indices)
+        limits = MODALITIES[effect.modality].parameters
+        parameters = np.clip(
+            animated.parameters, [p.minimum for p in limits], [p.maximum for p in limits]
+        )
+        moments = Moments(
+            animated,
+            effect.area.response,
+            rows,
+            block.indices,
+            times,
+            posed,
+            skin,
+            pose,
+            bounds,
+            self._places_of(bounds, skin, pose),
+        )
+        touches = moments.touches(stream, parameters, run)
+        if touches is None:
+            return None
+        if self.defers:
+            self.deferred.append(touches)
+            return None
+        felt = self.settling.settle(touches)
+        if felt is None or block.live_s is None:
+            return felt
+        return replace(felt, times_s=self.scene.time.times_s(felt.indices))
+
+    def _places_of(self, bounds: ReachableBounds, skin: BodySkin, pose: PoseBlock) -> BodyPlaces:
+        """One for all volumes of a block."""
+        if self._places is None or self._places[0] is not bounds:
+            self._places = bounds, BodyPlaces(skin, pose, bounds.rows)
+        return self._places[1]
+
+    def _is_far(
+        self,
+        stream: Stream,
+        animated: EffectBlock,
+        rows: I64,
+        bounds: ReachableBounds,
+        effect: EffectDescription,
+    ) -> bool:
+        """Whether nothing of a volume that touches nobody can be felt: the rule, where there
+        are hundreds of them."""
+        if self.settling.rings(stream) or len(animated.shapes) != 1 or not len(bounds.rows):
+            return False
+        assert isinstance(effect.area, HapticVolume) and animated.response is not None
+        reaches = [
+            float(animated.response[rows, f, 1].max())
+            for f, each in enumerate(effect.area.response)
+            if each.kind is Kind.PROXIMITY
+        ]
+        if not reaches:
+            return True
+        assert animated.matrices is not None
+        boxes = world_bounds(animated.shapes[0], animated.matrices[rows])
+        at = np.searchsorted(bounds.rows, rows)
+        low = bounds.low[at].min(axis=1) - max(reaches)
+        high = bounds.high[at].max(axis=1) + max(reaches)
+        meets = (boxes[:, 0] <= high) & (boxes[:, 1] >= low)
+        return not meets.all(axis=1).any()
+
+
+def with_own_sets(run: SampleRun) -> SampleRun:
+    """The same samples, each with a vertex set of its own."""
+    if run.sets is None:
+        return run
+    parts = [slice(int(a), int(b)) for a, b in pairwise(run.offsets)]
+    chosen = [parts[j] for j in run.sets.tolist()]
+    return replace(
+        run,
+        sets=None,
+        offsets=np.concatenate([[0], np.cumsum(run.sizes)]).astype(np.int64),
+        vertices=np.concatenate([run.vertices[part] for part in chosen]),
+        weights=np.concatenate([run.weights[part] for part in chosen]),
+    )
+
+
+def depths_of(felt: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.float32]:
+    """Depths (total,) of what is felt, each sample with its own set: 0 where there is no contact.
+
+    ``contacts`` are those that were answered; they hold depths.
+    """
+    depths = np.zeros(len(felt.vertices), np.float32)
+    if contacts is None or contacts.depth_m is None:
+        return depths
+    places = {int(index): k for k, index in enumerate(contacts.indices)}
+    for j, index in enumerate(felt.indices.tolist()):
+        if index not in places:
+            continue
+        k = places[index]
+        known = slice(int(contacts.offsets[k]), int(contacts.offsets[k + 1]))
+        mine = slice(int(felt.offsets[j]), int(felt.offsets[j + 1]))
+        vertices = contacts.vertices[known]
+        at = np.searchsorted(vertices, felt.vertices[mine])
+        at = np.minimum(at, len(vertices) - 1)
+        is_known = vertices[at] == felt.vertices[mine]
+        depths[mine] = np.where(is_known, contacts.depth_m[known][at], 0.0)
+    return depths

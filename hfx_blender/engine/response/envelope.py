@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The contact envelope: the speed of an impact through leaky integrators.
+
+Politis, Pugliese, Takala (audio-tactile belt), section 4.4: the magnitude of the relative speed
+at the moment of a collision is fed to a leaky integrator, a first-order recursive filter,
+whose decay is felt as the object's stiffness. A second one smooths the attack. Written as the
+filters' response to each impact it depends neither on the sampling rate nor on how time is
+split, and ends after a known time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+SILENCE: Final = 1e-3
+"""An impact's envelope has ended when it has fallen to this share of its peak."""
+
+_SAME: Final = 1e-6  # relative difference of time constants that count as one
+_EQUAL_ENDS: Final = 12.0  # time constants; t e^(1 - t) is 2e-4 there, and others end sooner
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One impact that may still be felt."""
+
+    time_s: float
+    strength: float  # at its peak, in 0..1
+    attack_s: float
+    decay_s: float
+
+    @property
+    def ends_s(self) -> float:
+        """When it has died away."""
+        return self.time_s + duration_s(self.attack_s, self.decay_s)
+
+
+def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
+    """The envelope of one impact of strength 1, (n,): its peak is 1, and 0 before it.
+
+    Without an attack y = exp(-t / decay), which the recursion y[n] = exp(-dt / decay) y[n-1]
+    + x[n] has at its samples. With one, the input of that filter is smoothed by another:
+    exp(-t / decay) - exp(-t / attack), scaled to its peak.
+    """
+    t = np.maximum(since_s, 0.0)
+    slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
+    if fast <= _SAME * slow:
+        values = np.exp(-t / slow)
+    elif slow - fast <= _SAME * slow:
+        values = t / slow * np.exp(1.0 - t / slow)
+    else:
+        at = _peak_s(slow, fast)
+        values = (np.exp(-t / slow) - np.exp(-t / fast)) / (
+            math.exp(-at / slow) - math.exp(-at / fast)
+        )
+    return np.where(since_s >= 0.0, values, 0.0)
+
+
+def duration_s(attack_s: float, decay_s: float) -> float:
+    """After which time an impact has ended: its tail is below :data:`SILENCE` from then on."""
+    slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
+    if fast <= _SAME * slow:
+        return -slow * math.log(SILENCE)
+    longest = _EQUAL_ENDS * slow
+    if slow - fast <= _SAME * slow:
+        return longest
+    at = _peak_s(slow, fast)
+    peak = math.exp(-at / slow) - math.exp(-at / fast)
+    return min(-slow * math.log(SILENCE * peak), longest)
+
+
+def longest_s(attack_s: float, decay_s: float) -> float:
+    """No less than the duration for any time constants up to these."""
+    slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
+    return slow * (_EQUAL_ENDS if fast > 0.0 else -math.log(SILENCE))
+
+
+def _peak_s(slow: float, fast: float) -> float:
+    return math.log(slow / fast) * slow * fast / (slow - fast)
+
+
+def envelope(times_s: F64, impacts: Iterable[Impact]) -> F64:
+    """The sum of what is left of impacts, (n,); each ends after its duration."""
+    total = np.zeros(len(times_s))
+    for impact in impacts:
+        since = times_s - impact.time_s
+        value = impact.strength * kernel(since, impact.attack_s, impact.decay_s)
+        total += np.where(times_s < impact.ends_s, value, 0.0)
+    return total

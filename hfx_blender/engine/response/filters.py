@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The filters of a contact response: their kinds, their values, and how a stack is folded.
+
+A filter yields a value in 0..1. Most are one number for the whole touch; distance and a sine
+in space have one for each vertex, which always multiplies its weight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+
+class Kind(StrEnum):
+    """What a filter looks at."""
+
+    DISTANCE = "distance"  # from the volume's centre or axis
+    SPEED = "speed"  # of skin and volume against each other
+    IMPACT = "impact"  # time since the touch began
+    PROXIMITY = "proximity"  # before contact
+    SINE = "sine"  # in time or space
+
+
+class About(StrEnum):
+    """What distances are measured from, or that a sine runs in time."""
+
+    CENTRE = "centre"  # the volume's origin
+    AXIS = "axis"  # its local Z axis
+    TIME = "time"
+
+
+class Operation(StrEnum):
+    """How a filter's value goes into what the filters above it yield."""
+
+    MULTIPLY = "multiply"
+    ADD = "add"
+    MAXIMUM = "maximum"
+
+
+@dataclass(frozen=True)
+class Control:
+    """One keyframable parameter of a filter."""
+
+    name: str
+    unit: str
+    default: float
+    minimum: float
+    maximum: float
+
+
+_INFLUENCE: Final = Control("influence", "1", 1.0, 0.0, 1.0)
+
+CONTROLS: Final[dict[Kind, tuple[Control, ...]]] = {
+    Kind.DISTANCE: (
+        _INFLUENCE,
+        Control("near_m", "m", 0.0, 0.0, 1000.0),
+        Control("far_m", "m", 0.5, 0.0, 1000.0),
+        Control("near_value", "1", 1.0, 0.0, 1.0),
+        Control("far_value", "1", 0.0, 0.0, 1.0),
+    ),
+    Kind.SPEED: (
+        _INFLUENCE,
+        Control("still_m_s", "m/s", 0.0, 0.0, 100.0),
+        Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
+    ),
+    Kind.IMPACT: (
+        _INFLUENCE,
+        Control("attack_s", "s", 0.0, 0.0, 10.0),
+        Control("decay_s", "s", 0.15, 1e-3, 10.0),
+        Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
+    ),
+    Kind.PROXIMITY: (
+        _INFLUENCE,
+        Control("range_m", "m", 0.1, 0.0, 10.0),
+        Control("exponent", "1", 1.0, 0.1, 10.0),
+    ),
+    Kind.SINE: (
+        _INFLUENCE,
+        Control("cycles", "1/s or m", 2.0, 0.0, 1000.0),  # frequency, or wavelength in space
+        Control("depth", "1", 1.0, 0.0, 1.0),
+        Control("phase", "turns", 0.0, -1000.0, 1000.0),
+    ),
+}
+"""Of each kind, in the order in which blocks hold them."""
+
+WIDTH: Final = max(len(controls) for controls in CONTROLS.values())
+"""Columns that blocks have for each filter."""
+
+
+@dataclass(frozen=True)
+class Filter:
+    """What does not change over time about one filter of a stack."""
+
+    kind: Kind
+    operation: Operation = Operation.MULTIPLY
+    about: About = About.CENTRE
+    rings_s: float = 0.0  # an impact has ended after this time, whatever its controls become
+
+    @property
+    def is_in_space(self) -> bool:
+        """Whether it has a value for each vertex."""
+        in_space = self.kind is Kind.SINE and self.about is not About.TIME
+        return in_space or self.kind is Kind.DISTANCE
+
+
+def defaults(kind: Kind) -> list[float]:
+    """The controls of a filter that nobody has set, padded to :data:`WIDTH`."""
+    values = [control.default for control in CONTROLS[kind]]
+    return values + [0.0] * (WIDTH - len(values))
+
+
+def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
+    """Controls (T, F, WIDTH) brought into their ranges; what is no number takes the default."""
+    limited = np.array(controls, np.float64)
+    for k, each in enumerate(filters):
+        for c, control in enumerate(CONTROLS[each.kind]):
+            column = limited[:, k, c]
+            column[~np.isfinite(column)] = control.default
+            np.clip(column, control.minimum, control.maximum, out=column)
+    return limited
+
+
+def distance_value(distances_m: F64, controls: F64) -> F64:
+    """Linear from one value to another between two distances, (n,); controls (WIDTH,)."""
+    near, far, first, last = controls[1:5]
+    share = np.clip((distances_m - near) / max(far - near, 1e-9), 0.0, 1.0)
+    return np.asarray(first + (last - first) * share)
+
+
+def speed_value(speeds_m_s: F64, controls: F64) -> F64:
+    """0 up to one speed, rising evenly to 1 at another, (n,); controls (n, WIDTH)."""
+    still, full = controls[:, 1], controls[:, 2]
+    rise = (speeds_m_s - still) / np.maximum(full - still, 1e-9)
+    return np.asarray(np.clip(np.nan_to_num(rise), 0.0, 1.0))
+
+
+def proximity_value(distances_m: F64, controls: F64) -> F64:
+    """1 at the boundary, 0 at the range's end and beyond, (n, V); controls (n, WIDTH)."""
+    share = 1.0 - distances_m / np.maximum(controls[:, 1:2], 1e-9)
+    return np.asarray(np.clip(np.nan_to_num(share), 0.0, 1.0) ** controls[:, 2:3])
+
+
+def sine_value(turns: F64, controls: F64) -> F64:
+    """Between 1 - depth and 1; 1 - depth / 2 at whole turns; controls (..., WIDTH)."""
+    wave = np.sin(2.0 * np.pi * (turns + controls[..., 3]))
+    return np.asarray(1.0 - 0.5 * controls[..., 2] * (1.0 - wave))
+
+
+def mixed(value: F64, influence: F64) -> F64:
+    """A factor that an influence of 0 leaves out."""
+    return np.asarray(1.0 + influence * (value - 1.0))
+
+
+def folded(filters: tuple[Filter, ...], start: F64, values: F64, influences: F64) -> F64:
+    """What a stack yields, from top to bottom, in 0..1.
+
+    Parameters
+    ----------
+    filters : tuple of Filter
+    start : (n,) float64
+        What the volume does without filters: 1 while it is touched, else 0.
+    values, influences : (n, F) float64
+        Of each filter; those in space are passed over, they are in the weights.
+    """
+    result = np.array(start, np.float64)
+    for k, each in enumerate(filters):
+        if each.is_in_space:
+            continue
+        value, influence = values[:, k], influences[:, k]
+        if each.operation is Operation.MULTIPLY:
+            result = result * mixed(value, influence)
+        elif each.operation is Operation.ADD:
+            result = result + influence * value
+        else:
+            result = np.maximum(result, influence * value)
+    return np.clip(result, 0.0, 1.0)

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a response remembers: impacts that still ring, and the skin that they were felt on.
+
+Give it the touches of each stream in the order of time, in any parts: splitting time and
+putting it together again gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..samples import SampleRun, Stream
+from .envelope import Impact, envelope
+from .filters import Kind, Operation, folded
+from .touches import Touches
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+LEAST: Final = 1e-4
+"""A weaker response is silence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What is kept of one stream from one part of time to the next; plain data."""
+
+    index: int = -2  # of the last sample
+    was_touched: bool = False
+    impacts: tuple[tuple[Impact, ...], ...] = ()  # of each filter, in the order of time
+    values: F64 | None = None  # (F,) of the last touch
+    vertices: I32 | None = None  # that were felt last
+    weights: F32 | None = None
+
+    def rings(self, time_s: float) -> bool:
+        """Whether an impact is still felt at a time."""
+        return any(impact.ends_s > time_s for each in self.impacts for impact in each)
+
+
+class Settling:
+    """The memories of all streams of a scene.
+
+    Parameters
+    ----------
+    memories : dict, optional
+        To go on from; as :attr:`memories` of the one that did what was before.
+    """
+
+    def __init__(self, memories: dict[Stream, Memory] | None = None) -> None:
+        self.memories: dict[Stream, Memory] = {} if memories is None else dict(memories)
+
+    def settle(self, touches: Touches) -> SampleRun | None:
+        """What is felt of a stream's next touches; None if nothing is."""
+        memory = self.memories.get(touches.stream, Memory())
+        if not len(touches):
+            return None
+        quiet = not len(touches.vertices) and not memory.rings(float(touches.times_s[0]))
+        if quiet:
+            self.memories[touches.stream] = Memory(index=int(touches.indices[-1]))
+            return None
+        run, self.memories[touches.stream] = settled(touches, memory)
+        return run
+
+    def settle_all(self, touches: Iterable[Touches]) -> list[SampleRun]:
+        """The runs of several streams or blocks, in the order given; silent ones left out."""
+        found = (self.settle(each) for each in touches)
+        return [run for run in found if run is not None]
+
+    def pass_over(self, stream: Stream, index: int) -> None:
+        """Nothing of a stream was touched or near up to a sample, and nothing rang."""
+        self.memories[stream] = Memory(index=index)
+
+    def rings(self, stream: Stream) -> bool:
+        """Whether any impact of a stream may still be felt."""
+        memory = self.memories.get(stream)
+        return memory is not None and any(memory.impacts)
+
+    def any_rings(self, time_s: float) -> bool:
+        """Whether any impact of any stream is still felt at a time."""
+        return any(memory.rings(time_s) for memory in self.memories.values())
+
+
+def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]:
+    """What is felt of touches that follow a memory, and what is remembered after them."""
+    filters, times = touches.filters, touches.times_s
+    impacts = _with_new_impacts(touches, memory)
+    rings = np.zeros(len(touches), np.bool_)
+    for impact in (impact for each in impacts for impact in each):
+        rings |= (times >= impact.time_s) & (times < impact.ends_s)
+    values = _held_values(touches, memory, rings)
+    multiplies = False
+    for f, each in enumerate(filters):
+        if each.kind is Kind.IMPACT:
+            values[:, f] = envelope(times, impacts[f])
+            multiplies |= each.operation is Operation.MULTIPLY
+    start = touches.is_touched | (rings & multiplies)
+    response = folded(filters, start.astype(np.float64), values, touches.controls[:, :, 0])
+    response[response < LEAST] = 0.0
+    held = _last(touches.set_of >= 0)
+    set_of = np.where(held >= 0, touches.set_of[held], -1)  # -1: the one that is remembered
+    is_felt = response * touches.levels > 0.0
+    # Without an own set only what rings is felt.
+    is_felt &= (touches.set_of >= 0) | rings
+    is_felt &= (set_of >= 0) | (memory.vertices is not None)
+    run = _run(touches, memory, np.flatnonzero(is_felt), set_of, response)
+    last = int(touches.set_of.max(initial=-1))
+    part = slice(int(touches.offsets[last]), int(touches.offsets[last + 1])) if last >= 0 else None
+    touched = np.flatnonzero(touches.is_touched)
+    now = float(times[-1])
+    return run, Memory(
+        index=int(touches.indices[-1]),
+        was_touched=bool(touches.is_touched[-1]),
+        impacts=tuple(tuple(i for i in each if i.ends_s > now) for each in impacts),
+        values=touches.values[touched[-1]] if len(touched) else memory.values,
+        vertices=memory.vertices if part is None else touches.vertices[part],
+        weights=memory.weights if part is None else touches.weights[part],
+    )
+
+
+def _with_new_impacts(touches: Touches, memory: Memory) -> list[list[Impact]]:
+    """Impacts of each filter: those that may still ring, and those that begin here."""
+    before = np.concatenate([[memory.index], touches.indices[:-1]])
+    was_touched = np.concatenate([[memory.was_touched], touches.is_touched[:-1]])
+    begins = touches.is_touched & ~was_touched & (before == touches.indices - 1)
+    known = memory.impacts or ((),) * len(touches.filters)
+    impacts = [list(each) for each in known]
+    for f, each in enumerate(touches.filters):
+        if each.kind is not Kind.IMPACT:
+            continue
+        for k in np.flatnonzero(begins & (touches.speeds_m_s > 0.0)).tolist():
+            _, attack, decay, full = touches.controls[k, f, :4].tolist()
+            strength = min(float(touches.speeds_m_s[k]) / full, 1.0)
+            impacts[f].append(Impact(float(touches.times_s[k]), strength, attack, decay))
+    return impacts
+
+
+def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
+    """Values (n, F); what rings on keeps the speed of its last touch, all else untouched has none.
+
+    Nothing but what rings may look back: so memory ends when the last impact has.
+    """
+    values = touches.values.copy()
+    columns = [f for f, each in enumerate(touches.filters) if each.kind is Kind.SPEED]
+    if columns and not touches.is_touched.all():
+        last = _last(touches.is_touched)
+        kept = np.zeros(len(touches.filters)) if memory.values is None else memory.values
+        held = np.where((last >= 0)[:, None], touches.values[last], kept)
+        held[~(rings | touches.is_touched)] = 0.0
+        values[:, columns] = held[:, columns]
+    return values
+
+
+def _last(holds: Bool) -> I64:
+    """The last place up to each at which something holds, (n,); -1: none yet."""
+    places: I64 = np.maximum.accumulate(np.where(holds, np.arange(len(holds)), -1))
+    return places
+
+
+def _run(
+    touches: Touches, memory: Memory, felt: I64, set_of: I64, response: F64
+) -> SampleRun | None:
+    if not len(felt):
+        return None
+    sets = set_of[felt]
+    is_new = np.diff(sets, prepend=sets[0] - 1) != 0
+    chosen = sets[is_new].tolist()
+    vertices: list[I32] = []
+    weights: list[F32] = []
+    for j in chosen:
+        if j < 0:
+            assert memory.vertices is not None and memory.weights is not None
+            vertices.append(memory.vertices)
+            weights.append(memory.weights)
+        else:
+            part = slice(int(touches.offsets[j]), int(touches.offsets[j + 1]))
+            vertices.append(touches.vertices[part])
+            weights.append(touches.weights[part])
+    return SampleRun(
+        stream=touches.stream,
+        indices=touches.indices[felt],
+        times_s=touches.times_s[felt],
+        levels=touches.levels[felt] * response[felt],
+        parameters=touches.parameters[felt],
+        sets=np.cumsum(is_new) - 1,
+        offsets=np.concatenate([[0], np.cumsum([len(v) for v in vertices])]).astype(np.int64),
+        vertices=np.concatenate(vertices),
+        weights=np.concatenate(weights),
+    )

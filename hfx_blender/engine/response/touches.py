@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a response can tell from single moments: touched and near skin, speeds, values of filters.
+
+Nothing here remembers anything, so blocks of times may be worked out anywhere, in any order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..contact import ReachableBounds
+from ..coverage import BodySkin
+from ..samples import SampleRun, Stream
+from ..scene import EffectBlock, PoseBlock
+from ..volume.outside import distances_m
+from ..volume.placement import inverse_placement, world_bounds
+from .filters import (
+    About,
+    Filter,
+    Kind,
+    distance_value,
+    mixed,
+    proximity_value,
+    sine_value,
+    speed_value,
+    within_limits,
+)
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """One volume on one body over some times, before its response remembers anything.
+
+    A stack without impacts has the times at which skin is touched or near; one with impacts all
+    at which the effect is on, as an impact may still be felt.
+    """
+
+    stream: Stream
+    filters: tuple[Filter, ...]
+    indices: I64  # (n,) sample indices, ascending
+    times_s: F64  # (n,)
+    levels: F64  # (n,) activation times intensity
+    parameters: F64  # (n, P)
+    controls: F64  # (n, F, WIDTH)
+    values: F64  # (n, F) of each filter; 0 for impacts, 1 for those in space
+    is_touched: Bool  # (n,)
+    speeds_m_s: F64  # (n,) of skin and volume against each other; 0 where not known
+    set_of: I64  # (n,) -1: neither touched nor near
+    offsets: I64  # (m + 1,) set j has the vertices slice(offsets[j], offsets[j + 1])
+    vertices: I32  # (total,) ascending within a set
+    weights: F32  # (total,) in (0, 1]
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+
+class BodyPlaces:
+    """Where a body's clusters of vertices are over a block, each worked out when first needed."""
+
+    def __init__(self, skin: BodySkin, pose: PoseBlock, rows: I64) -> None:
+        self._skin = skin
+        self._pose = pose
+        self._rows = rows  # whose pose is known
+        self._known: dict[int, F64] = {}
+
+    def of(self, cluster: int) -> F64:
+        """World places (3, number of rows, number of vertices)."""
+        if cluster not in self._known:
+            self._known[cluster] = self._skin.vertices.cluster_points(
+                cluster, self._pose, self._rows, self._pose.to_world[self._rows]
+            )
+        return self._known[cluster]
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """A volume and a body over the rows of a block."""
+
+    effect: EffectBlock
+    filters: tuple[Filter, ...]
+    rows: I64  # (n,) at which the effect is on and the pose is known
+    indices: I64  # (T,) of the block
+    times_s: F64  # (T,) of the block
+    posed: I64  # rows whose pose is known
+    skin: BodySkin
+    pose: PoseBlock
+    bounds: ReachableBounds
+    places: BodyPlaces  # at the rows of the bounds
+
+    def touches(self, stream: Stream, parameters: F64, run: SampleRun | None) -> Touches | None:
+        """What is touched, as the engine's contacts tell (``run``), and what is near.
+
+        Parameters
+        ----------
+        stream : Stream
+        parameters : (T, P) float64
+            Of the effect, in its modality's ranges.
+        run : SampleRun or None
+            Contacts without a response; None: there are none.
+        """
+        assert self.effect.response is not None and self.effect.matrices is not None
+        filters, rows = self.filters, self.rows
+        controls = within_limits(filters, self.effect.response[rows])
+        sets: dict[int, tuple[I32, F64]] = {}
+        if run is not None:
+            at = np.searchsorted(self.indices[rows], run.indices)
+            for k, j in zip(at.tolist(), run.set_of.tolist(), strict=True):
+                part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
+                sets[k] = (run.vertices[part], run.weights[part].astype(np.float64))
+        is_touched = np.zeros(len(rows), np.bool_)
+        is_touched[list(sets)] = True
+        speeds = self._speeds(sets, len(rows))
+        values = np.ones((len(rows), len(filters)))
+        for f, each in enumerate(filters):
+            if each.kind is Kind.SPEED:
+                values[:, f] = speed_value(speeds, controls[:, f])
+            elif each.kind is Kind.IMPACT:
+                values[:, f] = 0.0
+            elif each.kind is Kind.SINE and each.about is About.TIME:
+                turns = self.times_s[rows] * controls[:, f, 1]
+                values[:, f] = sine_value(turns, controls[:, f])
+            elif each.kind is Kind.PROXIMITY:
+                values[:, f] = self._add_near(sets, controls[:, f], is_touched)
+        if any(each.is_in_space for each in filters):
+            sets = {k: self._in_space(k, *found, controls[k]) for k, found in sets.items()}
+            sets = {k: found for k, found in sets.items() if len(found[0])}
+            is_touched &= np.isin(np.arange(len(rows)), list(sets))
+        kept = np.arange(len(rows))
+        if not any(each.kind is Kind.IMPACT for each in filters):
+            kept = np.array(sorted(sets), np.int64)
+        if not len(kept):
+            return None
+        set_of, offsets, vertices, weights = _packed(sets, kept)
+        return Touches(
+            stream,
+            filters,
+            self.indices[rows[kept]],
+            self.times_s[rows[kept]],
+            np.clip(self.effect.levels[rows[kept]], 0.0, 1.0),
+            parameters[rows[kept]],
+            controls[kept],
+            values[kept],
+            is_touched[kept],
+            speeds[kept],
+            set_of,
+            offsets,
+            vertices,
+            weights,
+        )
+
+    def _speeds(self, sets: dict[int, tuple[I32, F64]], count: int) -> F64:
+        """Mean speed of touched skin against the volume since the sample before, (n,) m/s."""
+        speeds = np.zeros(count)
+        if not sets or all(each.kind not in (Kind.SPEED, Kind.IMPACT) for each in self.filters):
+            return speeds
+        assert self.effect.matrices is not None
+        posed = frozenset(self.posed.tolist())
+        for k, (vertices, weights) in sets.items():
+            row = int(self.rows[k])
+            if row == 0 or row - 1 not in posed or not self.effect.levels[row - 1] > 0.0:
+                continue
+            if self.indices[row - 1] != self.indices[row] - 1:
+                continue
+            pair = self.effect.matrices[row - 1 : row + 1]
+            inverses, usable = inverse_placement(pair)
+            step_s = self.times_s[row] - self.times_s[row - 1]
+            if not usable.all() or not step_s > 0.0:
+                continue
+            before, here = (
+                self.skin.vertices.points(vertices, self.pose, r, inverse @ self.pose.to_world[r])
+                for r, inverse in ((row - 1, inverses[0]), (row, inverses[1]))
+            )
+            way = pair[1, :3, :3] @ (here - before)
+            lengths = np.sqrt(np.einsum("in,in->n", way, way))
+            speeds[k] = float(weights @ lengths / weights.sum()) / step_s
+        return speeds
+
+    def _add_near(self, sets: dict[int, tuple[I32, F64]], controls: F64, is_touched: Bool) -> F64:
+        """Let sets reach the skin within the range before contact; how near it is, (n,)."""
+        assert self.effect.matrices is not None
+        nearness = is_touched.astype(np.float64)
+        matrices = self.effect.matrices[self.rows]
+        boxes = self._boxes(matrices)
+        reach = controls[:, 1, None]
+        at = np.searchsorted(self.bounds.rows, self.rows)
+        low, high = (boxes[:, 0] - reach)[:, None], (boxes[:, 1] + reach)[:, None]
+        candidates = (self.bounds.low[at] <= high) & (self.bounds.high[at] >= low)
+        candidates = candidates.all(axis=2) & (controls[:, 0] > 0.0)[:, None]
+        some = np.flatnonzero(candidates.any(axis=1))
+        inverses = np.zeros_like(matrices)
+        inverses[some], usable = inverse_placement(matrices[some])
+        candidates[some[~usable]] = False
+        found: dict[int, list[tuple[I32, F64]]] = {}
+        for cluster in np.flatnonzero(candidates.any(axis=0)).tolist():
+            mine = np.flatnonzero(candidates[:, cluster])
+            world = self.places.of(cluster)[:, at[mine]]
+            local = np.einsum("nij,jnv->inv", inverses[mine, :3, :3], world)
+            local += inverses[mine, :3, 3].T[:, :, None]
+            near = proximity_value(self._distances(mine, local, matrices), controls[mine])
+            is_near = near > 0.0
+            for i in np.flatnonzero(is_near.any(axis=1)).tolist():
+                vertices = self.skin.skin.clusters[cluster][is_near[i]].astype(np.int32)
+                found.setdefault(int(mine[i]), []).append((vertices, near[i, is_near[i]]))
+        for k, parts in found.items():
+            vertices, near = (np.concatenate(each) for each in zip(*parts, strict=True))
+            order = np.argsort(vertices, kind="stable")
+            peak = 1.0 if is_touched[k] else float(near.max())
+            nearness[k] = max(nearness[k], peak)
+            sets[k] = _strongest(sets.get(k), vertices[order], near[order] / peak)
+        return nearness
+
+    def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
+        """Distances (n, V) to the volume of points (3, n, V) in its shape space."""
+        index = self.effect.shape_index
+        which = np.zeros(len(mine), np.int64) if index is None else index[self.rows[mine]]
+        distances = np.zeros(local.shape[1:])
+        for shape in np.unique(which).tolist():
+            rows = np.flatnonzero(which == shape)
+            distances[rows] = distances_m(
+                self.effect.shapes[shape], local[:, rows], matrices[mine[rows]]
+            )
+        return distances
+
+    def _boxes(self, matrices: F64) -> F64:
+        """World boxes of the volume at its rows, (n, 2, 3)."""
+        index = self.effect.shape_index
+        which = np.zeros(len(self.rows), np.int64) if index is None else index[self.rows]
+        boxes = np.zeros((len(self.rows), 2, 3))
+        for shape in np.unique(which).tolist():
+            mine = which == shape
+            boxes[mine] = world_bounds(self.effect.shapes[shape], matrices[mine])
+        return boxes
+
+    def _in_space(self, k: int, vertices: I32, weights: F64, controls: F64) -> tuple[I32, F64]:
+        """Weights times the filters that have a value for each vertex."""
+        assert self.effect.matrices is not None
+        row = int(self.rows[k])
+        points = self.skin.vertices.points(vertices, self.pose, row, self.pose.to_world[row])
+        matrix = self.effect.matrices[row]
+        offsets = points - matrix[:3, 3:]
+        for f, each in enumerate(self.filters):
+            if not each.is_in_space:
+                continue
+            distances = _distances(offsets, matrix[:3, 2] if each.about is About.AXIS else None)
+            if each.kind is Kind.DISTANCE:
+                value = distance_value(distances, controls[f])
+            else:
+                value = sine_value(distances / max(float(controls[f, 1]), 1e-6), controls[f])
+            weights = weights * mixed(value, controls[f, 0])
+        felt = weights > 0.0
+        return vertices[felt], weights[felt]
+
+
+def _distances(offsets: F64, axis: F64 | None) -> F64:
+    """From the origin, or from an axis through it, (n,)."""
+    if axis is not None:
+        length = float(np.sqrt(axis @ axis))
+        if length > 0.0:
+            unit = axis / length
+            offsets = offsets - unit[:, None] * (unit @ offsets)
+    return np.asarray(np.sqrt(np.einsum("in,in->n", offsets, offsets)))
+
+
+def _strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tuple[I32, F64]:
+    """The union of two weighted sets of vertices."""
+    if known is None:
+        return vertices, weights
+    together = np.union1d(known[0], vertices).astype(np.int32)
+    strongest = np.zeros(len(together))
+    for ids, values in (known, (vertices, weights)):
+        at = np.searchsorted(together, ids)
+        strongest[at] = np.maximum(strongest[at], values)
+    return together, strongest
+
+
+def _packed(sets: dict[int, tuple[I32, F64]], kept: I64) -> tuple[I64, I64, I32, F32]:
+    """Sets of the rows ``kept`` in columns; a set that stays is held once."""
+    set_of = np.full(len(kept), -1, np.int64)
+    found: list[tuple[I32, F32]] = []
+    for k, row in enumerate(kept.tolist()):
+        if row not in sets:
+            continue
+        vertices, weights = sets[row][0], sets[row][1].astype(np.float32)
+        is_same = (
+            bool(found)
+            and np.array_equal(found[-1][0], vertices)
+            and np.array_equal(found[-1][1], weights)
+        )
+        if not is_same:
+            found.append((vertices, weights))
+        set_of[k] = len(found) - 1
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v, _ in found])]).astype(np.int64)
+    return (
+        set_of,
+        offsets,
+        np.concatenate([np.zeros(0, np.int32), *(v for v, _ in found)]),
+        np.concatenate([np.zeros(0, np.float32), *(w for _, w in found)]),
+    )

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Distance as it is heard: how much of a source is direct, and how much is reverberated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+_FADE: Final = 0.1  # of the audible radius, over which a source fades in
+
+
+@dataclass(frozen=True)
+class Hearing:
+    """How distance is heard.
+
+    Politis, Pugliese, Takala: beyond a reference distance a sound is wet, at it dry and wet are
+    equal, very close it is dry; beyond a radius of visibility it is silent. Made one continuous
+    crossfade of constant power: dry at the listener, wet from twice the reference on.
+    """
+
+    reference_m: float = 2.0
+    audible_m: float = 8.0  # silence from here on
+    spread_m: float = 0.5  # nearer than this, a source comes from more and more loudspeakers
+
+    def __post_init__(self) -> None:
+        for name in ("reference_m", "audible_m", "spread_m"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name}: expected more than 0, got {getattr(self, name)}")
+
+    def gains(self, distances_m: F64) -> tuple[F64, F64]:
+        """Gains (n,) of the dry and the wet part; the sum of their squares is 1 where audible."""
+        angle = 0.25 * np.pi * np.minimum(distances_m / self.reference_m, 2.0)
+        audible = (self.audible_m - distances_m) / (_FADE * self.audible_m)
+        audible = np.clip(np.nan_to_num(audible), 0.0, 1.0)
+        return np.cos(angle) * audible, np.sin(angle) * audible

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Loudspeaker layouts: where each channel comes from, as the listener hears it.
+
+Listener space: X to the front, Y to the left, Z up. Azimuth turns from the front to the left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import UsageError
+
+F64 = npt.NDArray[np.float64]
+
+MAX_LOUDSPEAKERS: Final = 64
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Loudspeakers round a listener, in the order of their channels."""
+
+    name: str
+    azimuths_deg: tuple[float, ...]
+    elevations_deg: tuple[float, ...]
+
+    def __len__(self) -> int:
+        return len(self.azimuths_deg)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all loudspeakers stand at the height of the ears."""
+        return not any(self.elevations_deg)
+
+    @property
+    def directions(self) -> F64:
+        """Unit vectors towards the loudspeakers, (C, 2) if it is flat, else (C, 3)."""
+        turn, rise = np.radians(self.azimuths_deg), np.radians(self.elevations_deg)
+        found = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+        return np.ascontiguousarray(found[: 2 if self.is_flat else 3].T)
+
+
+def _flat(name: str, *azimuths: float) -> Layout:
+    return Layout(name, azimuths, (0.0,) * len(azimuths))
+
+
+_CORNER = float(np.degrees(np.arctan(np.sqrt(0.5))))
+
+LAYOUTS: Final = {
+    layout.name: layout
+    for layout in (
+        _flat("stereo", 30.0, -30.0),
+        _flat("quad", 45.0, -45.0, 135.0, -135.0),
+        _flat("5.0", 30.0, -30.0, 0.0, 110.0, -110.0),
+        _flat("7.0", 30.0, -30.0, 0.0, 90.0, -90.0, 150.0, -150.0),
+        _flat("ring8", *(45.0 * k for k in range(8))),
+        Layout(
+            "cube8",
+            (45.0, -45.0, 135.0, -135.0) * 2,
+            (-_CORNER,) * 4 + (_CORNER,) * 4,
+        ),
+    )
+}
+"""Channels in the usual order: left, right, centre, side or back pairs."""
+
+
+def parse(text: str) -> Layout:
+    """A layout from its name, or from azimuths in degrees, each with an elevation after a colon.
+
+    Raises
+    ------
+    UsageError
+        The text is neither, or the loudspeakers are too many or at one place.
+    """
+    if text in LAYOUTS:
+        return LAYOUTS[text]
+    allowed = f"{', '.join(LAYOUTS)}, or angles such as 30,-30,110:20,-110:20"
+    azimuths, elevations = [], []
+    for part in text.split(","):
+        azimuth, _, elevation = part.partition(":")
+        try:
+            turn, rise = float(azimuth), float(elevation or 0.0)
+        except ValueError:
+            raise UsageError(f"loudspeakers '{text}': expected {allowed}") from None
+        if not (-360.0 <= turn <= 360.0 and -90.0 <= rise <= 90.0):
+            raise UsageError(
+                f"loudspeakers '{text}': {part} is out of range; expected an azimuth of -360 to "
+                "360 and an elevation of -90 to 90 degrees"
+            )
+        azimuths.append(turn)
+        elevations.append(rise)
+    layout = Layout(text, tuple(azimuths), tuple(elevations))
+    if not 2 <= len(layout) <= MAX_LOUDSPEAKERS:
+        raise UsageError(f"loudspeakers '{text}': expected 2 to {MAX_LOUDSPEAKERS} of them")
+    if not np.ptp(layout.directions, axis=0).any():
+        raise UsageError(f"loudspeakers '{text}': all of them are at one place")
+    return layout

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From sources that move round a listener to the channels of loudspeakers.
+
+Everything is given at the raster's times and goes linearly from one to the next; phases are
+exact integrals, so that nothing depends on the blocks in which sound is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import numpy.typing as npt
+
+from .panner import Panner
+from .reverberation import Reverberators
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """One object that sounds, at T times."""
+
+    name: str
+    places_m: F64  # (T, 3) listener space; not finite: not there
+    amplitudes: F64  # (T,) 0..1
+    frequencies_hz: F64  # (T,) of its sine
+
+
+class SpatialMix:
+    """The loudspeakers' signals of some sources.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    panner : Panner
+    reverberators : Reverberators
+    raster_hz : Fraction
+        Rate of the sources' times.
+    rate_hz : int
+        Audio rate.
+    gain : float
+        Times everything.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        panner: Panner,
+        reverberators: Reverberators,
+        raster_hz: Fraction,
+        rate_hz: int,
+        gain: float = 1.0,
+    ) -> None:
+        self._reverberators = reverberators
+        self._step = (raster_hz / rate_hz).as_integer_ratio()
+        self._raster_hz = float(raster_hz)
+        self._channels = reverberators.impulses.shape[0]
+        self._voices = [_Voice.of(source, panner, self._raster_hz, gain) for source in sources]
+        self._rows = len(sources[0].amplitudes) if sources else 0
+
+    def blocks(self, sample_count: int) -> Iterator[F64]:
+        """Samples (n, C) in the order of time, ``sample_count`` altogether."""
+        size = self._reverberators.block
+        for first in range(0, sample_count, size):
+            samples = self._block(first, size)
+            yield samples[: sample_count - first]
+
+    def _block(self, first: int, size: int) -> F64:
+        mixed = np.zeros((size, self._channels))
+        bus = np.zeros(size)
+        numerator, denominator = self._step
+        position = np.arange(first, first + size, dtype=np.int64) * numerator
+        row, rest = position // denominator, position % denominator
+        share = rest / denominator
+        inside = row < self._rows
+        row = np.minimum(row, max(self._rows - 1, 0))
+        span = slice(int(row[0]), int(row[-1]) + 2)
+        for voice in self._voices:
+            if not voice.loudness[span].any():
+                continue
+            turns = voice.turns[row] + share / self._raster_hz * (
+                voice.frequencies[row]
+                + 0.5 * share * (voice.frequencies[row + 1] - voice.frequencies[row])
+            )
+            signal = np.sin(2.0 * np.pi * turns) * inside
+            bus += signal * _between(voice.wet, row, share)
+            for channel in np.flatnonzero(voice.dry[span].any(axis=0)).tolist():
+                mixed[:, channel] += signal * _between(voice.dry[:, channel], row, share)
+        return mixed + self._reverberators.process(bus)
+
+
+@dataclass(frozen=True, eq=False)
+class _Voice:
+    """A source at the raster's rows, and silence after the last of them: (T + 1, ...)."""
+
+    dry: F64  # (T + 1, C) amplitude times gain
+    wet: F64  # (T + 1,)
+    loudness: F64  # (T + 1,)
+    frequencies: F64  # (T + 1,)
+    turns: F64  # (T + 1,) played before each row
+
+    @classmethod
+    def of(cls, source: Source, panner: Panner, raster_hz: float, gain: float) -> _Voice:
+        dry, wet = panner.gains(source.places_m)
+        amplitudes = np.nan_to_num(source.amplitudes) * gain
+        dry, wet = dry * amplitudes[:, None], wet * amplitudes
+        frequencies = np.append(source.frequencies_hz, source.frequencies_hz[-1:])
+        steps = 0.5 * (frequencies[1:] + frequencies[:-1]) / raster_hz
+        turns = np.concatenate([[0.0], np.cumsum(steps)])
+        turns[1:] = np.mod(turns[1:], 1.0)
+        silence = np.zeros((1, dry.shape[1]))
+        return cls(
+            np.vstack([dry, silence]),
+            np.append(wet, 0.0),
+            np.append(np.abs(dry).sum(axis=1) + np.abs(wet), 0.0),
+            frequencies,
+            turns,
+        )
+
+
+def _between(values: F64, row: npt.NDArray[np.int64], share: F64) -> F64:
+    here = values[row]
+    return np.asarray(here + share * (values[row + 1] - here))

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a source is heard: the rendering schemes of haptic devices, over loudspeakers."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import UsageError
+from ..rendering.panning.ring import RingPanning
+from ..rendering.panning.vbap import VectorBasePanning
+from .distance import Hearing
+from .layouts import Layout
+
+F64 = npt.NDArray[np.float64]
+
+Scheme = Literal["vbap", "ring"]
+SCHEMES: Final[tuple[Scheme, ...]] = ("vbap", "ring")
+
+
+class Panner:
+    """Gains of loudspeakers for places round a listener.
+
+    Parameters
+    ----------
+    layout : Layout
+    hearing : Hearing
+    scheme : {"vbap", "ring"}
+        Vector-base amplitude panning, or constant power between neighbours on a ring, as the
+        belt is driven; rings are flat.
+
+    Raises
+    ------
+    UsageError
+        The scheme does not fit the layout.
+    """
+
+    def __init__(self, layout: Layout, hearing: Hearing, scheme: Scheme = "vbap") -> None:
+        self._layout = layout
+        self._hearing = hearing
+        self._is_flat = layout.is_flat
+        self._scheme: VectorBasePanning | RingPanning
+        if scheme == "ring":
+            if not layout.is_flat:
+                raise UsageError(f"loudspeakers '{layout.name}': a ring must be flat; use vbap")
+            self._scheme = RingPanning(np.radians(layout.azimuths_deg))
+        else:
+            try:
+                self._scheme = VectorBasePanning(layout.directions)
+            except ValueError:
+                raise UsageError(
+                    f"loudspeakers '{layout.name}': those that are not all at ear height must "
+                    "surround more than a plane"
+                ) from None
+
+    def gains(self, places_m: F64) -> tuple[F64, F64]:
+        """What each loudspeaker plays of the dry part (n, C), and the wet gain (n,).
+
+        Parameters
+        ----------
+        places_m : (n, 3) float64
+            Listener space; one that is not finite is silent.
+        """
+        known = np.isfinite(places_m).all(axis=1)
+        places = np.where(known[:, None], places_m, 0.0)
+        distances = np.where(known, np.linalg.norm(places, axis=1), np.inf)
+        dry, wet = self._hearing.gains(distances)
+        seen = places[:, :2] if self._is_flat else places
+        lengths = np.linalg.norm(seen, axis=1)
+        if isinstance(self._scheme, RingPanning):
+            panned = self._scheme.gains(np.arctan2(seen[:, 1], seen[:, 0])[:, None])
+        else:
+            panned = self._scheme.gains(seen)
+        # Through the listener's head a source must not jump from one side to the other.
+        share = np.clip(1.0 - lengths / self._hearing.spread_m, 0.0, 1.0)[:, None]
+        everywhere = 1.0 / len(self._layout)
+        power = (1.0 - share) * np.square(panned) + share * everywhere
+        return np.sqrt(power) * dry[:, None], wet

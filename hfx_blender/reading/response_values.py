@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A contact response's controls at a time, in the engine's units; how long its impacts ring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from .. import compat
+from ..authoring import responses
+from ..authoring.response_animation import PATH
+from ..engine.response.envelope import longest_s
+from ..engine.response.filters import WIDTH, Filter, Kind
+
+F64 = npt.NDArray[np.float64]
+
+_STEPS_A_FRAME = 4
+"""At which a frequency that changes is summed up to turns."""
+
+
+def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
+    """The filters that count, with how long their impacts can ring."""
+    return tuple(
+        responses.described(each, _longest_s(effect, k, each))
+        for k, each in responses.active(effect.hfx)
+    )
+
+
+def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGroup) -> float:
+    """No less than an impact of a filter ever rings, seconds; 0 for other kinds."""
+    if each.kind != Kind.IMPACT:
+        return 0.0
+    attack, decay = each.attack, each.decay
+    data = effect.animation_data
+    if data is None:
+        return longest_s(attack, decay)
+    for name in ("attack", "decay"):
+        path = f"hfx.response[{place}].{name}"
+        highest = each.bl_rna.properties[name].hard_max
+        if any(driver.data_path == path for driver in data.drivers):
+            return longest_s(highest, highest)
+        for curves in compat.curve_collections(effect):
+            for curve in curves:
+                if curve.data_path == path:
+                    bound = min(_bound(curve), highest)
+                    attack, decay = (
+                        (max(attack, bound), decay)
+                        if name == "attack"
+                        else (attack, max(decay, bound))
+                    )
+    return longest_s(attack, decay)
+
+
+def _bound(curve: bpy.types.FCurve) -> float:
+    """What a curve does not exceed; endless where modifiers or extrapolation make it up."""
+    keys = curve.keyframe_points
+    plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
+    if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
+        return float("inf")
+    # A Bezier curve stays within the hull of its keys and handles.
+    return max(
+        value for key in keys for value in (key.co[1], key.handle_left[1], key.handle_right[1])
+    )
+
+
+def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
+    """Controls (F, WIDTH) as they are evaluated now; None without filters."""
+    found = responses.active(hfx)
+    if not found:
+        return None
+    values = np.zeros((len(found), WIDTH))
+    for row, (_, each) in zip(values, found, strict=True):
+        for c, name in enumerate(responses.properties_of(each)):
+            row[c] = getattr(each, name) * (unit_m if name in responses.LENGTHS else 1.0)
+    return values
+
+
+def with_even_phase(
+    effect: bpy.types.Object, values: F64, frames: F64, scene_start: int, fps: float
+) -> F64:
+    """Controls (T, F, WIDTH) whose sines turn on evenly where their frequency is animated.
+
+    Turns are the integral of the frequency; its difference to frequency times time goes into
+    the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
+    """
+    for f, (place, each) in enumerate(responses.active(effect.hfx)):
+        if each.kind != Kind.SINE or each.domain != "time":
+            continue
+        path = f"hfx.response[{place}].frequency"
+        curve = next((c for c in compat.fcurves(effect) if c.data_path == path), None)
+        if curve is not None:
+            times = (frames - scene_start) / fps
+            turns = _integral(curve.evaluate, frames, scene_start) / fps
+            values[:, f, 3] += turns - values[:, f, 1] * times
+    return values
+
+
+def _integral(value: Callable[[float], float], frames: F64, start: int) -> F64:
+    """Of a curve from a frame to others, (T,), by trapezia on a grid that all of them share."""
+    last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
+    grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
+    at = np.array([max(value(frame), 0.0) for frame in grid.tolist()])
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1])) / _STEPS_A_FRAME])
+    return np.interp(frames, grid, sums)
+
+
+def place_of(path: str) -> tuple[int, str] | None:
+    """The filter's place and the property that an animated path names, if it is of a response."""
+    match = PATH.match(path)
+    return None if match is None else (int(match[1]), match[2])

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a .blend stores of a volume's contact response: ``Object.hfx.response``, its filters."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty
+
+from .engine.response.filters import CONTROLS, Kind
+
+_OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
+
+KINDS = (
+    ("distance", "Distance", "Strength over the distance from the volume's centre or axis"),
+    ("speed", "Speed", "Strength by how fast skin and volume move against each other"),
+    ("impact", "Impact", "A touch begins with the speed of its impact, and dies away"),
+    ("proximity", "Proximity", "Felt before contact, stronger the nearer it comes"),
+    ("sine", "Sine", "Strength swings in time or in space"),
+)
+OPERATIONS = (
+    ("multiply", "Multiply", "Scale what the filters above yield"),
+    ("add", "Add", "Add to what the filters above yield"),
+    ("maximum", "Maximum", "At least as strong as this"),
+)
+ABOUT_WHAT = (
+    ("centre", "Centre", "The volume's origin"),
+    ("axis", "Axis", "The volume's local Z axis"),
+)
+DOMAINS = (("time", "Time", "Seconds since the scene's first frame"), *ABOUT_WHAT)
+
+
+def _remark(self: HfxResponseFilter, _context: bpy.types.Context) -> None:
+    self.id_data.update_tag()  # nothing else depends on it, but the preview has to know
+
+
+def _control(kind: str, control: str, label: str, tip: str, **options: object) -> FloatProperty:
+    """A property with the range and the default that the engine states for a control."""
+    found = {each.name: each for each in CONTROLS[Kind(kind)]}[control]
+    return FloatProperty(
+        name=label,
+        description=tip,
+        default=found.default,
+        min=found.minimum,
+        max=1e6 if options.get("unit") == "LENGTH" else found.maximum,  # the engine's are metres
+        **_OVERRIDABLE,
+        **options,
+    )
+
+
+class HfxResponseFilter(bpy.types.PropertyGroup):
+    """One filter; of its controls, those of its kind count. Lengths are in Blender's units."""
+
+    kind: EnumProperty(name="Kind", items=KINDS, default="impact", update=_remark)
+    operation: EnumProperty(
+        name="Operation",
+        description="How it goes into what the filters above yield",
+        items=OPERATIONS,
+        update=_remark,
+    )
+    about: EnumProperty(name="From", items=ABOUT_WHAT, update=_remark)
+    domain: EnumProperty(
+        name="Over", description="What the sine runs over", items=DOMAINS, update=_remark
+    )
+    is_muted: BoolProperty(name="Mute", description="Leave this filter out", update=_remark)
+
+    influence: _control(
+        "speed", "influence", "Influence", "How much this filter counts", subtype="FACTOR"
+    )
+    near: _control("distance", "near_m", "Near", "Up to here the first value", unit="LENGTH")
+    far: _control("distance", "far_m", "Far", "From here on the second value", unit="LENGTH")
+    near_value: _control(
+        "distance", "near_value", "Value Near", "Strength at the near end", subtype="FACTOR"
+    )
+    far_value: _control(
+        "distance", "far_value", "Value Far", "Strength at the far end", subtype="FACTOR"
+    )
+    still_speed: _control(
+        "speed", "still_m_s", "Still (m/s)", "Nothing is felt up to this relative speed"
+    )
+    full_speed: _control(
+        "speed", "full_m_s", "Full (m/s)", "Full strength at this relative speed and above"
+    )
+    attack: _control("impact", "attack_s", "Attack (s)", "Time constant of the rise")
+    decay: _control(
+        "impact", "decay_s", "Decay (s)", "Time constant of the fall: short is felt as stiff"
+    )
+    reach: _control(
+        "proximity", "range_m", "Range", "Distance at which it begins to be felt", unit="LENGTH"
+    )
+    exponent: _control("proximity", "exponent", "Exponent", "1 rises evenly, more rises late")
+    frequency: _control("sine", "cycles", "Frequency (Hz)", "Swings a second")
+    wavelength: FloatProperty(
+        name="Wavelength",
+        description="Distance from swing to swing",
+        default=0.1,
+        min=1e-4,
+        max=1000.0,
+        unit="LENGTH",
+        **_OVERRIDABLE,
+    )
+    depth: _control(
+        "sine", "depth", "Depth", "From full strength down to 1 minus this", subtype="FACTOR"
+    )
+    phase: _control("sine", "phase", "Phase (turns)", "Where in its swing it begins")
