@@ -7,42 +7,43 @@ all of it is complete.
 
 from __future__ import annotations
 
-import hashlib
 import json
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import bpy
+import numpy as np
 
-from . import __version__
 from .atomic_files import atomic_file
 from .devices.configuration import load_device
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
-from .engine.rendering.raster import Raster, unrendered
-from .engine.rendering.render import Renderer, blocks
-from .engine.scene import AnimationBlock
+from .engine.rendering.devices import Played, render_devices
+from .engine.rendering.raster import Raster
+from .engine.rendering.room import needs_positions
 from .engine.tolerance import Tolerance, parse
-from .engine.track import SUFFIX, TrackHeader, TrackReader, TrackWriter, as_kept
-from .errors import InputError, OutputError, UsageError
+from .engine.track import SUFFIX, TrackReader
+from .engine.track.excerpt import write_excerpt
+from .engine.track.merging import merge
+from .engine.track.named_clips import named_clips
+from .errors import InputError, UsageError
+from .export_report import ExportReport, felt_effects, not_played
 from .formats import registry
 from .formats.curves import CurveTolerance
 from .formats.glb_scene import VolumeRecorder
 from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
-from .reading.scene_reader import SceneReader
+from .formats.written import Written, beside
+from .reading.scene_reader import BLOCK_SIZE, SceneReader
+from .recording import Progress, Recorded, record_track
+from .staging import place, staging
 
-FORMATS = registry.FORMATS
-
-Progress = Callable[[float], None]
+REPORT_SUFFIX = ".report.json"
 
 
 @dataclass(frozen=True)
@@ -57,41 +58,197 @@ class ExportSettings:
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
     record: tuple[str, ...] = ()  # engine.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
+    per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
 
     def __post_init__(self) -> None:
         registry.check(self.formats, self.devices)
 
 
-@dataclass(frozen=True)
-class ExportReport:
-    """What one export wrote, and what was felt."""
+@dataclass(frozen=True, eq=False)
+class ScenePart:
+    """A part of a scene's samples that was recorded alone."""
 
-    scene: str
-    files: tuple[Path, ...]
-    felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
-    unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
-    warnings: tuple[str, ...]
-    engine: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
+    track: Path
+    recorded: Recorded
+    volumes: Path  # where volumes were; only if a format asks for it
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data; file names without folders."""
-        return {
-            "scene": self.scene,
-            "files": [
-                {
-                    "name": path.name,
-                    "bytes": path.stat().st_size,
-                    "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-                }
-                for path in self.files
-            ],
-            "felt": list(self.felt),
-            "unrendered": list(self.unrendered),
-            "warnings": list(self.warnings),
-            "notes": list(self.notes),
-            "engine": self.engine,
-        }
+
+class SceneExport:
+    """The export of one scene of the open file: all at once, or part by part.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be exported.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, settings: ExportSettings) -> None:
+        if needs_positions(settings.devices) and "positions" not in settings.record:
+            settings = replace(settings, record=(*settings.record, "positions"))
+        self._scene = scene
+        self._settings = settings
+        self.tolerance = settings.tolerance or scene_tolerance(scene)
+        self.reader = SceneReader(
+            scene,
+            frames=settings.frames,
+            rate_hz=settings.rate_hz,
+            tolerance=self.tolerance,
+            with_positions="positions" in settings.record,
+            with_velocities="velocities" in settings.record,
+        )
+        if settings.strict and self.reader.description.warnings:
+            raise InputError("; ".join(self.reader.description.warnings) + ".")
+
+    @property
+    def _wants_volumes(self) -> bool:
+        return "glb" in self._settings.formats
+
+    def whole(
+        self,
+        folder: Path,
+        stem: str,
+        progress: Progress = lambda share: None,
+        made_from: Mapping[str, Any] | None = None,
+        stage_in: Path | None = None,
+    ) -> ExportReport:
+        """Export to ``folder/stem.*``; see :func:`export_scene`.
+
+        ``made_from`` is told in the report. ``stage_in`` holds what is not finished, in a
+        folder of its own; by default ``folder`` does.
+        """
+        with staging(folder, stem, stage_in) as stage:
+            track = stage / (stem + SUFFIX)
+            volumes = VolumeRecorder(self.reader.description)
+            recorded, played = self._record(track, volumes, progress, None, self._settings.devices)
+            return self._finish(track, volumes, recorded, played, folder, made_from or {})
+
+    def record_part(
+        self,
+        part: tuple[int, int],
+        track: Path,
+        volumes: Path,
+        progress: Progress = lambda share: None,
+    ) -> ScenePart:
+        """Record some samples (first, stop) only, whole chunks of the track."""
+        seen = VolumeRecorder(self.reader.description)
+        recorded, _ = self._record(track, seen, progress, part, ())
+        if self._wants_volumes:
+            with atomic_file(volumes) as file:
+                np.savez(file, **seen.arrays())
+        return ScenePart(track, recorded, volumes)
+
+    def merge_parts(
+        self,
+        parts: Sequence[ScenePart],
+        folder: Path,
+        stem: str,
+        made_from: Mapping[str, Any] | None = None,
+        stage_in: Path | None = None,
+    ) -> ExportReport:
+        """What :meth:`whole` writes, from parts in the order of time.
+
+        All that carries on from one sample to the next is worked out here, on the whole track.
+        """
+        with staging(folder, stem, stage_in) as stage:
+            track = stage / (stem + SUFFIX)
+            merge([part.track for part in parts], track)
+            volumes = VolumeRecorder(self.reader.description)
+            if self._wants_volumes:
+                self._join_volumes(volumes, [part.volumes for part in parts])
+            with TrackReader(track) as whole:
+                played = render_devices(whole, self._settings.devices)
+            recorded = Recorded.merged([part.recorded for part in parts])
+            return self._finish(track, volumes, recorded, played, folder, made_from or {})
+
+    def _record(
+        self,
+        track: Path,
+        volumes: VolumeRecorder,
+        progress: Progress,
+        part: tuple[int, int] | None,
+        devices: Sequence[DeviceConfig],
+    ) -> tuple[Recorded, list[Played]]:
+        settings = self._settings
+        engine = Engine(self.reader.description, record=settings.record, tolerance=self.tolerance)
+        played = record_track(
+            self.reader,
+            engine,
+            track,
+            devices=devices,
+            record=settings.record,
+            full_precision=settings.full_precision,
+            progress=progress,
+            watch=volumes.add if self._wants_volumes else None,
+            part=part,
+        )
+        return Recorded.of(self.reader, engine), played
+
+    def _join_volumes(self, volumes: VolumeRecorder, files: Sequence[Path]) -> None:
+        """Where volumes were in all parts; their shapes are read again, where each is first."""
+        kept = []
+        for file in files:
+            with np.load(file, allow_pickle=False) as arrays:
+                kept.append(dict(arrays))
+        for first in volumes.first_samples(kept):
+            start = first // BLOCK_SIZE * BLOCK_SIZE
+            for block in self.reader.blocks((start, start + BLOCK_SIZE)):
+                volumes.add(block)
+        volumes.replace(kept)
+
+    def _finish(
+        self,
+        track: Path,
+        volumes: VolumeRecorder,
+        recorded: Recorded,
+        played: Sequence[Played],
+        folder: Path,
+        made_from: Mapping[str, Any],
+    ) -> ExportReport:
+        settings = self._settings
+        stem = track.with_name(track.name.removesuffix(SUFFIX))
+        tolerance = CurveTolerance(min(self.tolerance.amplitude, DEFAULT_TOLERANCE.value))
+        with TrackReader(track) as whole:
+            felt = felt_effects(whole)
+            lost = not_played(whole.header, [raster for _, raster in played])
+            if settings.per_clip:
+                written = _write_clips(whole, settings, stem, tolerance)
+            else:
+                tracks = (track,) if "track" in settings.formats else ()
+                written = Written(tracks) + registry.write_all(
+                    settings.formats, _named(played), whole, settings.devices, stem, tolerance
+                )
+            if self._wants_volumes:
+                models = [load_model(model.id) for model in whole.header.models]
+                has_hjif = "hjif" in settings.formats and not settings.per_clip
+                written += volumes.write(
+                    models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
+                )
+        if settings.strict and written.left_out:
+            raise InputError("; ".join(written.left_out) + ".")
+        report = ExportReport(
+            scene=self._scene.name,
+            files=written.files,
+            felt=felt,
+            unrendered=lost,
+            warnings=(
+                *self.reader.description.warnings,
+                *recorded.warnings,
+                *written.left_out,
+            ),
+            engine={
+                "tolerance": self.tolerance.name,
+                "stepping": recorded.stepping,
+                **recorded.engine,
+            },
+            notes=tuple(dict.fromkeys((*recorded.notes, *written.notes))),
+            made_from=made_from,
+        )
+        report_file = stem.with_name(stem.name + REPORT_SUFFIX)
+        with atomic_file(report_file) as file:
+            file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
+        # The report comes last: where it is, all that it names was there.
+        placed = place((*report.files, report_file), folder)
+        return replace(report, files=placed)
 
 
 def export_scene(
@@ -110,158 +267,34 @@ def export_scene(
     OutputError
         The folder cannot be written to; nothing was left there.
     """
-    tolerance = settings.tolerance or scene_tolerance(scene)
-    reader = SceneReader(
-        scene,
-        frames=settings.frames,
-        rate_hz=settings.rate_hz,
-        tolerance=tolerance,
-        with_positions="positions" in settings.record,
-        with_velocities="velocities" in settings.record,
-    )
-    if settings.strict and reader.description.warnings:
-        raise InputError("; ".join(reader.description.warnings) + ".")
-    engine = Engine(reader.description, record=settings.record, tolerance=tolerance)
-    with _staging(folder, stem) as stage:
-        track = stage / (stem + SUFFIX)
-        volumes = VolumeRecorder(reader.description)
-        watch = volumes.add if "glb" in settings.formats else None
-        played = record_track(reader, engine, track, settings, progress, watch)
-        files = [track] if "track" in settings.formats else []
-        with TrackReader(track) as recorded:
-            felt = felt_effects(recorded)
-            lost = not_played(recorded.header, [raster for _, raster in played])
-            written = registry.write_all(
-                settings.formats,
-                _named(played),
-                recorded,
-                settings.devices,
-                stage / stem,
-                CurveTolerance(min(tolerance.amplitude, DEFAULT_TOLERANCE.value)),
+    return SceneExport(scene, settings).whole(folder, stem, progress)
+
+
+def _write_clips(
+    whole: TrackReader, settings: ExportSettings, stem: Path, tolerance: CurveTolerance
+) -> Written:
+    """Each named clip of a track as files of its own, from time 0."""
+    found = named_clips(whole.header)
+    if not found:
+        raise InputError("There are no clips to write one by one: no effect has a named clip.")
+    written = Written()
+    for named in found:
+        part = beside(stem, named.name)
+        path = part.with_name(part.name + SUFFIX)
+        try:
+            write_excerpt(whole, named.effect_ids, named.clip, path)
+        except ValueError:
+            note = f"clip '{named.name}' lies outside the exported frames: no file for it"
+            written += Written(notes=(note,))
+            continue
+        with TrackReader(path) as track:
+            if "track" in settings.formats:
+                written += Written((path,))
+            played = _named(render_devices(track, settings.devices))
+            written += registry.write_all(
+                settings.formats, played, track, settings.devices, part, tolerance
             )
-            if watch is not None:
-                models = [load_model(model.id) for model in recorded.header.models]
-                hjif = quote(stem + HJIF_SUFFIX) if "hjif" in settings.formats else None
-                written += volumes.write(models, stage / stem, hjif)
-        if settings.strict and written.left_out:
-            raise InputError("; ".join(written.left_out) + ".")
-        report = ExportReport(
-            scene=scene.name,
-            files=(*files, *written.files),
-            felt=felt,
-            unrendered=lost,
-            warnings=(
-                *reader.description.warnings,
-                *_counted(engine.counters.warnings),
-                *written.left_out,
-            ),
-            engine={
-                "tolerance": tolerance.name,
-                "stepping": reader.stepping_note,
-                **engine.counters.as_dict(),
-            },
-            notes=tuple(dict.fromkeys(written.notes)),
-        )
-        report_file = stage / f"{stem}.report.json"
-        with atomic_file(report_file) as file:
-            file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
-        placed = _move((*report.files, report_file), folder)
-    return replace(report, files=placed)
-
-
-def record_track(
-    reader: SceneReader,
-    engine: Engine,
-    path: Path,
-    settings: ExportSettings,
-    progress: Progress = lambda share: None,
-    watch: Callable[[AnimationBlock], None] | None = None,
-) -> list[tuple[DeviceConfig, Raster]]:
-    """Evaluate a scene block by block, record it, and render it for the devices on the way.
-
-    The devices get exactly what the track keeps: rendering the track later gives the same.
-    """
-    scene = reader.description
-    models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
-    header = TrackHeader.of(
-        scene,
-        models,
-        settings={"record": sorted(settings.record), "tolerance": reader.tolerance.name},
-        tools={"hfx": __version__, "blender": bpy.app.version_string},
-    )
-    renderers = _renderers(header, settings.devices)
-    precise = settings.full_precision
-    count = max(len(reader.sample_indices), 1)
-    done = 0
-    with TrackWriter(path, header, full_precision=precise) as writer:
-        for block in reader.blocks():
-            runs = [as_kept(run, full_precision=precise) for run in engine.evaluate(block)]
-            writer.append(runs)
-            for _, renderer in renderers:
-                renderer.add(runs)
-            if watch is not None:
-                watch(block)
-            done += len(block.indices) - block.history
-            progress(done / count)
-    return [(device, renderer.raster()) for device, renderer in renderers]
-
-
-def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
-    """What each effect did to each body over a whole track."""
-    names = {effect.id: effect for effect in track.header.effects}
-    bodies = {body.id: body.name for body in track.header.bodies}
-    period_s = 1.0 / float(track.header.time.rate_hz)
-    return tuple(
-        {
-            "effect": names[summary.stream.effect_id].name,
-            "body": bodies[summary.stream.body_id],
-            "modality": summary.stream.modality,
-            "kind": names[summary.stream.effect_id].kind,
-            "seconds": round(summary.sample_count * period_s, 6),
-            "first_s": summary.first_s,
-            "last_s": summary.last_s,
-            "mean_vertices": round(summary.entry_count / max(summary.sample_count, 1), 1),
-            "peak_level": summary.peak_level,
-        }
-        for summary in track.summary()
-    )
-
-
-def render_devices(
-    track: TrackReader, devices: Sequence[DeviceConfig]
-) -> list[tuple[DeviceConfig, Raster]]:
-    """A recorded track, read once and rendered for each device on each body."""
-    renderers = _renderers(track.header, devices)
-    for block in blocks(track.header, track.runs()):
-        for _, renderer in renderers:
-            renderer.add(block)
-    return [(device, renderer.raster()) for device, renderer in renderers]
-
-
-def _renderers(
-    header: TrackHeader, devices: Sequence[DeviceConfig]
-) -> list[tuple[DeviceConfig, Renderer]]:
-    return [
-        (device, Renderer(header, device, load_model, body_id=body.id))
-        for body in header.bodies
-        for device in devices
-    ]
-
-
-def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str, Any], ...]:
-    """What was felt by a body but rendered by none of its devices."""
-    effects = {effect.id: effect.name for effect in header.effects}
-    bodies = {body.id: body.name for body in header.bodies}
-    return tuple(
-        {
-            "effect": effects[lost.effect_id],
-            "body": bodies[lost.body_id],
-            "modality": lost.modality,
-            "seconds": round(lost.seconds, 6),
-            "share": round(lost.share, 4),
-        }
-        for lost in unrendered(rasters)
-    )
+    return written
 
 
 def _named(
@@ -278,41 +311,6 @@ def _named(
         )
         for device, raster in played
     ]
-
-
-def _counted(warnings: dict[str, int]) -> list[str]:
-    return [f"{text} ({count} times)" for text, count in warnings.items()]
-
-
-@contextmanager
-def _staging(folder: Path, stem: str) -> Iterator[Path]:
-    """A folder beside the results that is gone afterwards, whatever happens."""
-    is_new = not folder.exists()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=f".{stem}.", suffix=".tmp", dir=folder))
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written to ({error.strerror}).") from error
-    try:
-        yield stage
-    except OSError as error:
-        raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
-    except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(str(error).replace(str(stage), str(folder))) from error
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-        if is_new:
-            with suppress(OSError):  # it holds the results, unless there are none
-                folder.rmdir()
-
-
-def _move(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
-    for path in files:
-        if (folder / path.name).is_dir():
-            raise OutputError(
-                f"{folder / path.name}: cannot be written (there is a folder of that name)."
-            )
-    return tuple(path.replace(folder / path.name) for path in files)
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:

@@ -6,22 +6,20 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
-import subprocess
-import sys
-import traceback
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from .. import blender_session
+from ..atomic_files import atomic_file
+from ..batch.local_workers import LocalWorkers, ThisProcess, Workers
+from ..batch.options import ExportOptions
+from ..batch.units import Outcome, Unit
 from ..console import Console
 from ..engine.tolerance import Tolerance
 from ..engine.tolerance import parse as parse_tolerance
-from ..errors import HfxError, UsageError
+from ..errors import UsageError
 
 SOME_FAILED = 5
 
@@ -75,27 +73,73 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--strict", action="store_true", help="a warning about a scene is an error: exit code 3"
     )
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="worker processes")
+    parser.add_argument(
+        "--per-clip",
+        action="store_true",
+        help="each named clip as files of its own, from time 0, instead of the whole timeline",
+    )
+    work = parser.add_argument_group("many scenes, long scenes")
+    work.add_argument("--jobs", type=int, default=1, metavar="N", help="worker processes")
+    work.add_argument(
+        "--resume",
+        action="store_true",
+        help="leave out what was exported before, if it is complete and neither the scene nor "
+        "what it links, an option or a version has changed",
+    )
+    work.add_argument(
+        "--time-limit",
+        type=_seconds,
+        metavar="SECONDS",
+        help="give up on a scene, or on a part of it, that takes longer",
+    )
+    work.add_argument(
+        "--split",
+        type=int,
+        metavar="FRAMES",
+        help="record scenes in parts of so many frames (default: the last long ones, into as "
+        "many parts as there are workers); the results are the same",
+    )
+    work.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="let the workers of a Dask cluster do it, such as tcp://host:8786",
+    )
+    work.add_argument("--report", type=Path, metavar="FILE", help="write the result as JSON")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Export each scene; one that fails does not stop the others."""
-    blender_session.start()
+    from ..batch import batch
+    from ..staging import staging
+
     _check(options)
-    if options.jobs > 1 and len(options.scenes) > 1 and not blender_session.inside_blender():
-        is_new = not options.output.exists()
+    in_process = _in_process(options)
+    if in_process:
+        blender_session.start()
+    outcomes: list[Outcome] = []
+    tell = _Teller(console, outcomes)
+    with staging(options.output, "hfx-export") as stage:
+        units = _units(options, stage.resolve())
+        title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
+        workers = _workers(options)
         try:
-            results = _export_in_workers(options, console)
+            outcomes[:] = batch.run(
+                units,
+                workers,
+                resume=options.resume,
+                progress=console.progress(title),
+                tell=tell.brief if len(units) > 1 else tell.fully,
+            )
         except KeyboardInterrupt:
-            # Each worker leaves the folder to the others; here none of them is left.
-            if is_new:
-                with suppress(OSError):
-                    options.output.rmdir()
+            tell.interrupted(len(units))
             raise
-    else:
-        results = [_export_one(path, options, console) for path in options.scenes or [None]]
+        finally:
+            workers.close()
+            results = [_result(outcome) for outcome in outcomes]
+            if options.report is not None and results:
+                _write_report(options.report, results)
     console.result(results if len(results) > 1 else results[0])
     failed = [result for result in results if "error" in result]
     if not failed:
@@ -103,11 +147,132 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return SOME_FAILED if len(results) > 1 else int(failed[0]["exit_code"])
 
 
+def _in_process(options: argparse.Namespace) -> bool:
+    """Whether this process is the worker: one scene gains nothing from another."""
+    if blender_session.inside_blender():
+        return True
+    asked = options.jobs > 1 or options.time_limit is not None or options.scheduler is not None
+    return len(options.scenes) <= 1 and not asked
+
+
+def _workers(options: argparse.Namespace) -> Workers:
+    if options.scheduler is not None:
+        from ..batch.dask_workers import DaskWorkers
+
+        return DaskWorkers(options.scheduler, options.time_limit)
+    if _in_process(options):
+        return ThisProcess()
+    return LocalWorkers(options.jobs, options.time_limit)
+
+
+def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
+    asked = ExportOptions(
+        formats=options.formats,
+        devices=None if options.device is None else tuple(options.device),
+        frames=options.frames,
+        rate=None if options.rate is None else str(options.rate),
+        tolerance=None if options.tolerance is None else options.tolerance.name,
+        full_precision=options.full_precision,
+        record=tuple(options.record),
+        strict=options.strict,
+        scene=options.scene,
+        per_clip=options.per_clip,
+    )
+    return [
+        Unit(
+            kind="scene",
+            input=None if path is None else os.path.abspath(path),
+            folder=os.path.abspath(options.output),
+            stem=_open_stem() if path is None else path.stem,
+            stage=str(stage),
+            options=asked,
+            part_frames=options.split,
+        )
+        for path in options.scenes or [None]
+    ]
+
+
+def _open_stem() -> str:
+    import bpy
+
+    return Path(bpy.data.filepath).stem or "untitled"
+
+
+class _Teller:
+    """Says what becomes of the scenes, as soon as it is known."""
+
+    def __init__(self, console: Console, outcomes: list[Outcome]) -> None:
+        self._console = console
+        self._outcomes = outcomes
+        self._failed = 0
+
+    def fully(self, unit: Unit, outcome: Outcome) -> None:
+        """For one scene."""
+        self._note(unit, outcome)
+        if "text" in outcome:
+            self._console.say(outcome["text"])
+
+    def brief(self, unit: Unit, outcome: Outcome) -> None:
+        """For one of many."""
+        self._note(unit, outcome)
+        if "report" in outcome and "unchanged" not in outcome:
+            report = outcome["report"]
+            warnings = len(report["warnings"])
+            also = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
+            self._console.say(f"{unit.title}: {len(report['files'])} files{also}")
+
+    def _note(self, unit: Unit, outcome: Outcome) -> None:
+        self._outcomes.append(outcome)
+        if "traceback" in outcome:
+            self._console.warn(
+                f"hfx: {unit.title}: a defect of hfx, please report it:\n{outcome['traceback']}"
+            )
+        elif "error" in outcome:
+            known = unit.input is not None and Path(unit.input).name in outcome["error"]
+            where = "" if known else f"{unit.title}: "
+            self._console.warn(f"hfx: {where}{outcome['error']}")
+        elif "unchanged" in outcome:
+            self._console.say(f"{unit.title}: exported before, nothing has changed")
+        for remark in outcome.get("remarks", ()):
+            self._console.say(f"{unit.title}: {remark}")
+
+    def interrupted(self, count: int) -> None:
+        """Says what is left of a batch, if anything."""
+        complete = sum("error" not in outcome for outcome in self._outcomes)
+        if complete:
+            self._console.warn(
+                f"hfx: {complete} of {count} scenes are complete; --resume goes on with the others"
+            )
+
+
+def _result(outcome: Outcome) -> dict[str, Any]:
+    """The machine-readable result of one scene."""
+    if "report" not in outcome:
+        return {k: v for k, v in outcome.items() if k in ("input", "error", "exit_code")}
+    more: dict[str, Any] = {"unchanged": True} if "unchanged" in outcome else {}
+    remarks = outcome.get("remarks") or ()
+    more |= {"remarks": list(remarks)} if remarks else {}
+    return {"input": outcome["input"], **more, **outcome["report"]}
+
+
+def _write_report(path: Path, results: list[dict[str, Any]]) -> None:
+    failed = sum("error" in result for result in results)
+    unchanged = sum("unchanged" in result for result in results)
+    summary = {
+        "complete": len(results) - failed,
+        "unchanged": unchanged,
+        "failed": failed,
+        "scenes": results,
+    }
+    with atomic_file(path) as file:
+        file.write((json.dumps(summary, indent=1) + "\n").encode())
+
+
 def _check(options: argparse.Namespace) -> None:
     """Refuse what no scene could be exported with, before any of them is opened."""
     from ..devices.configuration import load_device
     from ..engine.on_demand import ON_DEMAND
-    from ..export import FORMATS
+    from ..formats.registry import FORMATS
 
     unknown = [name for name in options.formats or () if name not in FORMATS]
     if unknown:
@@ -120,139 +285,11 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError(f"--record {unknown[0]}: expected some of {', '.join(sorted(ON_DEMAND))}")
     if options.jobs < 1:
         raise UsageError(f"--jobs {options.jobs}: expected at least 1")
+    if options.split is not None and options.split < 1:
+        raise UsageError(f"--split {options.split}: expected at least 1 frame")
     same = [stem for stem, n in Counter(path.stem for path in options.scenes).items() if n > 1]
     if same:
         raise UsageError(f"several scenes are named '{same[0]}': their results would collide")
-
-
-def _export_one(path: Path | None, options: argparse.Namespace, console: Console) -> dict[str, Any]:
-    """One scene; the result, or what is wrong with it."""
-    title = "the open file" if path is None else path.name
-    try:
-        if path is not None:
-            blender_session.open_blend(path)
-        return _export_open_file(title, options, console)
-    except HfxError as error:
-        where = "" if path is not None and str(path) in str(error) else f"{title}: "
-        console.warn(f"hfx: {where}{error}")
-        return {"input": title, "error": str(error), "exit_code": error.exit_code}
-    except BrokenPipeError:  # nobody reads our output any more; that ends the command
-        raise
-    except Exception as error:  # the other scenes are not to suffer for our defects
-        console.warn(f"hfx: {title}: a defect of hfx, please report it:\n{traceback.format_exc()}")
-        return {"input": title, "error": f"a defect of hfx ({error!r})", "exit_code": 1}
-
-
-def _export_open_file(title: str, options: argparse.Namespace, console: Console) -> dict[str, Any]:
-    import bpy
-
-    from ..devices.configuration import load_device
-    from ..export import ExportSettings, export_scene, scene_devices, scene_named
-    from ..report import describe
-
-    scene = scene_named(options.scene)
-    if options.device:
-        devices = tuple(load_device(name) for name in options.device if name != "none")
-    else:
-        devices = scene_devices(scene)
-    formats = options.formats or (("track", "csv") if devices else ("track",))
-    settings = ExportSettings(
-        formats=formats,
-        devices=devices,
-        frames=options.frames,
-        rate_hz=options.rate,
-        tolerance=options.tolerance,
-        full_precision=options.full_precision,
-        record=options.record,
-        strict=options.strict,
-    )
-    stem = Path(bpy.data.filepath).stem or "untitled"
-    report = export_scene(scene, options.output, stem, settings, console.progress(title))
-    console.say(describe(report))
-    return {"input": title, **report.as_dict()}
-
-
-def _export_in_workers(options: argparse.Namespace, console: Console) -> list[dict[str, Any]]:
-    """Each scene in a process of its own, so that a crash costs one scene only."""
-    progress = console.progress(f"{len(options.scenes)} scenes")
-    running: set[subprocess.Popen[str]] = set()
-    with ThreadPoolExecutor(options.jobs) as pool:
-        jobs = [pool.submit(_export_in_worker, path, options, running) for path in options.scenes]
-        results = []
-        try:
-            for job in jobs:
-                results.append(job.result())
-                progress(len(results) / len(jobs))
-                if "error" in results[-1]:
-                    console.warn(f"hfx: {results[-1]['input']}: {results[-1]['error']}")
-                else:
-                    console.say(f"{results[-1]['input']}: {len(results[-1]['files'])} files")
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in list(running):
-                _interrupt(worker)
-            raise
-    return results
-
-
-def _interrupt(worker: subprocess.Popen[str]) -> None:
-    if os.name == "nt":
-        worker.terminate()
-    else:
-        worker.send_signal(signal.SIGINT)  # it tidies up after itself
-
-
-def _export_in_worker(
-    path: Path, options: argparse.Namespace, running: set[subprocess.Popen[str]]
-) -> dict[str, Any]:
-    worker = subprocess.Popen(
-        _worker_command(path, options),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=blender_session.child_environment(),
-        start_new_session=True,  # Ctrl-C comes from us, once
-    )
-    running.add(worker)
-    try:
-        out, err = worker.communicate()
-    finally:
-        running.discard(worker)
-    try:
-        found: dict[str, Any] = json.loads(out)
-        return found
-    except ValueError:
-        last_line = err.strip().rpartition("\n")[2]
-        return {
-            "input": path.name,
-            "error": f"its worker process ended with code {worker.returncode} ({last_line})",
-            "exit_code": 1,
-        }
-
-
-def _worker_command(path: Path, options: argparse.Namespace) -> list[str]:
-    """The same export of one scene; values are joined to their options, so that none of them
-    is taken for an option itself."""
-    command = [sys.executable, "-m", "hfx_blender.cli", "export", "--json"]
-    command.append(f"--output={options.output}")
-    if options.formats:
-        command.append(f"--formats={','.join(options.formats)}")
-    if options.frames:
-        command.append(f"--frames={options.frames[0]}:{options.frames[1]}")
-    if options.rate:
-        command.append(f"--rate={options.rate}")
-    if options.tolerance:
-        command.append(f"--tolerance={options.tolerance.name}")
-    command += [f"--device={name}" for name in options.device or ()]
-    if options.scene:
-        command.append(f"--scene={options.scene}")
-    if options.full_precision:
-        command.append("--full-precision")
-    if options.strict:
-        command.append("--strict")
-    if options.record:
-        command.append(f"--record={','.join(options.record)}")
-    return [*command, "--", str(path)]
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -266,6 +303,16 @@ def _frames(text: str) -> tuple[int, int]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected A:B, two frames, found '{text}'") from None
     return first, last
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < 1e9:
+        raise argparse.ArgumentTypeError(f"expected seconds, found '{text}'")
+    return seconds
 
 
 def _tolerance(text: str) -> Tolerance:

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What an export is made from: files, options, versions, as hashes that can be compared later."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..devices.configuration import find_file
+from ..engine.body.model import load_model
+from ..errors import HfxError
+from ..file_hash import sha256_of
+from .units import Unit
+
+
+def tools() -> dict[str, str]:
+    """Versions whose change may change the results."""
+    bpy = sys.modules.get("bpy")
+    if bpy is not None:
+        blender = ".".join(map(str, bpy.app.version))
+    else:
+        try:
+            blender = ".".join(metadata.version("bpy").split(".")[:3])
+        except metadata.PackageNotFoundError:
+            blender = "unknown"
+    return {"hfx": __version__, "blender": blender}
+
+
+def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict[str, Any]:
+    """What the export of the open file is made from; plain data, for its report.
+
+    Parameters
+    ----------
+    unit : Unit
+    devices : iterable of str
+        Names or files of the devices.
+    models : iterable of str
+        Ids of the body models.
+    """
+    files = {}
+    if unit.input is not None:
+        files[Path(unit.input).name] = sha256_of(Path(unit.input))
+        files |= {name: sha256_of(path) for name, path in sorted(_linked_files().items())}
+    return {
+        "files": files,
+        "devices": {name: _device_hash(name) for name in devices},
+        "models": {model: load_model(model).content_hash for model in models},
+        "options": unit.options.as_json(),
+        "tools": tools(),
+    }
+
+
+def is_still(recorded: Any, unit: Unit) -> bool:
+    """Whether what an export was made from is what ``unit`` would be made from now."""
+    if unit.input is None or not isinstance(recorded, dict):
+        return False
+    source = Path(unit.input)
+    try:
+        files = dict(recorded["files"])
+        return (
+            recorded["options"] == unit.options.as_json()
+            and recorded["tools"] == tools()
+            and source.name in files
+            and all(sha256_of(_place_of(name, source)) == known for name, known in files.items())
+            and all(_device_hash(name) == known for name, known in recorded["devices"].items())
+            and all(load_model(m).content_hash == known for m, known in recorded["models"].items())
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, OSError, HfxError):
+        return False  # not such a record, or something is there no more
+
+
+def _place_of(name: str, source: Path) -> Path:
+    """Where a file that is named as in a .blend lies; ``//`` is the .blend's own folder."""
+    return source.parent / name.removeprefix("//") if name != source.name else source
+
+
+def _device_hash(name: str) -> str:
+    path = find_file(name)
+    if path is None:
+        raise FileNotFoundError(name)
+    return sha256_of(path)
+
+
+def _linked_files() -> dict[str, Path]:
+    """Files besides the .blend that the haptics of the open file may depend on, by their names.
+
+    Libraries, caches of motion and of simulations, and pictures that shape or move something;
+    not those that only colour it.
+    """
+    import bpy
+
+    found: dict[str, Path] = {}
+    owners = [*bpy.data.libraries, *bpy.data.cache_files, *bpy.data.volumes]
+    users = bpy.data.user_map(subset=list(bpy.data.images), value_types={"TEXTURE", "NODETREE"})
+    owners += [
+        image
+        for image in bpy.data.images
+        if image.source != "GENERATED" and image.packed_file is None and users.get(image)
+    ]
+    for owner in owners:
+        path = Path(bpy.path.abspath(owner.filepath, library=owner.library))
+        if owner.filepath and path.is_file():
+            found[owner.filepath if owner.library is None else str(path)] = path
+    source = Path(bpy.data.filepath)
+    caches = source.parent / f"blendcache_{source.stem}"
+    for path in caches.glob("*") if caches.is_dir() else ():
+        if path.is_file():
+            found[f"//{caches.name}/{path.name}"] = path
+    return found

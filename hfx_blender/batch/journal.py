@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What was exported before: each scene's own report is its entry in the journal.
+
+A report gets its name after all files that it lists, and says with sizes and hashes what was
+written and what it was made from. So an interrupted batch needs no repair: what has a report
+that still holds is complete, whichever machine made it.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..file_hash import sha256_of
+from . import inputs
+from .units import Unit
+
+REPORT_SUFFIX = ".report.json"
+_LARGEST_REPORT = 2**26
+
+
+def finished(unit: Unit) -> dict[str, Any] | None:
+    """The report of an earlier export of ``unit``, if nothing has changed since.
+
+    None if there is none, an input, an option or a version is another one, or one of the
+    files is missing or is not what was written.
+    """
+    folder = Path(unit.folder)
+    report = _read(folder / (unit.stem + REPORT_SUFFIX))
+    if report is None or not inputs.is_still(report.get("made_from"), unit):
+        return None
+    try:
+        whole = all(
+            "/" not in each["name"]
+            and (folder / each["name"]).stat().st_size == each["bytes"]
+            and sha256_of(folder / each["name"]) == each["sha256"]
+            for each in report["files"]
+        )
+    except (KeyError, TypeError, ValueError, OSError):
+        return None
+    return report if whole else None
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        if path.stat().st_size > _LARGEST_REPORT:
+            return None
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who does the units on this machine: this process itself, or worker processes."""
+
+from __future__ import annotations
+
+import queue
+import shutil
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Protocol
+
+from .units import Outcome, Unit
+from .worker_process import WorkerProcess, do_with_care
+
+Progress = Callable[[float], None]
+
+
+class Workers(Protocol):
+    """Who does units of work."""
+
+    @property
+    def slots(self) -> int:
+        """How many units can be worked on at once."""
+        ...
+
+    def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
+        """Begin a unit; the future gives its outcome."""
+        ...
+
+    def close(self) -> None:
+        """End all work, whatever is being done."""
+        ...
+
+
+class ThisProcess:
+    """Does each unit at once, here. A crash is the end of all of them."""
+
+    slots = 1
+
+    def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
+        """Do a unit."""
+        from .work import done_safely
+
+        future: Future[Outcome] = Future()
+        future.set_result(done_safely(unit, progress))
+        return future
+
+    def close(self) -> None:
+        """There is nothing to end."""
+
+
+class LocalWorkers:
+    """Worker processes of this machine; one that crashes or hangs costs one unit.
+
+    Parameters
+    ----------
+    jobs : int
+        How many.
+    limit_s : float, optional
+        Seconds that a unit may take.
+    """
+
+    def __init__(self, jobs: int, limit_s: float | None = None) -> None:
+        self.slots = jobs
+        self._limit_s = limit_s
+        self._workers = [WorkerProcess() for _ in range(jobs)]
+        self._idle: queue.LifoQueue[WorkerProcess] = queue.LifoQueue()
+        for worker in self._workers:
+            self._idle.put(worker)
+        self._pool = ThreadPoolExecutor(jobs)
+
+    @property
+    def pids(self) -> list[int]:
+        """Of the processes that run."""
+        return [worker.pid for worker in self._workers if worker.pid is not None]
+
+    def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
+        """Begin a unit."""
+        return self._pool.submit(self._do, unit, progress)
+
+    def _do(self, unit: Unit, progress: Progress) -> Outcome:
+        worker = self._idle.get()
+        stage = Path(tempfile.mkdtemp(dir=unit.stage))
+        outcome: Outcome = {"error": ""}
+        try:
+            outcome = do_with_care(worker, unit.in_stage(stage), progress, self._limit_s)
+            return outcome
+        finally:
+            if "error" in outcome:  # a process that died has not tidied up
+                shutil.rmtree(stage, ignore_errors=True)
+            self._idle.put(worker)
+
+    def close(self) -> None:
+        """End all workers."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        with ThreadPoolExecutor(len(self._workers)) as closing:  # one that hangs takes time
+            list(closing.map(WorkerProcess.close, self._workers))
+        self._pool.shutdown(wait=True)

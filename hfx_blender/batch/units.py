@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Units of work: a scene, a part of its samples, or the parts to be put together.
+
+A unit and its outcome are JSON, so that a worker can be another process or another machine
+that sees the same files.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from .options import ExportOptions
+
+Outcome = dict[str, Any]
+"""``report`` and ``text`` of a finished scene, ``split`` into parts, a finished ``part``, or
+``error`` and ``exit_code``."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One piece of work; a scene is exported to ``folder/stem.*``."""
+
+    kind: Literal["scene", "part", "merge"]
+    input: str | None  # a .blend; None: the file that is open in this process
+    folder: str
+    stem: str
+    stage: str  # a folder for what is not finished yet; whoever made it removes it
+    options: ExportOptions
+    parts: int = 1  # of a scene: into how many parts it may be split if it is long
+    part_frames: int | None = None  # of a scene: split it into parts of about so many frames
+    part: tuple[int, int] | None = None  # of a part: first sample, and the first beyond it
+    done: tuple[dict[str, Any], ...] = ()  # of a merge: the outcomes of all parts
+
+    @property
+    def title(self) -> str:
+        """What the user calls it."""
+        return "the open file" if self.input is None else Path(self.input).name
+
+    def in_stage(self, stage: Path) -> Unit:
+        """The same work with another folder for what is not finished."""
+        return replace(self, stage=str(stage))
+
+    def as_json(self) -> str:
+        """One line of text for :meth:`from_json`."""
+        return json.dumps({**asdict(self), "options": self.options.as_json()})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        data = json.loads(text)
+        return cls(
+            **{
+                **data,
+                "options": ExportOptions.from_json(data["options"]),
+                "part": None if data["part"] is None else tuple(data["part"]),
+                "done": tuple(data["done"]),
+            }
+        )
+
+
+def failure(unit: Unit, error: str, exit_code: int, **more: Any) -> Outcome:
+    """The outcome of a unit that came to nothing."""
+    return {"input": unit.title, "error": error, "exit_code": exit_code, **more}

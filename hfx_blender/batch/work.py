@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Doing one unit of work, in a process that has Blender."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+from .. import blender_session
+from ..devices.configuration import load_device
+from ..engine.rendering.device import DeviceConfig
+from ..engine.tolerance import parse as parse_tolerance
+from ..errors import HfxError
+from . import inputs, ranges
+from .options import ExportOptions
+from .units import Outcome, Unit, failure
+
+if TYPE_CHECKING:
+    import bpy
+
+    from ..export import ExportSettings, SceneExport
+    from ..reading.scene_reader import SceneReader
+
+Progress = Callable[[float], None]
+
+
+@dataclass
+class _State:
+    opened: tuple[str, int, int] | None = None  # file, time of change, size
+
+    def clear(self) -> None:
+        self.opened = None
+
+
+_state = _State()
+
+
+def done_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
+    """Do a unit; a fault, even one of ours, is an outcome: the others are not to suffer."""
+    try:
+        return done(unit, progress)
+    except HfxError as error:
+        return failure(unit, str(error), error.exit_code)
+    except BrokenPipeError:  # nobody reads our output any more; that ends the command
+        raise
+    except MemoryError:
+        _state.clear()
+        return failure(unit, "not enough memory for this scene", 1, retire=True)
+    except Exception as error:
+        _state.clear()
+        reason = f"a defect of hfx ({error!r})"
+        return failure(unit, reason, 1, retire=True, traceback=traceback.format_exc())
+
+
+def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
+    """Do a unit of work.
+
+    Raises
+    ------
+    HfxError
+        The scene cannot be exported, or results cannot be written.
+    """
+    blender_session.start()
+    _open(unit)
+
+    from ..export import SceneExport, ScenePart, scene_named
+    from ..recording import Recorded, why_in_one_go
+    from ..report import describe
+
+    scene = scene_named(unit.options.scene)
+    names = _device_names(unit.options, scene)
+    export = SceneExport(scene, _settings(unit.options, tuple(map(load_device, names))))
+    if unit.kind == "part":
+        return {"part": _recorded_part(unit, export, progress)}
+    models = sorted({effect.model_id for effect in export.reader.description.effects})
+    made_from = inputs.made_from(unit, names, models)
+    folder, stage = Path(unit.folder), Path(unit.stage)
+    remarks = []
+    if unit.kind == "merge":
+        parts = [
+            ScenePart(
+                Path(each["track"]), Recorded.from_json(each["recorded"]), Path(each["volumes"])
+            )
+            for each in unit.done
+        ]
+        report = export.merge_parts(parts, folder, unit.stem, made_from, stage)
+    else:
+        cut = _parts(unit, export.reader)
+        if len(cut) > 1:
+            reason = why_in_one_go(export.reader)
+            if reason is None:
+                return {"split": cut}
+            remarks.append(f"exported in one go, not in {len(cut)} parts: {reason}")
+        report = export.whole(folder, unit.stem, progress, made_from, stage)
+    return {
+        "input": unit.title,
+        "report": report.as_dict(),
+        "text": describe(report),
+        "remarks": remarks,
+    }
+
+
+def _open(unit: Unit) -> None:
+    """Open the unit's file, unless it is open since the last unit and has not changed."""
+    if unit.input is None:
+        return
+    path = Path(unit.input)
+    try:
+        stat = path.stat()
+        now = (unit.input, stat.st_mtime_ns, stat.st_size)
+    except OSError:
+        now = None
+    if now is None or now != _state.opened or unit.kind == "scene":
+        _state.clear()
+        blender_session.open_blend(path)
+        _state.opened = now
+
+
+def _device_names(options: ExportOptions, scene: bpy.types.Scene) -> list[str]:
+    from ..export import scene_devices
+
+    if options.devices:
+        return [name for name in options.devices if name != "none"]
+    scene_devices(scene)  # a scene may not name files
+    return [device.name for device in scene.hfx.devices]
+
+
+def _settings(options: ExportOptions, devices: tuple[DeviceConfig, ...]) -> ExportSettings:
+    from ..export import ExportSettings
+
+    return ExportSettings(
+        formats=options.formats or (("track", "csv") if devices else ("track",)),
+        devices=devices,
+        frames=options.frames,
+        rate_hz=None if options.rate is None else Fraction(options.rate),
+        tolerance=None if options.tolerance is None else parse_tolerance(options.tolerance),
+        full_precision=options.full_precision,
+        record=options.record,
+        strict=options.strict,
+        per_clip=options.per_clip,
+    )
+
+
+def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
+    """The parts that a scene is long enough for."""
+    time = reader.time
+    if unit.part_frames is not None:
+        size = ceil(unit.part_frames * time.rate_hz / time.fps)
+        return ranges.parts_of(size, time.sample_count)
+    return ranges.even_parts(reader.sample_indices, time.sample_count, unit.parts)
+
+
+def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
+    assert unit.part is not None
+    track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"  # others may try it, too
+    found = export.record_part(unit.part, track, track.with_suffix(".npz"), progress)
+    return {
+        "track": str(found.track),
+        "volumes": str(found.volumes),
+        "recorded": found.recorded.as_json(),
+    }

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parts of a track as tracks of their own, from time 0: some effects over a stretch of time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from fractions import Fraction
+from itertools import groupby
+from math import ceil, floor
+from pathlib import Path
+
+import numpy as np
+
+from ..samples import SampleRun
+from ..scene import Clip, TimeBase
+from .header import TrackHeader
+from .reader import TrackReader
+from .writer import TrackWriter
+
+
+def write_excerpt(
+    track: TrackReader, effect_ids: Collection[str], clip: Clip, path: Path
+) -> TimeBase:
+    """Write what some effects did during a clip.
+
+    The first sample at or after the clip's start is sample 0 of the new track, at time 0: a
+    clip that starts between two samples begins up to one sample late. The clip's end belongs
+    to it; the last frame lasts a whole frame, as in every track.
+
+    Parameters
+    ----------
+    track : TrackReader
+    effect_ids : collection of str
+        Effects of the track; the new one names no others.
+    clip : Clip
+        Its frames are the track's; it becomes the only clip of the new track's effects.
+    path : Path
+
+    Returns
+    -------
+    TimeBase
+        That of the new track.
+
+    Raises
+    ------
+    ValueError
+        The clip and the track have no sample in common.
+    InputError
+        The track is damaged.
+    OutputError
+        The file cannot be written.
+    """
+    time = track.header.time
+    step = time.fps / time.rate_hz  # frames from a sample to the next
+    first = max(ceil((Fraction(clip.frame_start) - time.frame_first) / step), 0)
+    last = min(floor((Fraction(clip.frame_end) - time.frame_first) / step), time.sample_count - 1)
+    if last < first:
+        raise ValueError(f"clip '{clip.name}' has no sample in the track")
+    start = floor(time.frame(first))
+    frames = max(ceil((last - first + 1) * step), 1)
+    moved = TimeBase(time.fps, time.rate_hz, start, start, start + frames - 1)
+    header = _header_of(track.header, effect_ids, replace(clip, frame_start=float(start)), moved)
+    streams = set(header.streams)
+    begin, end = time.times_s(np.array([first, last + 1])).tolist()
+    with TrackWriter(path, header, full_precision=track.full_precision) as writer:
+        runs = (run for run in track.runs(begin, end) if run.stream in streams)
+        for _, chunk in groupby(runs, lambda run: int(run.indices[0]) // track.samples_per_chunk):
+            writer.append([_moved(run, first, moved) for run in chunk])
+    return moved
+
+
+def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:
+    indices = run.indices - first
+    return replace(run, indices=indices, times_s=time.times_s(indices))
+
+
+def _header_of(
+    header: TrackHeader, effect_ids: Collection[str], clip: Clip, time: TimeBase
+) -> TrackHeader:
+    effects = tuple(
+        replace(effect, clips=(clip,)) for effect in header.effects if effect.id in effect_ids
+    )
+    used = {effect.model_id for effect in effects}
+    streams = tuple(each for each in header.streams if each.effect_id in effect_ids)
+    bodies = {stream.body_id for stream in streams}
+    return replace(
+        header,
+        time=time,
+        models=tuple(model for model in header.models if model.id in used),
+        bodies=tuple(body for body in header.bodies if body.id in bodies),
+        effects=effects,
+        streams=streams,
+    )

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What an export tells: what was felt, what no device played, which files there are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .engine.rendering.raster import Raster, unrendered
+from .engine.track import TrackHeader, TrackReader
+from .file_hash import sha256_of
+
+
+@dataclass(frozen=True)
+class ExportReport:
+    """What one export wrote, and what was felt."""
+
+    scene: str
+    files: tuple[Path, ...]
+    felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
+    unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
+    warnings: tuple[str, ...]
+    engine: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
+    made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data; file names without folders."""
+        return {
+            "scene": self.scene,
+            "files": [
+                {
+                    "name": path.name,
+                    "bytes": path.stat().st_size,
+                    "sha256": sha256_of(path),
+                }
+                for path in self.files
+            ],
+            "felt": list(self.felt),
+            "unrendered": list(self.unrendered),
+            "warnings": list(self.warnings),
+            "notes": list(self.notes),
+            "engine": self.engine,
+            "made_from": dict(self.made_from),
+        }
+
+
+def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
+    """What each effect did to each body over a whole track."""
+    names = {effect.id: effect for effect in track.header.effects}
+    bodies = {body.id: body.name for body in track.header.bodies}
+    period_s = 1.0 / float(track.header.time.rate_hz)
+    return tuple(
+        {
+            "effect": names[summary.stream.effect_id].name,
+            "body": bodies[summary.stream.body_id],
+            "modality": summary.stream.modality,
+            "kind": names[summary.stream.effect_id].kind,
+            "seconds": round(summary.sample_count * period_s, 6),
+            "first_s": summary.first_s,
+            "last_s": summary.last_s,
+            "mean_vertices": round(summary.entry_count / max(summary.sample_count, 1), 1),
+            "peak_level": summary.peak_level,
+        }
+        for summary in track.summary()
+    )
+
+
+def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str, Any], ...]:
+    """What was felt by a body but rendered by none of its devices."""
+    effects = {effect.id: effect.name for effect in header.effects}
+    bodies = {body.id: body.name for body in header.bodies}
+    return tuple(
+        {
+            "effect": effects[lost.effect_id],
+            "body": bodies[lost.body_id],
+            "modality": lost.modality,
+            "seconds": round(lost.seconds, 6),
+            "share": round(lost.share, 4),
+        }
+        for lost in unrendered(rasters)
+    )

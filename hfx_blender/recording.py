@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Recording a scene's track, whole or in parts that others record at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from math import ceil
+from pathlib import Path
+from typing import Any, Self
+
+import bpy
+
+from . import __version__
+from .engine.body.model import load_model
+from .engine.evaluate import Engine
+from .engine.rendering.device import DeviceConfig
+from .engine.rendering.devices import Played, renderers_of
+from .engine.scene import AnimationBlock, HapticSurface
+from .engine.track import TrackHeader, TrackWriter, as_kept
+from .reading.scene_reader import BLOCK_SIZE, SceneReader
+
+Progress = Callable[[float], None]
+Watch = Callable[[AnimationBlock], None]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What recording told besides the samples; plain data, so that processes can hand it on."""
+
+    engine: dict[str, Any]  # the engine's counters
+    faults: dict[str, list[int]]  # message: samples at which the scene could not be read well
+    notes: tuple[str, ...]
+    stepping: str
+
+    @classmethod
+    def of(cls, reader: SceneReader, engine: Engine) -> Self:
+        """That of a recording that has just ended."""
+        return cls(
+            engine.counters.as_dict(),
+            {text: sorted(samples) for text, samples in reader.faults.items()},
+            reader.notes,
+            reader.stepping_note,
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data for :meth:`from_json`."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Self:
+        return cls(**{**data, "notes": tuple(data["notes"])})
+
+    @classmethod
+    def merged(cls, parts: Sequence[Self]) -> Self:
+        """What one recording of all parts, given in the order of time, would have told."""
+        engine: dict[str, Any] = dict(parts[0].engine)
+        faults: dict[str, set[int]] = {}
+        for part in parts:
+            for text, samples in part.faults.items():
+                faults.setdefault(text, set()).update(samples)
+        for part in parts[1:]:
+            engine = {name: _added(engine[name], part.engine[name]) for name in engine}
+        notes = dict.fromkeys(note for part in parts for note in part.notes)
+        return cls(
+            engine,
+            {text: sorted(samples) for text, samples in faults.items()},
+            tuple(notes),
+            parts[0].stepping,
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What went wrong while samples were read and evaluated, and how often."""
+        counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
+        return tuple(f"{text} ({count} times)" for text, count in counts.items())
+
+
+def _added(one: Any, other: Any) -> Any:
+    """Two counters of two parts as one of both: numbers, lists of names, counts by name."""
+    if isinstance(one, dict):
+        return one | {name: one.get(name, 0) + count for name, count in other.items()}
+    if isinstance(one, list):
+        return list(dict.fromkeys([*one, *other]))
+    return one + other
+
+
+def why_in_one_go(reader: SceneReader) -> str | None:
+    """Why a scene cannot be recorded in parts; None: it can, and that gives the same."""
+    for effect in reader.description.effects:
+        if isinstance(effect.area, HapticSurface):
+            return f"what is felt of the surface '{effect.name}' goes on from sample to sample"
+    return reader.why_in_one_go()
+
+
+def lead_in(engine: Engine) -> int:
+    """Samples before a part that must be evaluated for what still rings in it."""
+    memory_s = engine.responses.memory_s
+    return ceil(memory_s * engine.scene.time.rate_hz) + 1 if memory_s else 0
+
+
+def record_track(
+    reader: SceneReader,
+    engine: Engine,
+    path: Path,
+    *,
+    devices: Sequence[DeviceConfig] = (),
+    record: Sequence[str] = (),
+    full_precision: bool = False,
+    progress: Progress = lambda share: None,
+    watch: Watch | None = None,
+    part: tuple[int, int] | None = None,
+) -> list[Played]:
+    """Evaluate a scene block by block, record it, and render it for the devices on the way.
+
+    The devices get exactly what the track keeps: rendering the track later gives the same.
+    With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the
+    track. What rings on from before is evaluated first, and forgotten; what devices carry on
+    from one sample to the next is for the whole track.
+    """
+    scene = reader.description
+    models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
+    header = TrackHeader.of(
+        scene,
+        models,
+        settings={
+            "record": sorted(record),
+            "tolerance": reader.tolerance.name,
+            **reader.play_space_setting(),
+        },
+        tools={"hfx": __version__, "blender": bpy.app.version_string},
+    )
+    renderers = renderers_of(header, devices)
+    first, stop = part or (0, reader.time.sample_count)
+    wanted = reader.sample_indices
+    count = max(int(((wanted >= first) & (wanted < stop)).sum()), 1)
+    done = 0
+    start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
+    with TrackWriter(path, header, full_precision=full_precision) as writer:
+        for block in reader.blocks(part and (start, stop)):
+            felt = engine.evaluate(block)
+            if block.indices[-1] < first:
+                engine.counters.clear()
+                continue
+            runs = [as_kept(run, full_precision=full_precision) for run in felt]
+            writer.append(runs)
+            for _, renderer in renderers:
+                renderer.add(runs)
+            if watch is not None:
+                watch(block)
+            done += len(block.indices) - block.history
+            progress(done / count)
+    return [(device, renderer.raster()) for device, renderer in renderers]

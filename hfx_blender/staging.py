@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Results come into their folder together and complete, or not at all."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from .errors import OutputError
+
+placing = threading.Lock()
+"""Held while finished files get their names: who ends the process at once waits for it."""
+
+
+@contextmanager
+def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Path]:
+    """A folder beside the results that is gone afterwards, whatever happens.
+
+    ``folder`` is made; if it is new and nothing came into it, it is gone as well. The new one
+    is in it, or in ``within``, a folder of the same file system.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written to, or something within the block could not be written.
+    """
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stage = Path(
+            tempfile.mkdtemp(prefix=f".{name[:100]}.", suffix=".tmp", dir=within or folder)
+        )
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(f"{folder}: cannot be written to ({reason}).") from error
+    try:
+        yield stage
+    except BrokenPipeError:  # of our own output: nobody reads it any more
+        raise
+    except OSError as error:
+        raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
+    except OutputError as error:  # the user knows the file by its final name
+        raise OutputError(str(error).replace(str(stage), str(folder))) from error
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+        if is_new:
+            with suppress(OSError):  # it holds the results, unless there are none
+                folder.rmdir()
+
+
+def place(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
+    """Move finished files into their folder, in this order.
+
+    Raises
+    ------
+    OutputError
+        One of the names is that of a folder; nothing was moved.
+    """
+    for path in files:
+        if (folder / path.name).is_dir():
+            raise OutputError(
+                f"{folder / path.name}: cannot be written (there is a folder of that name)."
+            )
+    with placing:
+        return tuple(path.replace(folder / path.name) for path in files)

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""File > Export > Haptics: the same formats and options as the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import hfx_scenes
+import pytest
+from hfx_scenes import names_in
+
+from hfx_blender.engine.track import TrackReader
+from hfx_blender.formats.registry import FORMATS
+
+bpy = pytest.importorskip("bpy")
+
+
+@pytest.fixture
+def small(registered: Any) -> Any:
+    return hfx_scenes.small_scene(3)
+
+
+def test_every_format_can_be_chosen(registered: Any) -> None:
+    from hfx_blender.operators.export import FORMAT_ITEMS
+
+    assert {name for name, *_ in FORMAT_ITEMS} == set(FORMATS)
+    assert len({item[-1] for item in FORMAT_ITEMS}) == len(FORMATS)
+
+
+def test_chosen_formats_and_options_are_written(small: Any, tmp_path: Path) -> None:
+    small.hfx.devices.add().name = "back_pad"
+    bpy.ops.hfx.export(
+        filepath=str(tmp_path / "x.hfxtrack"),
+        formats={"npz", "track", "jsonl"},
+        record={"depth"},
+        full_precision=True,
+    )
+    assert names_in(tmp_path) == [
+        "x.back_pad.raster.npz",
+        "x.hfxtrack",
+        "x.report.json",
+        "x.samples.jsonl",
+    ]
+    with TrackReader(tmp_path / "x.hfxtrack") as track:
+        assert track.full_precision and track.summary()[0].channels == ("depth_m",)
+
+
+def test_what_no_device_is_there_for_is_said(small: Any, tmp_path: Path) -> None:
+    path = str(tmp_path / "x.hfxtrack")
+    with pytest.raises(RuntimeError, match="no devices: add one"):
+        bpy.ops.hfx.export(filepath=path, formats={"track", "ahap"})
+    with pytest.raises(RuntimeError, match="at least one format"):
+        bpy.ops.hfx.export(filepath=path, formats=set())
+    assert names_in(tmp_path) == []
+    bpy.ops.hfx.export(filepath=path)
+    assert names_in(tmp_path) == ["x.hfxtrack", "x.report.json"]
+
+
+def test_each_clip_by_itself(small: Any, tmp_path: Path) -> None:
+    bpy.context.view_layer.objects.active = bpy.data.objects["Touch"]
+    bpy.ops.hfx.add_clip(start=1.0, duration=0.04)
+    bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"), per_clip=True)
+    assert names_in(tmp_path) == ["x.Clip.hfxtrack", "x.report.json"]
