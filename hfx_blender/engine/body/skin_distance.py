@@ -24,6 +24,9 @@ _SETTLED_M: Final = 1e-6
 _FEWEST_ROUNDS: Final = 8
 _ROUNDS_PER_RING: Final = 2.0
 """A round settles at least one more ring of vertices; the rest is for detours."""
+_MARGIN_M: Final = 0.06
+"""How much more skin is made ready than is asked for, so that a moving place stays on it."""
+
 _NEAR_CORNERS: Final = 8
 """Vertices whose triangles are tried for the nearest place: enough for a mesh without slivers."""
 
@@ -45,10 +48,13 @@ class _Patch:
     """
 
     centre: F64  # (3,)
+    nearest_m: float  # from there to the nearest vertex
     radius_m: float  # every triangle with a corner this near is in it
     ids: I64  # (n,) vertices of the model, ascending
     points: F64  # (n, 3)
     triangles: I64  # (T, 3) places in ids
+    triangle_of: I64  # (3 T,) each entry's triangle
+    firsts: I64  # (n + 1,) where the entries of each vertex begin
     apex: I64  # (3 T,) places in ids
     base: I64  # (2, 3 T) the corners opposite to it
     length_m: F64  # (3 T,) between them
@@ -86,57 +92,54 @@ class SkinDistances:
 
     def nearest(self, point: F64) -> SkinPlace:
         """The place of the surface that is nearest to a point (3,)."""
-        return self._nearest(np.asarray(point, np.float64), 0.0)[0]
+        point = np.asarray(point, np.float64)
+        patch = self._around(point, 0.0)
+        offsets = patch.points - point
+        squares = np.einsum("ij,ij->i", offsets, offsets)
+        count = min(_NEAR_CORNERS, len(squares))
+        near = np.argpartition(squares, count - 1)[:count]
+        entries = [np.arange(patch.firsts[k], patch.firsts[k + 1]) for k in near]
+        tried = patch.triangles[np.unique(patch.triangle_of[np.concatenate(entries)])]
+        corners = patch.points[tried]
+        weights = barycentric(np.repeat(point[None], len(tried), axis=0), corners)
+        places = np.einsum("ij,ijk->ik", weights, corners)
+        best = int(np.argmin(np.linalg.norm(places - point, axis=1)))
+        return SkinPlace(places[best], patch.ids[tried[best]], weights[best])
 
-    def around(self, point: F64, reach_m: float) -> tuple[SkinPlace, I64, F64]:
-        """Vertices within a distance along the skin of the place nearest to a point.
+    def around(self, place: SkinPlace, reach_m: float) -> tuple[I64, F64]:
+        """Vertices within a distance along the skin of a place on it.
 
         Returns
         -------
-        place : SkinPlace
         vertices : (n,) int64
             Ascending.
         distances : (n,) float64
             Metres, at most ``reach_m``.
         """
-        place, patch = self._nearest(np.asarray(point, np.float64), reach_m)
+        patch = self._around(place.point, reach_m)
         source = np.searchsorted(patch.ids, place.corners)
         distances = _distances(patch, place.point, source, reach_m)
         within = np.flatnonzero(distances <= reach_m)
-        return place, patch.ids[within], distances[within]
-
-    def _nearest(self, point: F64, reach_m: float) -> tuple[SkinPlace, _Patch]:
-        patch = self._around(point, reach_m)
-        distances = np.linalg.norm(patch.points - point, axis=1)
-        count = min(_NEAR_CORNERS, len(distances))
-        is_near = np.zeros(len(distances), np.bool_)
-        is_near[np.argpartition(distances, count - 1)[:count]] = True
-        tried = patch.triangles[is_near[patch.triangles].any(axis=1)]
-        corners = patch.points[tried]
-        weights = barycentric(np.repeat(point[None], len(tried), axis=0), corners)
-        places = np.einsum("ij,ijk->ik", weights, corners)
-        best = int(np.argmin(np.linalg.norm(places - point, axis=1)))
-        return SkinPlace(places[best], patch.ids[tried[best]], weights[best]), patch
+        return patch.ids[within], distances[within]
 
     def _around(self, point: F64, reach_m: float) -> _Patch:
         """A patch that holds all skin within reach; kept as long as the point stays in it."""
         known = self._patch
         if known is not None:
             moved = float(np.linalg.norm(point - known.centre))
-            if moved + 2.0 * reach_m <= known.radius_m and moved <= 0.25 * known.radius_m:
+            if 2.0 * moved + known.nearest_m + reach_m <= known.radius_m:
                 return known
         offsets = self._points - point
         squares = np.einsum("ij,ij->i", offsets, offsets)
         nearest_m = float(np.sqrt(squares.min()))
-        # The nearest place may lie beside the point, and its corners one triangle farther.
-        radius_m = 2.0 * (nearest_m + reach_m) + 1e-3
+        radius_m = nearest_m + reach_m + _MARGIN_M
         is_near = squares <= radius_m**2
         triangles = self._triangles[is_near[self._triangles].any(axis=1)]
-        self._patch = _patch(self._points, triangles, point, radius_m)
+        self._patch = _patch(self._points, triangles, point, nearest_m, radius_m)
         return self._patch
 
 
-def _patch(points: F64, triangles: I64, centre: F64, radius_m: float) -> _Patch:
+def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m: float) -> _Patch:
     ids, places = np.unique(triangles, return_inverse=True)
     local = places.reshape(-1, 3)
     mine = points[ids]
@@ -149,10 +152,13 @@ def _patch(points: F64, triangles: I64, centre: F64, radius_m: float) -> _Patch:
     along = np.einsum("ij,ij->i", side, edge) / length
     return _Patch(
         centre=centre.copy(),
+        nearest_m=nearest_m,
         radius_m=radius_m,
         ids=ids,
         points=mine,
         triangles=local,
+        triangle_of=order // 3,
+        firsts=np.searchsorted(apex, np.arange(len(ids) + 1)).astype(np.int64),
         apex=apex,
         base=base,
         length_m=length,

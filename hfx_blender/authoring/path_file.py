@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Paths on the skin in files of their own (``.hfxpath``), and the library that is shipped.
+
+A file holds the points that a path was drawn through, so that it can be drawn again on the
+canonical body, and maybe how a hand has moved along it. It holds no code and names no path.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from .. import file_suffixes, resources
+from ..atomic_files import atomic_file
+from ..devices.strict_json import Node, read
+from ..errors import InputError
+
+SUFFIX: Final = file_suffixes.PATH
+SCHEMA: Final = "hfx-path"
+VERSION: Final = 1
+
+KINDS: Final = ("straight", "curve", "traced")
+MAX_POINTS: Final = 100_000
+_FARTHEST_M: Final = 3.0
+
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PathRecipe:
+    """A path through places of the canonical body's rest space."""
+
+    name: str
+    points_m: tuple[Place, ...]
+    kind: str = "straight"  # shortest ways, a smooth curve, or point after point
+    is_closed: bool = False
+    description: str = ""
+    motion: tuple[tuple[float, float], ...] = ()  # (seconds, share of the path)
+
+
+def load(path: Path) -> PathRecipe:
+    """Read a file, every field checked.
+
+    Raises
+    ------
+    InputError
+        For the first fault: file, place in it, what was found and what is allowed.
+    """
+    top = read(path).members(
+        required=("schema", "version", "name", "kind", "points_m"),
+        optional=("description", "closed", "motion"),
+    )
+    top["schema"].choice((SCHEMA,))
+    top["version"].integer(VERSION, VERSION)
+    points = top["points_m"].items(least=1, most=MAX_POINTS)
+    return PathRecipe(
+        name=top["name"].text(),
+        points_m=tuple(place_of(each) for each in points),
+        kind=top["kind"].choice(KINDS),
+        is_closed="closed" in top and top["closed"].integer(0, 1) == 1,
+        description=top["description"].text() if "description" in top else "",
+        motion=motion_of(top["motion"]) if "motion" in top else (),
+    )
+
+
+def place_of(node: Node) -> Place:
+    """Three numbers of metres."""
+    x, y, z = (n.number(-_FARTHEST_M, _FARTHEST_M, "m") for n in node.items(least=3, most=3))
+    return x, y, z
+
+
+def motion_of(node: Node) -> tuple[tuple[float, float], ...]:
+    """Pairs of ascending seconds and values in 0..1."""
+    found: list[tuple[float, float]] = []
+    for item in node.items(least=1, most=MAX_POINTS):
+        time, value = item.items(least=2, most=2)
+        last = found[-1][0] if found else 0.0
+        found.append((time.number(last, 86_400.0, "s"), value.number(0.0, 1.0)))
+    return tuple(found)
+
+
+def save(recipe: PathRecipe, path: Path) -> None:
+    """Write a file; what it held before is lost only when all of the new one is there.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    document: dict[str, Any] = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "name": recipe.name,
+        "kind": recipe.kind,
+        "closed": int(recipe.is_closed),
+        "points_m": [list(point) for point in recipe.points_m],
+    }
+    if recipe.description:
+        document["description"] = recipe.description
+    if recipe.motion:
+        document["motion"] = [list(key) for key in recipe.motion]
+    with atomic_file(path) as file:
+        file.write((json.dumps(document, indent=1) + "\n").encode())
+
+
+def library() -> dict[str, Path]:
+    """The shipped paths: file by stem, in alphabetical order."""
+    folder = resources.effect_library() / "paths"
+    return {path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
+
+
+def load_library(name: str) -> PathRecipe:
+    """A shipped path by its name.
+
+    Raises
+    ------
+    InputError
+        There is no such path.
+    """
+    found = library()
+    if name not in found:
+        raise InputError(f"There is no path '{name}' in the library: {', '.join(found)}.")
+    return load(found[name])

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Paths drawn on the skin: shortest ways, curves through places, what a hand has traced."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from .mesh_edit import edges_of
+from .surface_locator import SurfaceLocator
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+STEP_M: Final = 0.004
+"""Between the points of a finished path: less than any two-point threshold but a fingertip's."""
+
+OFF_SKIN_M: Final = 0.05
+"""A place that is farther from the skin than this is not on the body."""
+
+_COARSE_M: Final = 0.04
+_TIGHT_M: Final = 0.012
+_SETTLED_M: Final = 3e-5
+_MOST_ROUNDS: Final = 150
+_SHALLOW_M: Final = 0.015
+_SAME_PLACE_M: Final = 1e-7
+
+
+class SkinPaths:
+    """Draws on one triangle mesh.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float
+        Metres.
+    triangles : (F, 3) int
+    """
+
+    def __init__(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> None:
+        self._points = np.asarray(vertices, np.float64)
+        self._triangles = np.asarray(triangles, np.int64)
+
+    def on_skin(self, places: npt.ArrayLike) -> F64:
+        """The nearest places on the skin, (n, 3).
+
+        Raises
+        ------
+        InputError
+            There is none, or one is not finite or farther than 5 cm from the skin.
+        """
+        wanted = np.asarray(places, np.float64)
+        if wanted.ndim != 2 or wanted.shape[1] != 3 or not len(wanted):
+            raise InputError("A path needs at least one place: three numbers, in metres.")
+        if not np.isfinite(wanted).all():
+            raise InputError("A path has a place that is not a finite number.")
+        found = self._projected(wanted)
+        off = np.linalg.norm(found - wanted, axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] > OFF_SKIN_M:
+            raise InputError(
+                f"Place {worst + 1} of a path, {np.round(wanted[worst], 3).tolist()}, is "
+                f"{off[worst]:.2f} m from the skin, allowed are {OFF_SKIN_M} m."
+            )
+        return found
+
+    def straight(self, knots: F64, closed: bool = False) -> F64:
+        """The shortest way along the skin from each place to the next, (n, 3)."""
+        parts = [self._shortest(a, b) for a, b in _pairs(knots, closed)]
+        return _joined(parts, knots)
+
+    def curve(self, knots: F64, closed: bool = False) -> F64:
+        """A smooth curve on the skin through places (Catmull and Rom 1974), (n, 3)."""
+        knots = _distinct(knots)
+        if len(knots) < 2:
+            return knots
+        # Where the body bends between two places, one more is set half way along the skin.
+        for _ in range(4):
+            depths = [
+                float(np.linalg.norm(self._projected(part) - part, axis=1).max())
+                for part in _splines(knots, closed, 4)
+            ]
+            deep = [k for k, depth in enumerate(depths) if depth > _SHALLOW_M]
+            if not deep:
+                break
+            pairs = _pairs(knots, closed)
+            middles = [self._half_way(*pairs[k]) for k in deep]
+            knots = np.insert(knots, [k + 1 for k in deep], middles, axis=0)
+        parts = _splines(knots, closed, 16)
+        counts = [max(int(np.ceil(_length(part) / STEP_M)), 1) for part in parts]
+        smooth = _splines(knots, closed, counts)
+        return self._projected(np.concatenate([smooth[0][:1], *(part[1:] for part in smooth)]))
+
+    def traced(self, places: F64) -> tuple[F64, F64]:
+        """What a hand has traced, and at which share of its length each place (n,) is."""
+        path, where = [places[0]], [0]
+        for a, b in _pairs(places, closed=False):
+            length = float(np.linalg.norm(b - a))
+            if length > _SAME_PLACE_M:
+                count = max(int(np.ceil(length / STEP_M)), 1)
+                between = a + (b - a) * (np.arange(1, count + 1) / count)[:, None]
+                between[:-1] = self._projected(between[:-1]) if count > 1 else between[:-1]
+                path += list(between)
+            where.append(len(path) - 1)
+        found = np.array(path)
+        lengths = np.concatenate([[0.0], np.cumsum(_steps(found))])
+        total = lengths[-1] if lengths[-1] > 0.0 else 1.0
+        return found, lengths[where] / total
+
+    def _half_way(self, a: F64, b: F64) -> F64:
+        found: F64 = _evenly(self._shortest(a, b), 2)[1]
+        return found
+
+    def _projected(self, places: F64) -> F64:
+        return self._skin.locate(places)[2]
+
+    def _near(self, places: F64, margin_m: float) -> I64:
+        """Triangles about some places, so that few are searched."""
+        reach, _ = self._tree.query(places)
+        radius = reach + margin_m + 1e-9
+        chosen = np.zeros(len(self._points), np.bool_)
+        for ids in self._tree.query_ball_point(places, 2.0 * radius + 0.03):
+            chosen[ids] = True
+        found: I64 = self._triangles[chosen[self._triangles].any(axis=1)]
+        return found
+
+    def _shortest(self, a: F64, b: F64) -> F64:
+        """From one place on the skin to another: over edges first, then pulled tight."""
+        if np.linalg.norm(b - a) <= _SAME_PLACE_M:
+            return np.stack([a, b])
+        path = self._over_edges(a, b)
+        length = _length(path)
+        about = _evenly(path, max(int(length / _COARSE_M), 1))
+        near = SurfaceLocator(self._points, self._near(about, 0.15 * length))
+        count = max(int(np.ceil(length / _COARSE_M)), 2)
+        while True:
+            path = self._tightened(_evenly(path, count), near)
+            if _length(path) / count <= _TIGHT_M:
+                break
+            count *= 2
+        return near.locate(_evenly(path, int(np.ceil(_length(path) / STEP_M))))[2]
+
+    @staticmethod
+    def _tightened(path: F64, near: SurfaceLocator) -> F64:
+        """Each point but the ends in the middle of its neighbours, on the skin."""
+        path = path.copy()
+        path[1:-1] = near.locate(path[1:-1])[2]
+        for _ in range(_MOST_ROUNDS):
+            moved = 0.0
+            for first in (1, 2):  # every other point at a time settles twice as fast
+                inner = slice(first, -1, 2)
+                if not len(path[inner]):
+                    continue
+                middle = 0.5 * (path[first - 1 : -2 : 2] + path[first + 1 :: 2])
+                place = near.locate(middle)[2]
+                moved = max(moved, float(np.abs(place - path[inner]).max()))
+                path[inner] = place
+            if moved <= _SETTLED_M:
+                break
+        return path
+
+    def _over_edges(self, a: F64, b: F64) -> F64:
+        from scipy.sparse.csgraph import dijkstra
+
+        first, last = self._tree.query(np.stack([a, b]))[1].tolist()
+        distances, before = dijkstra(
+            self._graph, directed=False, indices=first, return_predecessors=True
+        )
+        if not np.isfinite(distances[last]):
+            raise InputError("Two places of a path are on skin that does not hang together.")
+        chain = [last]
+        while chain[-1] != first:
+            chain.append(int(before[chain[-1]]))
+        return np.concatenate([a[None], self._points[chain[::-1]], b[None]])
+
+    @cached_property
+    def _skin(self) -> SurfaceLocator:
+        return SurfaceLocator(self._points, self._triangles)
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self._points)
+
+    @cached_property
+    def _graph(self) -> Any:
+        from scipy.sparse import coo_array, csr_array
+
+        ends = edges_of(self._triangles, len(self._points)).ends
+        lengths = np.linalg.norm(self._points[ends[:, 0]] - self._points[ends[:, 1]], axis=1)
+        count = len(self._points)
+        return csr_array(coo_array((lengths, (ends[:, 0], ends[:, 1])), shape=(count, count)))
+
+
+def _steps(path: F64) -> F64:
+    found: F64 = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    return found
+
+
+def _length(path: F64) -> float:
+    return float(_steps(path).sum())
+
+
+def _distinct(knots: F64) -> F64:
+    """Without places that come twice in a row."""
+    kept = np.concatenate([[True], _steps(knots) > _SAME_PLACE_M])
+    found: F64 = knots[kept]
+    return found
+
+
+def _pairs(knots: F64, closed: bool) -> list[tuple[F64, F64]]:
+    ends = np.roll(knots, -1, axis=0) if closed and len(knots) > 2 else knots[1:]
+    return list(zip(knots, ends, strict=False))
+
+
+def _joined(parts: list[F64], knots: F64) -> F64:
+    if not parts:
+        return knots.copy()
+    return _distinct(np.concatenate([parts[0][:1], *(part[1:] for part in parts)]))
+
+
+def _evenly(path: F64, count: int) -> F64:
+    """A path as ``count`` parts of equal length, (count + 1, 3)."""
+    lengths = np.concatenate([[0.0], np.cumsum(_steps(path))])
+    at = np.linspace(0.0, lengths[-1], count + 1)
+    return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(3)], axis=1)
+
+
+def _splines(knots: F64, closed: bool, counts: int | list[int]) -> list[F64]:
+    """The part of the curve between each two places, with its ends."""
+    closed = closed and len(knots) > 2
+    if closed:
+        padded = np.concatenate([knots[-1:], knots, knots[:2]])
+    else:
+        ends = 2.0 * knots[[0, -1]] - knots[[1, -2]]
+        padded = np.concatenate([ends[:1], knots, ends[1:]])
+    number = len(padded) - 3
+    each = [counts] * number if isinstance(counts, int) else counts
+    parts = []
+    for k, count in enumerate(each):
+        p, q, r, s = padded[k : k + 4]
+        t = np.linspace(0.0, 1.0, count + 1)[:, None]
+        parts.append(
+            0.5
+            * (
+                2.0 * q
+                + (r - p) * t
+                + (2.0 * p - 5.0 * q + 4.0 * r - s) * t**2
+                + (3.0 * q - p - 3.0 * r + s) * t**3
+            )
+        )
+    return parts

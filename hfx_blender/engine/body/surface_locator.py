@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Nearest places on a triangle mesh that is asked again and again."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .mesh_edit import expand
+from .nearest import barycentric
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_TRIES: Final = 4
+"""Nearest vertices whose triangles are tried; three do on an even mesh."""
+
+
+class SurfaceLocator:
+    """The same as :func:`~hfx_blender.engine.body.nearest.locate`, made ready once.
+
+    Parameters
+    ----------
+    points : (V, 3) float64
+    triangles : (F, 3) int64
+        Of which the nearest are looked for; they may use some of the points only.
+    """
+
+    def __init__(self, points: F64, triangles: I64) -> None:
+        from scipy.spatial import cKDTree
+
+        used, corners = np.unique(triangles, return_inverse=True)
+        corners = corners.ravel()
+        order = np.argsort(corners, kind="stable")
+        self.triangles = triangles
+        self._corners = points[triangles]
+        self._tree = cKDTree(points[used])
+        self._triangle = order // 3
+        self._offsets = np.searchsorted(corners[order], np.arange(len(used) + 1)).astype(np.int64)
+        self._tries = min(_TRIES, len(used))
+
+    def locate(self, places: F64) -> tuple[I64, F64, F64]:
+        """Row of ``triangles`` (n,), barycentric weights (n, 3) and the nearest places (n, 3)."""
+        _, near = self._tree.query(places, k=[*range(1, self._tries + 1)])
+        place, row = expand(self._offsets, near.ravel())
+        point, triangle = row // self._tries, self._triangle[place]
+        weights = barycentric(places[point], self._corners[triangle])
+        found = np.einsum("ij,ijk->ik", weights, self._corners[triangle])
+        distance = np.linalg.norm(found - places[point], axis=1)
+        best = np.lexsort((triangle, distance, point))
+        best = best[np.flatnonzero(np.diff(point[best], prepend=-1))]
+        return triangle[best], weights[best], found[best]

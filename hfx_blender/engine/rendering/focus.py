@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A spot on a device that pans: it is shown where it is, not at the nearest vertices.
+
+Schneider et al., UIST 2015: the virtual actuator's own place is rendered, so that it glides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.model import PerceptualModel
+from ..body.skin_distance import SkinDistances
+from .device import Actuator, DeviceConfig
+from .schemes import PannedLayout, panned_layout
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+
+_RINGS: Final = ((0.5, 6), (1.0, 12))
+"""Where a disc that is larger than the gaps between actuators is looked at: radius, places."""
+
+
+class FocusPanning:
+    """Gains of A actuators for spots anywhere on one model.
+
+    A disc up to as wide as the gaps between actuators is a phantom sensation at its centre. What
+    is wider drives each actuator as the strongest of the phantom sensations within it.
+
+    Parameters
+    ----------
+    layout : PannedLayout
+    model : PerceptualModel
+    is_mirrored : bool
+        The layout is written for the other side of the body.
+    """
+
+    def __init__(self, layout: PannedLayout, model: PerceptualModel, is_mirrored: bool) -> None:
+        self._layout = layout
+        self._skin = SkinDistances(model.vertices, model.triangles)
+        self._normals = model.normals.astype(np.float64)
+        self._fade = np.zeros(len(model))
+        self._fade[layout.vertices] = layout.fade
+        self._side = -1.0 if is_mirrored else 1.0
+
+    def gains(self, focus: F32) -> F64:
+        """How strongly each actuator is driven, (n, A) in 0..1.
+
+        Parameters
+        ----------
+        focus : (n, 4) float32
+            See :class:`~hfx_blender.engine.samples.SampleRun`.
+        """
+        known, which = np.unique(focus.astype(np.float64), axis=0, return_inverse=True)
+        places = known[:, :3] * [self._side, 1.0, 1.0]
+        beyond_m = known[:, 3] - 0.5 * self._layout.spacing_m
+        fades, gains = np.zeros(len(known)), self._layout.at(places)
+        for k, place in enumerate(places):
+            on_skin = self._skin.nearest(place)
+            fades[k] = on_skin.weights @ self._fade[on_skin.corners]
+            if beyond_m[k] > 0.0 and fades[k] > 0.0:
+                normal = on_skin.weights @ self._normals[on_skin.corners]
+                disc = _disc(place, normal, float(beyond_m[k]))
+                gains[k] = np.maximum(gains[k], self._layout.at(disc).max(axis=0))
+        found: F64 = np.clip(gains * fades[:, None], 0.0, 1.0)[which.ravel()]
+        return found
+
+
+def focus_panning(
+    device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
+) -> FocusPanning | None:
+    """How a device shows a spot between its actuators; None if it does not pan.
+
+    Raises
+    ------
+    InputError
+        A place does not fit this model.
+    """
+    layout = panned_layout(device, actuators, model)
+    return None if layout is None else FocusPanning(layout, model, device.is_mirrored)
+
+
+def _disc(centre: F64, normal: F64, radius_m: float) -> F64:
+    """Places (m, 3) on rings about a centre, in the plane across a normal."""
+    lengths = np.linalg.svd(normal[None] / max(float(np.linalg.norm(normal)), 1e-12))[2]
+    one, other = lengths[1], lengths[2]
+    found = []
+    for share, count in _RINGS:
+        angle = np.arange(count) * (2.0 * np.pi / count)
+        ring = np.outer(np.cos(angle), one) + np.outer(np.sin(angle), other)
+        found.append(centre + share * radius_m * ring)
+    return np.concatenate(found)
