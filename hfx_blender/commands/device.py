@@ -18,7 +18,12 @@ def add_parser(commands: Any) -> None:
     listing = actions.add_parser("list", help="the devices that --device takes")
     check = actions.add_parser("check", help="faults of a configuration file")
     check.add_argument("file", type=Path, metavar="FILE")
-    for sub, function in ((listing, _list), (check, _check)):
+    imported = actions.add_parser(
+        "import", help="make a device of a node map of VRChat haptics (JSON)"
+    )
+    imported.add_argument("file", type=Path, metavar="FILE")
+    imported.add_argument("--name", help="of the device (default: the file's)")
+    for sub, function in ((listing, _list), (check, _check), (imported, _import)):
         sub.add_argument("--json", action="store_true", help="the result as JSON")
         sub.set_defaults(run=function)
 
@@ -47,3 +52,13 @@ def _check(options: argparse.Namespace, console: Console) -> int:
         console.say(f"{options.file}: is right")
     console.result({"file": str(options.file), "faults": faults})
     return InputError.exit_code if faults else 0
+
+
+def _import(options: argparse.Namespace, console: Console) -> int:
+    from ..devices.node_map import import_node_map
+
+    name = options.name or options.file.stem.lower().replace(" ", "_")
+    made = import_node_map(options.file, name)
+    console.say(f"{made}: device '{name}'")
+    console.result({"file": str(made), "device": name})
+    return 0

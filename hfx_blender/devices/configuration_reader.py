@@ -148,9 +148,12 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         )
     members = node.members(
         required=("modality", "parameters"),
-        optional=("latency_ms", "update_interval_ms", "limits", *_IN_TIME),
+        optional=("latency_ms", "update_interval_ms", "limits", "takes_waveform", *_IN_TIME),
     )
     modality = members["modality"].choice(tuple(MODALITIES))
+    takes_waveform = "takes_waveform" in members and members["takes_waveform"].boolean()
+    if takes_waveform and modality != "vibration":
+        members["takes_waveform"].fail("left out: only vibration is played as a waveform")
     names = _CONTROLS[modality]
     ranges = members["parameters"].members(required=names)
     limits = members["limits"].members(required=(), optional=names) if "limits" in members else {}
@@ -162,6 +165,7 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         controls=tuple(_control(modality, each, ranges[each], limits.get(each)) for each in names),
         latency_ms=0.0 if latency is None else latency.number(0.0, 60_000.0, "ms"),
         update_interval_ms=10.0 if interval is None else interval.number(0.1, 60_000.0, "ms"),
+        takes_waveform=takes_waveform,
         **{name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members},
     )
 

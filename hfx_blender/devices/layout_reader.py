@@ -143,5 +143,27 @@ def _vertex_set(node: Node) -> VertexSet:
 
 
 def _room_place(node: Node) -> RoomPlace:
-    members = node.members(required=(), optional=("reaches",))
-    return RoomPlace(_parts(members["reaches"]) if "reaches" in members else PARTS)
+    members = node.members(required=(), optional=("reaches", "at_m", "aim", "range_m", "cone_deg"))
+    parts = _parts(members["reaches"]) if "reaches" in members else PARTS
+    if "at_m" not in members:
+        for name in ("aim", "range_m", "cone_deg"):
+            if name in members:
+                members[name].fail("left out: the device has no 'at_m' in the play space")
+        return RoomPlace(parts)
+    if "cone_deg" in members and "aim" not in members:
+        members["cone_deg"].fail("left out: the device has no 'aim'")
+    aim = None
+    if "aim" in members:
+        direction = np.array(_triple(members["aim"], 1.0))
+        if np.linalg.norm(direction) < 0.1:
+            members["aim"].fail("a direction: three numbers of which one is not near 0")
+        x, y, z = direction / np.linalg.norm(direction)
+        aim = float(x), float(y), float(z)
+    cone_deg = members["cone_deg"].number(1.0, 360.0, "deg") if "cone_deg" in members else 360.0
+    return RoomPlace(
+        parts,
+        at_m=_triple(members["at_m"], 100.0, "m"),
+        aim=aim,
+        range_m=members["range_m"].number(0.01, 100.0, "m") if "range_m" in members else 100.0,
+        cone_deg=cone_deg,
+    )

@@ -80,6 +80,12 @@ class Node:
             self.fail("one of " + ", ".join(allowed))
         return self.value
 
+    def boolean(self) -> bool:
+        """True or false."""
+        if not isinstance(self.value, bool):
+            self.fail("true or false")
+        return bool(self.value)
+
     def number(self, minimum: float, maximum: float, unit: str = "") -> float:
         """A finite number in a range, both ends included."""
         # bool is an int in Python, and a true amplitude would be full power.

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
 
 from .. import resources
 from ..errors import HfxError, InputError
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 KINDS = (
     ("SIMULATOR", "Simulator", "Without hardware: bars in this panel, and a log if you like"),
     ("DEVICE", "Device", "The real one, as its configuration says"),
+    ("AUDIO", "Sound Card", "One channel for each actuator that vibrates, from the first one on"),
     ("CSV", "Log", "Every value into a CSV file"),
 )
 
@@ -63,6 +66,26 @@ class HFX_OT_live_add(HfxOperator):
         return f"{self.name} added"
 
 
+class HFX_OT_live_import(HfxOperator, ImportHelper):
+    """Make a device of a node map of VRChat haptics, and add it to this scene"""
+
+    bl_idname = "hfx.live_import"
+    bl_label = "Import Node Map"
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+    name: StringProperty(name="Name", description="Of the device; empty: that of the file")
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ..devices.node_map import import_node_map
+
+        path = Path(self.filepath)
+        made = import_node_map(path, self.name or path.stem.lower().replace(" ", "_"))
+        if made.stem not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = made.stem
+        return f"{made.stem} imported"
+
+
 class HFX_OT_live_remove(HfxOperator):
     """Take a device out of this scene; it is disconnected"""
 
@@ -88,7 +111,9 @@ class HFX_OT_live_connect(_OfDevice):
 
     kind: EnumProperty(name="Connect To", items=KINDS)
     port: StringProperty(
-        name="Port", description="Serial port or network port; empty: found or as configured"
+        name="Port",
+        description="Serial port, network port, or part of a sound card's name; "
+        "empty: found or as configured",
     )
     host: StringProperty(name="Host", description="Of this machine or network; empty: configured")
     path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
@@ -110,7 +135,9 @@ class HFX_OT_live_connect(_OfDevice):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "kind")
-        if self.kind == "DEVICE":
+        if self.kind == "AUDIO":
+            layout.prop(self, "port", text="Sound Card")
+        elif self.kind == "DEVICE":
             layout.prop(self, "port")
             layout.prop(self, "host")
         else:
@@ -227,6 +254,7 @@ class HFX_OT_live_approve(_OfDevice):
 _classes, _unregister_classes = bpy.utils.register_classes_factory(
     (
         HFX_OT_live_add,
+        HFX_OT_live_import,
         HFX_OT_live_remove,
         HFX_OT_live_connect,
         HFX_OT_live_disconnect,

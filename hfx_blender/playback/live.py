@@ -9,33 +9,28 @@ connected.
 
 from __future__ import annotations
 
-import logging
 import re
 import time
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
-from bpy.app.handlers import persistent
 
 from .. import resources
-from ..errors import DeviceError, HfxError, InputError
-from ..reading import stepping
-from . import live_settings
+from ..errors import InputError
+from . import live_listening, live_settings
+from .evaluation import evaluation
+from .live_targets import neutral_of, target_of, with_gain
+from .look_ahead import frame_ahead, latencies_ms, values_ahead
 
 if TYPE_CHECKING:
     from ..devices.live.client import DeviceState, LiveClient
-    from ..devices.live.haptics import F64
     from ..engine.rendering.device import DeviceConfig
     from ..engine.rendering.moment import MomentRenderer
-    from ..reading.live_scene import LiveScene
+    from ..engine.samples import SampleRun
 
-BEAT_S = 0.05
 HOLD_S = 2.0
 """A scene that stands still is felt for so long; then it is silent until something moves."""
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
@@ -44,6 +39,7 @@ class _Connected:
 
     device: DeviceConfig
     has_script: bool
+    late_ms: tuple[float, ...]  # latencies of its actuators
     renderer: MomentRenderer | None = None
 
 
@@ -53,11 +49,11 @@ class Live:
     def __init__(self) -> None:
         self._client: LiveClient | None = None
         self._devices: dict[str, _Connected] = {}
-        self._scene: LiveScene | None = None
-        self._key: tuple[object, ...] = ()
+        self._generation = -1  # of the evaluation that renderers were made for
         self._changed_s = 0.0
         self._is_held = False
         self.fault = ""
+        self.late = ""  # why playback cannot look ahead, if a device answers late
         self.unapproved: set[str] = set()  # devices whose scripts are to be approved first
 
     @property
@@ -113,10 +109,11 @@ class Live:
             script=None if script is None else script.as_wish(),
             offset_ms=settings.offset_ms,
         )
-        self._devices[name] = _Connected(device, script is not None)
-        self._key = ()
-        _listen()
-        request_update()
+        self._devices[name] = _Connected(device, script is not None, latencies_ms(device))
+        self._generation = -1
+        evaluation.before_describing = self._pause
+        live_listening.listen(self)
+        live_listening.request_update()
 
     def disconnect(self, name: str) -> None:
         self._devices.pop(name, None)
@@ -135,7 +132,7 @@ class Live:
         if self._client is not None:
             self._client.arm()
             self.fault = ""
-            request_update()
+            live_listening.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
         """Let one actuator be felt for a moment, softly."""
@@ -146,20 +143,52 @@ class Live:
         if self._client is not None:
             self._client.set_offset(name, offset_ms)
 
+    def send_vibration(self, amplitude_m_s2: float, frequency_hz: float) -> None:
+        """Let every vibration actuator play this now, within its device's limits.
+
+        For what is tried by hand, without a body. A device that a script drives is left alone.
+        """
+        if self._client is None or not self.is_armed:
+            return
+        self._changed_s, self._is_held = time.monotonic(), False
+        for name, each in self._devices.items():
+            if each.has_script:
+                continue
+            values = neutral_of(each.device)
+            first = 0
+            for actuator in each.device.actuators:
+                if actuator.type.modality == "vibration":
+                    values[first : first + 2] = [amplitude_m_s2, frequency_hz]
+                first += len(actuator.type.controls)
+            self._client.send(name, values)
+
     def close(self) -> None:
         """Silence everything and end the output process."""
         client, self._client = self._client, None
         self._devices.clear()
         self.forget()
-        _do_not_listen()
+        live_listening.do_not_listen()
         if client is not None:
             client.close()
 
+    def touch(self) -> None:
+        """Something moved."""
+        evaluation.touch()
+
     def forget(self) -> None:
         """The scene may have become another one: nothing of it is kept."""
-        self._scene, self._key = None, ()
+        evaluation.forget()
         for each in self._devices.values():
             each.renderer = None
+
+    def fail(self, text: str) -> None:
+        """Something is wrong here: everything stops, and the user is told."""
+        self.fault = text
+        self.stop_all(text)
+
+    def _pause(self) -> None:
+        if self._client is not None:
+            self._client.pause()
 
     def beat(self) -> bool:
         """A sign of life, and news from the devices; tells whether there are any."""
@@ -167,36 +196,41 @@ class Live:
             return False
         self._client.heartbeat()
         news = self._client.events()
+        if any(each.event == "armed" for each in news):
+            live_listening.request_update()  # it plays from now on: let it know what is felt
+        if evaluation.scene is not None and evaluation.scene.rings:
+            evaluation.touch()  # nothing moved, but what was touched dies away
+            self.update(evaluation.scene.objects.scene)
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
             self._is_held = True
             for name, each in self._devices.items():
                 if each.has_script:
                     continue  # a script decides by itself what standing still means
-                self._client.send(name, _neutral(each.device))
+                self._client.send(name, neutral_of(each.device))
         return bool(news)
 
     def describe(self, context: bpy.types.Context) -> None:
         """Find out what there is to feel, if that changed; never from within an update."""
         from ..engine.rendering.moment import MomentRenderer
-        from ..export import scene_tolerance
-        from ..reading.live_scene import LiveScene, signature_of
+        from ..engine.rendering.room import needs_positions
 
-        scene, layer = context.scene, context.view_layer
-        key = (*signature_of(scene), layer.name, scene.hfx.tolerance)
-        if key == self._key:
+        configs = [each.device for each in self._devices.values()]
+        evaluation.with_positions = needs_positions(configs)
+        evaluation.describe(context)
+        if evaluation.generation == self._generation:
             return
-        self.forget()
-        self._key, self.fault = key, ""
-        if self._client is not None:
-            self._client.pause()  # models may have to be loaded
-        try:
-            found = LiveScene(scene, layer, scene_tolerance(scene))
-            body = found.description.bodies[0].id  # devices are worn by the first body
-            for each in self._devices.values():
+        self._generation, self.fault = evaluation.generation, evaluation.fault
+        found = evaluation.scene
+        self._pause()  # models may have to be loaded
+        self.late = ""
+        if any(each.late_ms for each in self._devices.values()):
+            self.late = evaluation.prepare_ahead()
+        for each in self._devices.values():
+            each.renderer = None
+            if found is not None:
+                body = found.description.bodies[0].id  # devices are worn by the first body
                 each.renderer = MomentRenderer(found.description, each.device, body_id=body)
-            self._scene = found
-        except HfxError as error:
-            self.fault = str(error)
+                each.renderer.prepare()
 
     def update(self, scene: bpy.types.Scene) -> None:
         """Send what is felt now to every device.
@@ -206,186 +240,59 @@ class Live:
         InputError
             A device does not fit the body.
         """
-        if self._client is None or not self.is_armed or self._scene is None:
+        if self._client is None or not self.is_armed or evaluation.scene is None:
             return
+        if evaluation.generation != self._generation:
+            return  # described anew just now; renderers follow
         self._changed_s, self._is_held = time.monotonic(), False
-        runs = self._scene.runs()
-        time_s = scene.frame_current_final / (scene.render.fps / scene.render.fps_base)
-        for name, each in self._devices.items():
-            if each.renderer is None:
-                continue
-            item = scene.hfx.devices.get(name)
+        runs = evaluation.runs()
+        if evaluation.with_positions:
+            self._follow_play_space(scene)
+        with self._client.together():
+            for name, each in self._devices.items():
+                if each.renderer is not None:
+                    self._send(self._client, name, each, runs, scene)
+
+    def _follow_play_space(self, scene: bpy.types.Scene) -> None:
+        from ..reading.play_space import pose_now
+
+        assert evaluation.scene is not None
+        objects = evaluation.scene.objects
+        matrix = pose_now(scene, objects.layer, objects.unit_m)
+        for each in self._devices.values():
+            if each.renderer is not None:
+                each.renderer.move_play_space(matrix)
+
+    @staticmethod
+    def _send(
+        client: LiveClient,
+        name: str,
+        each: _Connected,
+        runs: list[SampleRun],
+        scene: bpy.types.Scene,
+    ) -> None:
+        assert each.renderer is not None
+        item = scene.hfx.devices.get(name)
+        if each.late_ms and live_listening.is_playing():
+            values = values_ahead(
+                each.renderer, runs, lambda ms: evaluation.runs_at(frame_ahead(scene, ms))
+            )
+        else:
             values = each.renderer.values(runs)
-            if item is not None:
-                values = with_gain(values, each.device, 0.0 if item.is_muted else item.gain)
-            if not each.has_script:
-                self._client.send(name, values)
-                continue
-            from ..devices.live.haptics import packed
+        if item is not None:
+            values = with_gain(values, each.device, 0.0 if item.is_muted else item.gain)
+        if not each.has_script:
+            client.send(name, values)
+            return
+        from ..devices.live.haptics import packed
 
-            is_muted = item is not None and item.is_muted
-            felt = [] if is_muted else each.renderer.felt(runs)
-            self._client.send_haptics(name, packed(time_s, felt, values))
-
-
-def target_of(device: DeviceConfig, settings: live_settings.LiveSettings) -> dict[str, Any]:
-    """What the output process is to open.
-
-    Raises
-    ------
-    DeviceError
-        Nothing drives this device live, or it is not there.
-    """
-    from ..devices.live import opening
-    from ..devices.live.discovery import port_of, serial_ports
-
-    if settings.kind == "SIMULATOR":
-        path = bpy.path.abspath(settings.path)
-        return {"kind": "simulator", **({"path": path} if path else {})}
-    if settings.kind == "CSV":
-        if not settings.path:
-            raise DeviceError(f"Device '{device.id}': name the log's file.")
-        return {"kind": "csv", "path": str(Path(bpy.path.abspath(settings.path)))}
-    kind = opening.kind_of(device)
-    if kind is None:
-        raise DeviceError(
-            f"Device '{device.id}': its configuration names no output; nothing drives it live."
-        )
-    if kind == "serial":
-        return {"kind": kind, "port": settings.port or port_of(device, serial_ports())}
-    target: dict[str, Any] = {"kind": kind}
-    if settings.host:
-        target["host"] = settings.host
-    if settings.port:
-        if not settings.port.isdecimal():
-            raise DeviceError(f"Device '{device.id}': '{settings.port}' is no network port.")
-        target["port"] = int(settings.port)
-    return target
-
-
-def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
-    """Values (columns,) with every strength's way from silence times ``gain``."""
-    if gain == 1.0:
-        return values
-    values = values.copy()
-    first = 0
-    for actuator in device.actuators:
-        neutral = actuator.type.strength.neutral
-        values[first] = neutral + gain * (values[first] - neutral)
-        first += len(actuator.type.controls)
-    return values
-
-
-def _neutral(device: DeviceConfig) -> list[float]:
-    return [c.neutral for actuator in device.actuators for c in actuator.type.controls]
+        time_s = scene.frame_current_final / (scene.render.fps / scene.render.fps_base)
+        is_muted = item is not None and item.is_muted
+        felt = [] if is_muted else each.renderer.felt(runs)
+        client.send_haptics(name, packed(time_s, felt, values))
 
 
 live = Live()
-_is_describing = False
-
-
-def request_update() -> None:
-    """Describe and send soon; not from within an update of Blender's."""
-    if not bpy.app.timers.is_registered(_describe):
-        bpy.app.timers.register(_describe, first_interval=0.0)
-
-
-def _describe() -> None:
-    global _is_describing
-    _is_describing = True
-    try:
-        live.describe(bpy.context)
-        live.update(bpy.context.scene)
-    except (ReferenceError, AttributeError) as error:  # no scene at this moment
-        _log.info("live: %s", error)
-        live.forget()
-    except HfxError as error:
-        live.fault = str(error)
-        live.stop_all(str(error))
-    except Exception as error:
-        _log.exception("live")
-        live.fault = f"{type(error).__name__}: {error}"
-        live.stop_all(live.fault)
-    finally:
-        _is_describing = False
-
-
-@persistent
-def _on_change(scene: bpy.types.Scene, *_: object) -> None:
-    if _is_describing or not live.is_armed or scene != bpy.context.scene:
-        return
-    if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
-        return
-    try:
-        live.update(scene)
-    except (ReferenceError, HfxError) as error:
-        live.forget()
-        live.fault = str(error)
-        live.stop_all(str(error))
-    except Exception as error:
-        _log.exception("live")
-        live.fault = f"{type(error).__name__}: {error}"
-        live.stop_all(live.fault)
-    if not bpy.context.screen or not bpy.context.screen.is_animation_playing:
-        request_update()  # something may have been added, painted or muted
-
-
-@persistent
-def _on_load(*_: object) -> None:
-    live.stop_all("another file was opened")
-    live.forget()
-
-
-@persistent
-def _on_undo(*_: object) -> None:
-    live.stop_all("stopped by an undo or redo")
-    live.forget()
-
-
-def _beat() -> float:
-    try:
-        if live.beat():
-            _redraw()
-    except Exception as error:  # a timer that raises is not called again
-        _log.exception("live")
-        live.fault = f"{type(error).__name__}: {error}"
-        live.stop_all(live.fault)
-    return BEAT_S
-
-
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
-
-
-_HANDLERS = {
-    "frame_change_post": _on_change,
-    "depsgraph_update_post": _on_change,
-    "load_pre": _on_load,
-    "undo_pre": _on_undo,
-    "redo_pre": _on_undo,
-}
-
-
-def _listen() -> None:
-    for name, handler in _HANDLERS.items():
-        handlers = getattr(bpy.app.handlers, name)
-        if handler not in handlers:
-            handlers.append(handler)
-    if not bpy.app.timers.is_registered(_beat):
-        bpy.app.timers.register(_beat, first_interval=BEAT_S, persistent=True)
-
-
-def _do_not_listen() -> None:
-    for name, handler in _HANDLERS.items():
-        handlers = getattr(bpy.app.handlers, name)
-        if handler in handlers:
-            handlers.remove(handler)
-    for timer in (_beat, _describe):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
 
 
 def register() -> None:

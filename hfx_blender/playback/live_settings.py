@@ -21,8 +21,8 @@ MAX_OFFSET_MS = 1000.0
 class LiveSettings:
     """Of one device."""
 
-    kind: str = "SIMULATOR"  # or DEVICE, CSV
-    port: str = ""  # serial: empty is found by its USB ids; network: empty as configured
+    kind: str = "SIMULATOR"  # or DEVICE, AUDIO, CSV
+    port: str = ""  # serial: empty is found by its USB ids; network: empty as configured; a card
     host: str = ""
     path: str = ""  # of a log
     offset_ms: float = 0.0

@@ -38,9 +38,16 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
                 layout.operator("hfx.live_play", icon="PLAY")
         if live.fault:
             draw_text(context, layout, live.fault, "ERROR")
+        elif live.late and live.states:
+            text = f"Latency is not compensated while playing: {live.late}"
+            draw_text(context, layout, text, "INFO")
         for item in context.scene.hfx.devices:
             self._draw_device(context, layout.box(), item)
-        layout.operator("hfx.live_add", icon="ADD")
+        row = layout.row(align=True)
+        row.operator("hfx.live_add", icon="ADD")
+        row.operator("hfx.live_import", text="", icon="IMPORT")
+        if context.scene.hfx.devices:
+            layout.prop(context.scene.hfx, "play_space")
 
     @staticmethod
     def _draw_device(

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,10 @@ from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
 from hfx_blender.export import ExportSettings, export_scene, render_devices, scene_tolerance
 from hfx_blender.playback import live as live_module
-from hfx_blender.playback import live_settings
+from hfx_blender.playback import live_listening, live_settings, live_targets, look_ahead
+from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live
+from hfx_blender.playback.preview_layers import Preview
 from hfx_blender.reading import stepping
 from hfx_blender.reading.live_scene import LiveScene
 
@@ -67,12 +70,12 @@ def until(happened: Callable[[], object]) -> None:
     end = time.monotonic() + PATIENCE_S
     while not happened():
         assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
-        live_module._beat()
+        live_listening._beat()
         if any("did not answer" in each.text for each in live.states.values()):
             live.arm()  # on a machine that is busy a heartbeat may come late
-        if bpy.app.timers.is_registered(live_module._describe):
-            bpy.app.timers.unregister(live_module._describe)
-            live_module._describe()
+        if bpy.app.timers.is_registered(live_listening._describe):
+            bpy.app.timers.unregister(live_listening._describe)
+            live_listening._describe()
         time.sleep(0.005)
 
 
@@ -92,7 +95,7 @@ def play(log: Path) -> None:
         return live.is_armed
 
     until(plays)
-    live_module._describe()
+    live_listening._describe()
     go(15)
     until(lambda: is_loud(log))
 
@@ -135,7 +138,7 @@ def test_dragging_is_felt_at_once(log: Path) -> None:
     )
     ball = bpy.context.object
     bpy.context.view_layer.update()
-    until(lambda: not bpy.app.timers.is_registered(live_module._describe))
+    until(lambda: not bpy.app.timers.is_registered(live_listening._describe))
     ball.location.x = 0.0
     bpy.context.view_layer.update()
     until(lambda: is_loud(log))
@@ -167,7 +170,7 @@ def test_what_stands_still_is_silent_after_a_while(
 STOPS = {
     "the button": lambda: bpy.ops.hfx.live_stop_all(),
     "another file": lambda: bpy.ops.wm.read_homefile(use_empty=True),
-    "an undo": lambda: live_module._on_undo(),  # nothing can be undone without a window
+    "an undo": lambda: live_listening._on_undo(),  # nothing can be undone without a window
     "a fault here": lambda: live.stop_all("fault"),
 }
 
@@ -180,7 +183,7 @@ def test_after_a_stop_only_play_plays(log: Path, name: str) -> None:
     count = len(rows(log))
     go(16)
     for _ in range(10):
-        live_module._beat()
+        live_listening._beat()
         time.sleep(0.01)
     assert len(rows(log)) == count
     bpy.ops.hfx.live_play()
@@ -192,14 +195,14 @@ def test_undo_and_load_are_listened_to_only_while_a_device_is_connected(log: Pat
 
     def ours() -> list[bool]:
         return [
-            any(each.__module__ == live_module.__name__ for each in getattr(bpy.app.handlers, n))
+            any(each.__module__ == live_listening.__name__ for each in getattr(bpy.app.handlers, n))
             for n in names
         ]
 
     assert ours() == [True] * 5
     bpy.ops.hfx.live_disconnect(name=PAD)
     assert ours() == [False] * 5
-    assert not bpy.app.timers.is_registered(live_module._beat)
+    assert not bpy.app.timers.is_registered(live_listening._beat)
 
 
 def test_disabling_the_add_on_is_silence(log: Path) -> None:
@@ -231,9 +234,9 @@ def test_an_export_is_not_played(log: Path) -> None:
     count = len(rows(log))
     with stepping.own_scene(bpy.context.scene, bpy.context.view_layer):
         go(15)
-        live_module._beat()
+        live_listening._beat()
         time.sleep(0.05)
-        live_module._beat()
+        live_listening._beat()
     time.sleep(0.05)
     assert not any(row["values"][0] for row in rows(log)[count:] if "values" in row)
 
@@ -252,11 +255,116 @@ def test_how_a_device_is_connected_is_remembered_outside_the_file(log: Path) -> 
     assert live_settings.load() == {PAD: live_settings.LiveSettings()}
 
 
+def test_a_frame_is_evaluated_once_for_devices_and_preview(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play(log)
+    preview = Preview()
+    preview.touch()
+    preview.describe(bpy.context)
+    calls: list[float] = []
+    runs = LiveScene.runs
+
+    def counted(self: LiveScene) -> list[Any]:
+        calls.append(bpy.context.scene.frame_current)
+        return runs(self)
+
+    monkeypatch.setattr(LiveScene, "runs", counted)
+    preview.touch()  # its handler comes first
+    go(16)
+    assert preview.layers("PAPER")
+    assert calls == [16]
+
+
+def test_what_moved_after_a_stop_is_felt_by_the_next_play(log: Path) -> None:
+    play(log)
+    go(5)
+    until(lambda: not is_loud(log))
+    live.stop_all()
+    until(lambda: not live.is_armed)
+    go(15)
+    live.arm()
+    if bpy.app.timers.is_registered(live_listening._describe):  # before the device has armed
+        bpy.app.timers.unregister(live_listening._describe)
+        live_listening._describe()
+    until(lambda: is_loud(log))
+
+
+def test_both_are_told_when_something_is_added(log: Path) -> None:
+    play(log)
+    preview = Preview()
+    preview.describe(bpy.context)
+    bpy.ops.hfx.add_painted(modality="pressure", name="Other")
+    bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+    bpy.context.view_layer.update()
+    preview.describe(bpy.context)
+    go(16)  # between: renderers are of the scene before, and nothing is sent for a moment
+    live_listening._describe()
+    until(lambda: is_loud(log))
+    assert live.fault == ""
+    assert len(evaluation.runs()) == 2
+
+
+def test_late_actuators_are_told_early_while_it_plays(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pad answers after 20 ms; it is made to answer after four frames."""
+    play(log)
+    each = live._devices[PAD]
+    kind = replace(each.device.actuators[0].type, latency_ms=4 * 1000.0 / 24.0)
+    actuators = tuple(replace(a, type=kind) for a in each.device.actuators)
+    each.device = replace(each.device, actuators=actuators)
+    each.late_ms = look_ahead.latencies_ms(each.device)
+    live._generation = -1
+    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
+    live_listening._describe()
+    assert live.late == ""
+    go(7)  # the clip begins at 10
+    until(lambda: is_loud(log))
+    monkeypatch.setattr(live_listening, "is_playing", lambda: False)
+    go(6)
+    go(7)
+    until(lambda: not is_loud(log))
+
+
+def test_a_scene_that_cannot_be_known_ahead_says_why(log: Path) -> None:
+    play(log)
+    rumble = bpy.data.objects["Rumble"]
+    rumble.constraints.new("COPY_LOCATION")
+    body = rumble.hfx.body
+    body.constraints.new("COPY_LOCATION")
+    evaluation.forget()
+    live_listening._describe()
+    assert "constraints" in live.late
+
+
+def test_playback_begins_again_where_it_ends(scene: Any) -> None:
+    scene.frame_start, scene.frame_end, scene.render.fps = 1, 10, 10
+    for frame, ahead in ((1, 3.0), (8, 10.0), (9, 1.0), (10, 2.0), (30, 32.0)):
+        scene.frame_set(frame)
+        assert look_ahead.frame_ahead(scene, 200.0) == pytest.approx(ahead)
+    scene.use_preview_range = True
+    scene.frame_preview_start, scene.frame_preview_end = 4, 6
+    scene.frame_set(6)
+    assert look_ahead.frame_ahead(scene, 200.0) == pytest.approx(5.0)
+
+
+def test_a_node_map_is_imported_and_added(log: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setenv("HFX_DEVICES", str(tmp_path / "devices"))
+    node = {"node_data": {"x": 0.0, "y": 1.3, "z": 0.1}, "radius": 0.03, "target_bone": "Chest"}
+    (tmp_path / "my map.json").write_text(json.dumps({"nodes": [node]}))
+    bpy.ops.hfx.live_import(filepath=str(tmp_path / "my map.json"), name="my_vest")
+    assert "my_vest" in bpy.context.scene.hfx.devices
+    assert (tmp_path / "devices" / "my_vest.json").exists()
+    with pytest.raises(RuntimeError, match="exists already"):
+        bpy.ops.hfx.live_import(filepath=str(tmp_path / "my map.json"), name="my_vest")
+
+
 def test_a_device_that_nothing_drives_says_so(log: Path) -> None:
     device = load_device("pressure_vest")
     if device.output is None:
         with pytest.raises(DeviceError, match="nothing drives it live"):
-            live_module.target_of(device, live_settings.LiveSettings("DEVICE"))
+            live_targets.target_of(device, live_settings.LiveSettings("DEVICE"))
 
 
 def test_a_script_is_asked_about_before_it_runs(
@@ -279,7 +387,7 @@ def test_a_script_is_asked_about_before_it_runs(
     bpy.ops.hfx.live_approve(name="mine")
     bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
     until(lambda: live.states["mine"].is_armed)
-    live_module._describe()
+    live_listening._describe()
 
     def is_played() -> bool:
         go(15)
@@ -296,9 +404,11 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
         "from hfx_blender import blender_session\n"
         "from hfx_blender.playback import live_settings\n"
         "blender_session.start()\n"
-        "from hfx_blender.playback.live import live, _beat, _neutral\n"
+        "from hfx_blender.playback.live import live\n"
+        "from hfx_blender.playback.live_listening import _beat\n"
+        "from hfx_blender.playback.live_targets import neutral_of\n"
         "live.connect('back_pad', live_settings.LiveSettings(path=sys.argv[1]))\n"
-        "values = _neutral(live.device('back_pad')); values[0] = 5.0\n"
+        "values = neutral_of(live.device('back_pad')); values[0] = 5.0\n"
         "for _ in range(3000):\n"
         "    _beat(); live._client.send('back_pad', values); time.sleep(0.01)\n"
         "    if '5.0' in open(sys.argv[1]).read() if live.is_armed else False: break\n"

@@ -30,6 +30,7 @@ FULL: dict[str, Any] = {
             },
             "latency_ms": 30,
             "update_interval_ms": 20,
+            "takes_waveform": False,
             "limits": {"amplitude_m_s2": {"maximum": 12}},
         },
         "lra": {
@@ -67,7 +68,19 @@ FULL: dict[str, Any] = {
                 "vertices": [{"model": "hfx-vibration-1", "hash": "0" * 64, "ids": [1, 5, 9]}]
             },
         },
-        {"id": "c", "type": "peltier", "place": {"room": {"reaches": ["head", "torso"]}}},
+        {
+            "id": "c",
+            "type": "peltier",
+            "place": {
+                "room": {
+                    "reaches": ["head", "torso"],
+                    "at_m": [0, -2, 1.2],
+                    "aim": [0, 0.5, 0],
+                    "range_m": 3,
+                    "cone_deg": 60,
+                }
+            },
+        },
     ],
     "rendering": {"scheme": "coverage", "options": {"statistic": "mean"}},
     "substitutions": {

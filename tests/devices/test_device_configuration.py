@@ -56,7 +56,7 @@ def test_every_field_is_understood(full, stored):
     a, b, c = device.actuators
     assert a.type is motor and a.place == BodyPlace(("forearm",), (0.41, -0.05, 1.2), 0.02, "left")
     assert isinstance(b.place, VertexPlace) and b.place.sets[0].vertices == (1, 5, 9)
-    assert c.place == RoomPlace(("head", "torso"))
+    assert c.place == RoomPlace(("head", "torso"), (0.0, -2.0, 1.2), (0.0, 1.0, 0.0), 3.0, 60.0)
     assert device.scheme.statistic == "mean"
     assert device.substitutions == {
         "pressure": Substitution("pressure", "vibration", 1.0, 80.0),
@@ -189,6 +189,18 @@ SEEN_BY_BOTH = [
     ("actuators/1/place/vertices", []),
     ("actuators/2/place/room", {"reaches": ["moon"]}),
     ("actuators/2/place/room", []),
+    ("actuators/2/place/room/at_m", [0, 0]),
+    ("actuators/2/place/room/at_m", [0, 0, 101]),
+    ("actuators/2/place/room/at_m", REMOVE),
+    ("actuators/2/place/room/aim", [0, 0, 2]),
+    ("actuators/2/place/room/aim", "up"),
+    ("actuators/2/place/room/aim", REMOVE),
+    ("actuators/2/place/room/range_m", 0),
+    ("actuators/2/place/room/range_m", True),
+    ("actuators/2/place/room/cone_deg", 0.5),
+    ("actuators/2/place/room/cone_deg", 361),
+    ("actuator_types/motor/takes_waveform", "yes"),
+    ("actuator_types/motor/takes_waveform", 1),
     ("rendering", {}),
     ("rendering/scheme", "magic"),
     ("rendering/options/statistic", "median"),

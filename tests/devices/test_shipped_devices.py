@@ -190,7 +190,11 @@ def test_each_device_says_on_its_page_what_drives_it(name):
     page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
     device = load_device(name)
     stem = name.removesuffix(f"_{device.side}")
-    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{stem}`")]
+    row, picture = (line for line in page.splitlines() if line.startswith(f"| `{stem}`"))
     *_, route, _ = row.split("|")
     kinds = {None: "none live", "serial": "serial port", "websocket": "websocket", "udp": "OSC"}
-    assert kinds[kind_of(device)] in route
+    played = "sound card" if "sound card" in route else kinds[kind_of(device)]
+    assert played in route
+    assert played != "sound card" or any(a.type.takes_waveform for a in device.actuators)
+    assert f"pictures/devices/{stem}.png" in picture
+    assert (Path(__file__).parents[2] / "docs" / f"pictures/devices/{stem}.png").stat().st_size > 0

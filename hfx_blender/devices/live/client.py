@@ -11,8 +11,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -70,6 +70,7 @@ class LiveClient:
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
         self._asked_silence_s: float | None = None
         self._numbers = 0
+        self._is_gathering = False
         self.devices: dict[str, DeviceState] = {}
         atexit.register(self.close)
 
@@ -179,6 +180,17 @@ class LiveClient:
     def send_haptics(self, name: str, haptics: bytes) -> None:
         """What a device's script is to be told now."""
         self._feed(name, Kind.HAPTICS, haptics)
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """What is sent within goes out as one: the writer is woken once."""
+        self._is_gathering = True
+        try:
+            yield
+        finally:
+            self._is_gathering = False
+            with self._wake:
+                self._wake.notify()
 
     def pulse(self, name: str, actuator: int) -> None:
         """Let one actuator be felt for a moment, softly."""
@@ -292,9 +304,11 @@ class LiveClient:
         state = self.devices.get(name)
         if state is None or self._process is None:
             return
+        content = message(kind, state.number, body)
         with self._wake:
-            self._newest[state.number] = message(kind, state.number, body)
-            self._wake.notify()
+            self._newest[state.number] = content
+            if not self._is_gathering:
+                self._wake.notify()
 
     def _kill(self, text: str) -> None:
         if self._process is not None:

@@ -8,26 +8,15 @@ Whatever a script or an engine asks for, nothing else reaches an actuator.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from ...engine.rendering.device import DeviceConfig
-from ...engine.rendering.limits import limited
+from ...engine.rendering.limits import DeviceLimits
 
 F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class _Part:
-    """One actuator's columns; the first is its strength."""
-
-    columns: slice
-    slew_per_s: float
-    maximum_on_s: float
-    rest_s: float
 
 
 class Guard:
@@ -39,26 +28,20 @@ class Guard:
     """
 
     def __init__(self, device: DeviceConfig) -> None:
-        controls = [c for actuator in device.actuators for c in actuator.type.controls]
-        self.neutral: F64 = np.array([c.neutral for c in controls], np.float64)
-        self._lowest = np.array([c.lowest for c in controls], np.float64)
-        self._highest = np.array([c.highest for c in controls], np.float64)
-        self._parts: list[_Part] = []
-        first = 0
-        for actuator in device.actuators:
-            kind = actuator.type
-            stop = first + len(kind.controls)
-            self._parts.append(
-                _Part(slice(first, stop), kind.slew_per_s, kind.maximum_on_s, kind.rest_s)
-            )
-            first = stop
+        kinds = [actuator.type for actuator in device.actuators]
+        self._limits = DeviceLimits(device)
+        self.neutral = self._limits.neutral
+        self._silent = self._limits.silent
+        self._slew_per_s = np.array([kind.slew_per_s for kind in kinds], np.float64)
+        self._maximum_on_s = np.array([kind.maximum_on_s for kind in kinds], np.float64)
+        self._rest_s = np.array([kind.rest_s for kind in kinds], np.float64)
         self.reset()
 
     def reset(self) -> None:
         """Begin from silence, as after every stop."""
-        self._given = self.neutral.copy()
-        self._on_s = np.zeros(len(self._parts))
-        self._resting_s = np.zeros(len(self._parts))
+        self._given = self._silent[:, 0].copy()  # (A,) strengths
+        self._on_s = np.zeros(len(self._given))
+        self._resting_s = np.zeros(len(self._given))
 
     def passed(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
         """Values that may be sent, (columns,).
@@ -72,32 +55,24 @@ class Guard:
         """
         values = _as_numbers(wanted, len(self.neutral))
         step_s = step_s if step_s > 0.0 and np.isfinite(step_s) else 0.0
-        for k, part in enumerate(self._parts):
-            columns = part.columns
-            safe = limited(
-                values[columns],
-                self._lowest[columns],
-                self._highest[columns],
-                self.neutral[columns],
-            )
-            silent = self.neutral[columns.start]
-            rise = part.slew_per_s * step_s if step_s else 0.0
-            safe[0] = _slewed(float(self._given[columns.start]), float(safe[0]), silent, rise)
-            if self._has_to_rest(k, part, is_on=safe[0] != silent, step_s=step_s):
-                safe[:] = self.neutral[columns]
-            self._given[columns] = safe
-        return self._given.copy()
+        safe = self._limits.by_actuator(values)
+        silent = self._silent[:, 0]
+        rise = self._slew_per_s * step_s if step_s else np.zeros(len(silent))
+        safe[:, 0] = _slewed(self._given, safe[:, 0], silent, rise)
+        has_to_rest = self._has_to_rest(safe[:, 0] != silent, step_s)
+        safe[has_to_rest] = self._silent[has_to_rest]
+        self._given = safe[:, 0].copy()
+        return self._limits.joined(safe)
 
-    def _has_to_rest(self, k: int, part: _Part, *, is_on: bool, step_s: float) -> bool:
+    def _has_to_rest(self, is_on: Bool, step_s: float) -> Bool:
         """Count time on; an actuator that was on too long rests before it plays again."""
-        if self._resting_s[k] > 0.0:
-            self._resting_s[k] -= step_s
-            return True
-        self._on_s[k] = self._on_s[k] + step_s if is_on else 0.0
-        if self._on_s[k] <= part.maximum_on_s:
-            return False
-        self._on_s[k], self._resting_s[k] = 0.0, part.rest_s
-        return True
+        is_resting = self._resting_s > 0.0
+        self._resting_s = np.where(is_resting, self._resting_s - step_s, self._resting_s)
+        self._on_s = np.where(is_resting, self._on_s, np.where(is_on, self._on_s + step_s, 0.0))
+        is_over = ~is_resting & (self._on_s > self._maximum_on_s)
+        self._on_s[is_over] = 0.0
+        self._resting_s[is_over] = self._rest_s[is_over]
+        return is_resting | is_over
 
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
@@ -109,11 +84,10 @@ def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
     return values.copy() if values.shape == (count,) else np.full(count, np.nan)
 
 
-def _slewed(given: float, wanted: float, silent: float, rise: float) -> float:
-    """Away from silence by ``rise`` at most; back towards it at once."""
+def _slewed(given: F64, wanted: F64, silent: F64, rise: F64) -> F64:
+    """Strengths (A,): away from silence by ``rise`` at most, back towards it at once."""
     before, after = given - silent, wanted - silent
-    if before * after < 0.0:  # through silence: from there it rises anew
-        before = 0.0
-    if abs(after) <= abs(before) + rise:
-        return wanted
-    return silent + np.sign(after) * (abs(before) + rise)
+    # Through silence: from there it rises anew.
+    most = np.where(before * after < 0.0, 0.0, np.abs(before)) + rise
+    is_slow = np.abs(after) <= most
+    return np.where(is_slow, wanted, silent + np.sign(after) * np.where(is_slow, 0.0, most))

@@ -197,7 +197,7 @@ class Host:
             self._is_frozen = now - self._last_sign_s > self._patience_s
             if self._is_frozen and not was_frozen:
                 for lane in lanes:
-                    lane.stop(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
+                    lane.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
             for lane in lanes:
                 if lane.is_stuck(now):
                     lane.fault("its output does not answer")

@@ -93,6 +93,7 @@ class Lane:
         self._waiting: deque[tuple[float, F64]] = deque(maxlen=_MAX_WAITING)  # due, values
         self._is_armed = False
         self._is_wanted = False  # armed before it was open
+        self._is_open = False
         self._is_closed = False
         self._begins = False
         self._sending_since = math.inf
@@ -135,7 +136,7 @@ class Lane:
         """Play from now on, from silence."""
         with self._wake:
             self._is_wanted = True
-            if self._output is None or self._is_armed or self._is_closed:
+            if not self._is_open or self._is_armed or self._is_closed:
                 return
             if self.script is not None:
                 try:
@@ -162,6 +163,16 @@ class Lane:
             self._report(event, self.number, text=reason)
         if self.script is not None:
             self.script.close()
+
+    def freeze(self, reason: str) -> None:
+        """Stop because nobody answers; what is still being opened plays when it is open.
+
+        It is silent until then, and after it until values come.
+        """
+        with self._wake:
+            is_armed = self._is_armed
+        if is_armed:
+            self.stop(reason)
 
     def fault(self, text: str) -> None:
         """Stop because something is wrong."""
@@ -223,10 +234,12 @@ class Lane:
             return
         with self._wake:
             self._output = output
-            wanted = self._is_wanted and not self._is_closed
         self._silence()
         self._is_quiet.wait(PATIENCE_S)
-        self._report("connected", self.number)
+        with self._wake:
+            self._is_open = True
+            self._report("connected", self.number)  # before anybody can arm it
+            wanted = self._is_wanted and not self._is_closed
         if wanted:
             self.arm()
         try:
@@ -240,6 +253,7 @@ class Lane:
 
     def _play(self) -> None:
         last = due = time.monotonic()
+        sent = -math.inf
         while True:
             with self._wake:
                 if self._is_closed:
@@ -248,6 +262,8 @@ class Lane:
                     self._wake.wait(1.0)
                     continue
                 now = time.monotonic()
+                if self._waiting:  # a frame goes out as soon as the device can take it
+                    due = min(due, max(self._waiting[0][0], sent + self._tick_s))
                 if now < due:
                     self._wake.wait(due - now)
                     continue
@@ -266,7 +282,8 @@ class Lane:
             except Exception as error:
                 _log.exception("device '%s'", self.device.id)
                 self.fault(f"{type(error).__name__}: {error}")
-            last, due = now, max(due + self._tick_s, now + 0.5 * self._tick_s)
+            last = sent = now
+            due = self._ramp.next_s(max(due + self._tick_s, now + 0.5 * self._tick_s), now)
 
     def _step(self, now: float, step_s: float) -> None:
         newest = None

@@ -24,7 +24,7 @@ from .transports.csv_log import CsvLog
 from .transports.osc import OscOutput
 from .transports.serial_port import SerialFrames, SerialPort
 
-KINDS: Final = ("serial", "udp", "websocket", "csv")
+KINDS: Final = ("serial", "udp", "websocket", "csv", "audio")
 
 
 def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
@@ -36,7 +36,8 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     target : mapping
         ``kind`` is one of :data:`KINDS`. ``serial`` needs ``port``. ``udp`` and ``websocket``
         take ``host`` and ``port``, else those of the configuration. ``csv`` needs ``path`` and
-        works for every device.
+        works for every device. ``audio`` takes ``interface`` and ``first_channel`` and works for
+        every device that vibrates.
 
     Raises
     ------
@@ -49,6 +50,8 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
         if not isinstance(path, str | Path) or not str(path):
             raise OutputLostError("A CSV log needs the path of a new file.")
         return CsvLog(device, Path(path))
+    if kind == "audio":
+        return _audio(device, target)
     if kind not in KINDS:
         raise OutputLostError(f"'{kind}' is no kind of output; there are: {', '.join(KINDS)}.")
     if kind != kind_of(device):
@@ -64,6 +67,17 @@ def kind_of(device: DeviceConfig) -> str | None:
     if isinstance(device.output.transport, SerialTransport):
         return "serial"
     return "udp" if isinstance(device.output.encoder, OscEncoder) else "websocket"
+
+
+def _audio(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    from .transports.sound_card import SoundCard
+
+    interface, first = target.get("interface", ""), target.get("first_channel", 1)
+    if not isinstance(interface, str):
+        raise OutputLostError("A sound card is named by a text.")
+    if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= 1000:
+        raise OutputLostError(f"'{str(first)[:20]}' is no channel; allowed is 1 to 1000.")
+    return SoundCard(device, interface, first)
 
 
 def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:

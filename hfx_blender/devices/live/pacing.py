@@ -15,6 +15,9 @@ F64 = npt.NDArray[np.float64]
 LONGEST_RAMP_S: Final = 0.05
 """The most that ramping delays a value; frames that come faster than this delay it by less."""
 
+_ROUNDING: Final = 0.05
+"""Of a tick: clocks and sleeps are not exact."""
+
 FASTEST_S: Final = 0.005
 SLOWEST_S: Final = 0.05
 """A device hears from us at least so often, so that its dead-man knows that we live."""
@@ -31,8 +34,9 @@ class Ramp:
 
     Only strengths ramp; a frequency between two frequencies would be one that nobody asked
     for. The time to the next frame is not known: it is taken to be that since the last one,
-    at most :data:`LONGEST_RAMP_S`. A change is under way at the first tick after its frame and
-    complete one frame later; that is the delay.
+    at most :data:`LONGEST_RAMP_S`. A change is under way with the first values that are sent
+    after its frame and complete with the last before the next frame; that is the delay. Where
+    a device is sent values only once a frame, there is no ramp and no delay.
 
     Parameters
     ----------
@@ -53,7 +57,9 @@ class Ramp:
     def reset(self) -> None:
         """Begin from silence."""
         self._from, self._to = self._neutral.copy(), self._neutral.copy()
+        self._here = self._neutral.copy()  # what was given last
         self._began_s, self._lasts_s = -np.inf, self._tick
+        self._steps = 1
 
     def aim(self, values: F64, now_s: float) -> None:
         """A new frame: go to its values (columns,) from where we are now.
@@ -63,21 +69,38 @@ class Ramp:
         if np.shape(values) != self._neutral.shape:
             self.reset()
             return
-        here = self.at(now_s - self._tick)  # what was sent last
-        self._from = np.where(np.isfinite(here), here, self._neutral)
+        self._from = np.where(np.isfinite(self._here), self._here, self._neutral)
         self._to = np.asarray(values, np.float64)
         since_s = now_s - self._began_s
-        self._lasts_s = max(self._tick, since_s if since_s <= LONGEST_RAMP_S else self._tick)
+        self._lasts_s = since_s if self._tick <= since_s <= LONGEST_RAMP_S else self._tick
+        self._steps = max(1, int(self._lasts_s / self._tick + _ROUNDING))
         self._began_s = now_s
 
     def at(self, now_s: float) -> F64:
         """Values (columns,) to send now; what is not finite stays so, for the guard to see."""
-        share = (now_s + self._tick - self._began_s) / self._lasts_s
-        if not share < 1.0 - 1e-6:  # clocks round
-            return self._to.copy()
-        with np.errstate(invalid="ignore", over="ignore"):
-            between = self._from + max(share, 0.0) * (self._to - self._from)
-        return np.where(self._is_strength, between, self._to)
+        step = int((now_s - self._began_s) / self._tick + _ROUNDING) + 1 if self._is_going else 1
+        if step >= self._steps:
+            self._here = self._to.copy()
+        else:
+            with np.errstate(invalid="ignore", over="ignore"):
+                between = self._from + step / self._steps * (self._to - self._from)
+            self._here = np.where(self._is_strength, between, self._to)
+        return self._here.copy()
+
+    def next_s(self, due_s: float, now_s: float) -> float:
+        """When to send next: what is due shortly before a frame waits for the frame.
+
+        It would keep the frame waiting, as the device takes values only so often.
+        """
+        expected_s = self._began_s + self._lasts_s
+        is_in_its_way = due_s < expected_s < due_s + self._tick and self._lasts_s > self._tick
+        if is_in_its_way and expected_s > now_s:
+            return expected_s + 0.5 * self._tick  # if it does not come
+        return due_s
+
+    @property
+    def _is_going(self) -> bool:
+        return bool(np.isfinite(self._began_s))
 
 
 class Pace:

@@ -47,6 +47,7 @@ class ActuatorType:
     slew_per_s: float = math.inf  # fastest rise of the strength, live
     maximum_on_s: float = math.inf  # longest that it is on without a rest, live
     rest_s: float = 1.0
+    takes_waveform: bool = False  # driven as sound: plays the sum of all vibrations
 
     @property
     def strength(self) -> Control:
@@ -106,9 +107,16 @@ class BodyPlace:
 
 @dataclass(frozen=True)
 class RoomPlace:
-    """Stands in the room and touches no skin; reaches whole parts of the body."""
+    """Stands in the room and touches no skin; meant for whole parts of the body.
+
+    With a place it reaches what of them is in range and in its cone; without one, all of them.
+    """
 
     parts: tuple[str, ...]
+    at_m: tuple[float, float, float] | None = None  # in the play space
+    aim: tuple[float, float, float] | None = None  # unit; None: all round
+    range_m: float = math.inf
+    cone_deg: float = 360.0  # full angle round the aim
 
 
 Place = VertexPlace | BodyPlace | RoomPlace

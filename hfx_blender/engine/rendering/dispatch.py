@@ -14,8 +14,12 @@ import numpy.typing as npt
 
 from ..body.model import PerceptualModel
 from ..samples import SampleRun
+from ..vector_sensation import gains_of
 from .coverage import ActuatorCells
-from .device import DeviceConfig
+from .device import DeviceConfig, RoomPlace
+from .focus import FocusPanning, focus_panning
+from .placement import on_parts
+from .room import PlaySpace, room_gains, stands
 from .schemes import cells_of
 
 F64 = npt.NDArray[np.float64]
@@ -34,6 +38,7 @@ class ActuatorGroup:
     strength_columns : (A,) int64
         Where their strengths stand among all controls of the device; the frequency of
         a vibration actuator stands right of its strength.
+    takes_waveform : (A,) bool
     neutral, lowest, highest : (A,) float64
         Of the strength.
     """
@@ -43,11 +48,15 @@ class ActuatorGroup:
         self._device = device
         self._models = models
         self._cells: dict[str, ActuatorCells] = {}
+        self._focus: dict[str, FocusPanning | None] = {}
         counts = [len(each.type.controls) for each in device.actuators]
         firsts = np.cumsum([0, *counts])
         members = [i for i, each in enumerate(device.actuators) if each.type.modality == modality]
         self._actuators = [device.actuators[i] for i in members]
+        self._standing = [k for k, each in enumerate(self._actuators) if stands(each)]
+        self.play_space = PlaySpace.of_settings({})
         self.strength_columns: I64 = firsts[members]
+        self.takes_waveform: Bool = np.array([a.type.takes_waveform for a in self._actuators])
         strengths = [each.type.strength for each in self._actuators]
         self.neutral: F64 = np.array([each.neutral for each in strengths], np.float64)
         self.lowest: F64 = np.array([each.lowest for each in strengths], np.float64)
@@ -60,6 +69,18 @@ class ActuatorGroup:
             substitution is not None and substitution.target == self.modality
         )
 
+    def cells_on(self, model_id: str) -> ActuatorCells:
+        """What the actuators reach on a model; worked out once.
+
+        Raises
+        ------
+        InputError
+            A place of the device does not fit the model.
+        """
+        if model_id not in self._cells:
+            self._cells[model_id] = cells_of(self._device, self._actuators, self._models(model_id))
+        return self._cells[model_id]
+
     def gains(self, run: SampleRun) -> F64:
         """How strongly each actuator fires for each sample of a run, (n, A) in 0..1.
 
@@ -68,14 +89,34 @@ class ActuatorGroup:
         InputError
             A place of the device does not fit the run's model.
         """
-        model_id = run.stream.model_id
-        if model_id not in self._cells:
-            self._cells[model_id] = cells_of(self._device, self._actuators, self._models(model_id))
-        of_sets = self._cells[model_id].gains(
+        if run.drive is not None:
+            return gains_of(run.drive, self._device.id, [each.id for each in self._actuators])
+        panning = None if run.focus is None else self.panning_on(run.stream.model_id)
+        if panning is not None and run.focus is not None:
+            return panning.gains(run.focus)
+        of_sets = self.cells_on(run.stream.model_id).gains(
             run.offsets, run.vertices, run.weights, self._device.scheme.statistic
         )
         gains: F64 = of_sets[run.set_of]
+        if self._standing and run.positions is not None:
+            self._reach(run, gains)
         return gains
+
+    def _reach(self, run: SampleRun, gains: F64) -> None:
+        """Let actuators that stand in the room play what they reach only."""
+        model = self._models(run.stream.model_id)
+        points = self.play_space.local(run)
+        for column in self._standing:
+            place = self._actuators[column].place
+            assert isinstance(place, RoomPlace)
+            gains[:, column] = room_gains(place, on_parts(place.parts, model), run, points)
+
+    def panning_on(self, model_id: str) -> FocusPanning | None:
+        """How the actuators show a spot on a model; None if they do not pan. Worked out once."""
+        if model_id not in self._focus:
+            model = self._models(model_id)
+            self._focus[model_id] = focus_panning(self._device, self._actuators, model)
+        return self._focus[model_id]
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
         """Samples (n,) of which an actuator that fires (n, A) cannot play the frequency."""

@@ -6,7 +6,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from .device import DeviceConfig
+
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 
 def limited(
@@ -33,3 +36,39 @@ def limited(
     values = np.asarray(values, np.float64)
     is_number = np.isfinite(values).all(axis=-1, keepdims=True)
     return np.clip(np.where(is_number, values, silent), lowest, highest)
+
+
+class DeviceLimits:
+    """The limits of all A actuators of a device, of which each has up to P controls.
+
+    An actuator with fewer controls than others repeats its strength.
+
+    Attributes
+    ----------
+    neutral : (columns,) float64
+    silent : (A, P) float64
+        The same by actuator, its strength first.
+    """
+
+    def __init__(self, device: DeviceConfig) -> None:
+        kinds = [actuator.type for actuator in device.actuators]
+        controls = [control for kind in kinds for control in kind.controls]
+        self.neutral: F64 = np.array([c.neutral for c in controls], np.float64)
+        counts = np.array([len(kind.controls) for kind in kinds])
+        firsts = np.cumsum(counts) - counts
+        places = np.arange(counts.max())
+        self._columns: I64 = firsts[:, None] + np.where(places < counts[:, None], places, 0)
+        self._lowest = np.array([c.lowest for c in controls], np.float64)[self._columns]
+        self._highest = np.array([c.highest for c in controls], np.float64)[self._columns]
+        self.silent: F64 = self.neutral[self._columns]
+
+    def by_actuator(self, values: F64) -> F64:
+        """Values (columns,) as limited ones (A, P)."""
+        return limited(values[self._columns], self._lowest, self._highest, self.silent)
+
+    def joined(self, values: F64) -> F64:
+        """Values (A, P) as (columns,)."""
+        found = np.zeros_like(self.neutral)
+        for place in reversed(range(values.shape[1])):  # the strength last, as it may be repeated
+            found[self._columns[:, place]] = values[:, place]
+        return found

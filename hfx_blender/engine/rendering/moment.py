@@ -19,7 +19,7 @@ from ..samples import SampleRun
 from ..scene import SceneDescription, TimeBase
 from ..track.header import TrackHeader
 from .device import DeviceConfig
-from .dispatch import ActuatorGroup, ModelLoader
+from .dispatch import ModelLoader
 from .render import Renderer
 
 F64 = npt.NDArray[np.float64]
@@ -58,18 +58,36 @@ class MomentRenderer:
         self.device = device
         header = replace(header, time=_ONE_ROW)
         self._renderer = Renderer(header, device, models, body_id=body_id)
-        self._groups = [
-            (
-                [k for k, each in enumerate(device.actuators) if each.type.modality == modality],
-                ActuatorGroup(device, modality, models),
-            )
-            for modality in device.modalities
+        self._scene = scene
+        self._members = [
+            [k for k, each in enumerate(device.actuators) if each.type.modality == group.modality]
+            for group in self._renderer.groups
         ]
 
     @property
     def body_id(self) -> str:
         """Who wears the device."""
         return self._renderer.body_id
+
+    def prepare(self) -> None:
+        """Work out what takes long now, not when an effect is felt for the first time.
+
+        Raises
+        ------
+        InputError
+            A place of the device does not fit a model.
+        """
+        for group in self._renderer.groups:
+            for effect in self._scene.effects:
+                if group.answers_to(effect.modality):
+                    group.cells_on(effect.model_id)
+                    if effect.kind == "spot":
+                        group.panning_on(effect.model_id)
+
+    def move_play_space(self, matrix: F64) -> None:
+        """The play space is there from now on: (4, 4) to the world, metres."""
+        for group in self._renderer.groups:
+            group.play_space.move(matrix)
 
     def values(self, runs: Sequence[SampleRun]) -> F64:
         """Values (columns,) within the device's limits; neutral where nothing is felt.
@@ -86,7 +104,7 @@ class MomentRenderer:
         """
         self._renderer.restart()
         self._renderer.add(runs)
-        return self._renderer.raster().values[0].copy()
+        return self._renderer.first_row()
 
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
         """What the wearer feels, and how strongly it reaches each actuator (A,), in 0..1."""
@@ -95,6 +113,6 @@ class MomentRenderer:
 
     def _gains(self, run: SampleRun) -> F64:
         gains = np.zeros(len(self.device.actuators))
-        for members, group in self._groups:
+        for members, group in zip(self._members, self._renderer.groups, strict=True):
             gains[members] = group.gains(run)[0]
         return gains

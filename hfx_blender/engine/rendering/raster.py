@@ -15,17 +15,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ..samples import Stream
+from .frequency import Partial
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
-Reason = Literal["modality", "place", "frequency", "limit"]
+Reason = Literal["modality", "place", "device", "frequency", "limit"]
 """Why something is not rendered as it was felt.
 
 ``modality``: the device has no actuator for it, nor a substitution; ``place``: none of its
-actuators is where it was felt; ``frequency``: outside the actuators' range, the nearest
-possible is played; ``limit``: stronger than an actuator may be, cut.
+actuators is where it was felt; ``device``: it drives single actuators of another device;
+``frequency``: outside the actuators' range, the nearest possible is played; ``limit``: stronger
+than an actuator may be, cut.
 """
 
 
@@ -78,6 +80,8 @@ class Raster:
     neutral: F64  # (columns,) given while nothing is rendered
     shortfalls: tuple[Shortfall, ...]
     felt: tuple[Felt, ...]
+    waveform_actuators: tuple[str, ...] = ()  # that play the sum of all partials
+    partials: tuple[Partial, ...] = ()
 
 
 @dataclass(frozen=True)

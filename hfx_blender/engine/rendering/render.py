@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rendering: from samples to the values of one device's actuators.
 
-Order of work: match vertices, combine per modality, substitute, hold between updates, and
-only then the device's limits.
+Order of work: match vertices, combine per modality, substitute, look ahead by each actuator's
+latency, hold between updates, and only then the device's limits.
 """
 
 from __future__ import annotations
@@ -20,10 +20,13 @@ from ..samples import SampleRun, Stream
 from ..track.header import TrackHeader
 from .device import DeviceConfig
 from .dispatch import ActuatorGroup, ModelLoader
+from .frequency import Partial, Partials, StrongestContributor
 from .hold import held
-from .limits import limited
+from .latency import advanced, rows_of
+from .limits import DeviceLimits, limited
 from .mixing import Contribution, Mixed, merged, mix, substituted
 from .raster import Column, Felt, Raster, Reason, Shortfall
+from .room import PlaySpace
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -103,8 +106,9 @@ class _Played:
 class Renderer:
     """Renders the blocks of one track for one device as they come.
 
-    Parameters are those of :func:`render`. Memory is one block's working arrays, the raster
-    (8 bytes per time and column) and 17 bytes per sample.
+    Parameters are those of :func:`render`; without ``looks_ahead`` values stand at the time at
+    which they are meant to be felt, whatever an actuator's latency. Memory is one block's
+    working arrays, the raster (8 bytes per time and column) and 17 bytes per sample.
     """
 
     def __init__(
@@ -114,8 +118,10 @@ class Renderer:
         models: ModelLoader = load_model,
         *,
         body_id: str | None = None,
+        looks_ahead: bool = True,
     ) -> None:
         self._header = header
+        self._looks_ahead = looks_ahead
         self._device = device
         self._models = models
         self._body_id = _wearer(header, device, body_id)
@@ -134,18 +140,37 @@ class Renderer:
         self._groups = [
             ActuatorGroup(device, modality, self._model) for modality in device.modalities
         ]
+        play_space = PlaySpace.of_settings(header.settings)
+        for group in self._groups:
+            group.play_space = play_space
         self._values = np.tile(self._neutral, (header.time.sample_count, 1))
         self._next_row = 0
+        self._limits: DeviceLimits | None = None
+        self._frequency = {
+            group.modality: StrongestContributor(len(group.strength_columns))
+            for group in self._groups
+        }
+        self._sounding = [a for a in device.actuators if a.type.takes_waveform]
+        self._partials = Partials(len(self._sounding))
 
     @property
     def body_id(self) -> str:
         """Who wears the device."""
         return self._body_id
 
+    @property
+    def groups(self) -> tuple[ActuatorGroup, ...]:
+        """The device's actuators by modality."""
+        return tuple(self._groups)
+
     def restart(self) -> None:
-        """Begin again, as if nothing had been added; what was worked out of models is kept."""
+        """Begin again, as if nothing had been added; what was worked out of models is kept.
+
+        So is whose frequency actuators play: moments follow each other.
+        """
+        self._partials.forget()
         self._tallies = {stream: _Tally() for stream in self._tallies}
-        self._values = np.tile(self._neutral, (self._header.time.sample_count, 1))
+        self._values = np.tile(self._neutral, (len(self._values), 1))
         self._next_row = 0
 
     def add(self, runs: Iterable[SampleRun]) -> None:
@@ -174,7 +199,7 @@ class Renderer:
                     played.append((k, _Played(run, positions, group.gains(run))))
             if not played:
                 continue
-            mixed = self._mixed(group, [each for _, each in played], len(rows))
+            mixed = self._mixed(group, [each for _, each in played], rows)
             is_cut = self._write(group, rows, mixed)
             for k, each in played:
                 fires = each.gains > 0.0
@@ -209,20 +234,40 @@ class Renderer:
             )
         return model
 
-    def _mixed(self, group: ActuatorGroup, played: Sequence[_Played], row_count: int) -> Mixed:
+    def _mixed(self, group: ActuatorGroup, played: Sequence[_Played], rows: I64) -> Mixed:
         mixes = []
+        vibrations: list[tuple[str, F64, F64]] = []  # who, (R, A) m/s^2, (R,) Hz
         for modality in MODALITIES:
-            contributions = [
-                self._contribution(each, row_count)
-                for each in played
-                if each.run.stream.modality == modality
-            ]
-            if contributions:
-                mixed = mix(modality, contributions)
-                if modality != group.modality:
-                    mixed = substituted(mixed, self._device.substitutions[modality])
-                mixes.append(mixed)
-        return mixes[0] if len(mixes) == 1 else merged(group.modality, mixes)
+            mine = [each for each in played if each.run.stream.modality == modality]
+            if not mine:
+                continue
+            contributions = [self._contribution(each, len(rows)) for each in mine]
+            mixed = mix(modality, contributions)
+            if modality != group.modality:
+                mixed = substituted(mixed, self._device.substitutions[modality])
+            mixes.append(mixed)
+            if group.modality != "vibration":
+                continue
+            if modality == "vibration":
+                names = [each.run.stream.effect_id for each in mine]
+                vibrations += [
+                    (name, each.strengths * each.parameters[:, :1], each.parameters[:, 1])
+                    for name, each in zip(names, contributions, strict=True)
+                ]
+            elif mixed.frequencies_hz is not None:
+                vibrations.append((modality, mixed.strengths, mixed.frequencies_hz[:, 0]))
+        mixed = mixes[0] if len(mixes) == 1 else merged(group.modality, mixes)
+        if group.modality != "vibration":
+            return mixed
+        for name, amplitudes, frequencies_hz in vibrations if group.takes_waveform.any() else ():
+            sounding = self._device.gain * amplitudes[:, group.takes_waveform]
+            self._partials.add(name, rows, sounding, frequencies_hz)
+        frequencies = self._frequency["vibration"].frequencies(
+            [name for name, _, _ in vibrations],
+            np.stack([amplitudes for _, amplitudes, _ in vibrations]),
+            np.stack([frequencies_hz for _, _, frequencies_hz in vibrations]),
+        )
+        return Mixed(mixed.strengths, frequencies)
 
     def _contribution(self, played: _Played, row_count: int) -> Contribution:
         run = played.run
@@ -243,15 +288,23 @@ class Renderer:
             self._values[rows[:, None], columns] = frequencies
         return np.asarray((strengths < group.lowest) | (strengths > group.highest))
 
+    def first_row(self) -> F64:
+        """Values (columns,) at the first time, within the device's limits; nothing is held."""
+        if self._limits is None:
+            self._limits = DeviceLimits(self._device)
+        return self._limits.joined(self._limits.by_actuator(self._values[0]))
+
     def raster(self) -> Raster:
         """The finished raster; nothing can be added after it."""
         time = self._header.time
         first = 0
         for actuator in self._device.actuators:
             part = slice(first, first + len(actuator.type.controls))
-            interval_ms = actuator.type.update_interval_ms
+            kind, neutral = actuator.type, self._neutral[part]
+            latency_ms = kind.latency_ms if self._looks_ahead else 0.0
+            early = advanced(self._values[:, part], neutral, time.rate_hz, latency_ms)
             self._values[:, part] = limited(
-                held(self._values[:, part], self._neutral[part], time.rate_hz, interval_ms),
+                held(early, neutral, time.rate_hz, kind.update_interval_ms),
                 self._lowest[part],
                 self._highest[part],
                 self._neutral[part],
@@ -270,7 +323,30 @@ class Renderer:
             neutral=self._neutral,
             shortfalls=tuple(self._shortfalls(felt)),
             felt=felt,
+            waveform_actuators=tuple(actuator.id for actuator in self._sounding),
+            partials=self._finished_partials(),
         )
+
+    def _finished_partials(self) -> tuple[Partial, ...]:
+        if not self._sounding:
+            return ()
+        kinds = [actuator.type for actuator in self._sounding]
+        rate_hz, looks_ahead = self._header.time.rate_hz, self._looks_ahead
+        late = [rows_of(rate_hz, kind.latency_ms) if looks_ahead else 0 for kind in kinds]
+        return self._partials.finished(
+            len(self._values),
+            late,
+            np.array([kind.controls[1].lowest for kind in kinds]),
+            np.array([kind.controls[1].highest for kind in kinds]),
+            np.array([kind.strength.highest for kind in kinds]),
+        )
+
+    def _why_not(self, stream: Stream, can: bool) -> Reason:
+        """Why samples of a stream drive no actuator."""
+        effect = self._effects[stream.effect_id]
+        if effect.device_id is not None and effect.device_id != self._device.id:
+            return "device"
+        return "place" if can else "modality"
 
     def _shortfalls(self, felt: Iterable[Felt]) -> Iterator[Shortfall]:
         for each in felt:
@@ -278,7 +354,7 @@ class Renderer:
             lost = int(np.count_nonzero(~each.is_rendered))
             can = any(group.answers_to(each.stream.modality) for group in self._groups)
             losses: list[tuple[Reason, int]] = [
-                ("place" if can else "modality", lost),
+                (self._why_not(each.stream, can), lost),
                 ("frequency", tally.off_frequency),
                 ("limit", tally.over_limit),
             ]

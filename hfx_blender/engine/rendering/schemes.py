@@ -8,6 +8,7 @@ the strongest counts at an actuator, as with coverage.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -44,10 +45,11 @@ def cells_of(
     """
     rows = rows_of(device, actuators, model)
     factors = None
-    pans = device.scheme.name != "coverage"
-    # What stands in the room, or is nowhere on this model, is not panned between.
-    if pans and all(len(row) for row in rows) and not _any_in_room(actuators):
-        rows, factors = _panned(device, actuators, rows, model)
+    panned = panned_layout(device, actuators, model)
+    if panned is not None:
+        driven = [np.flatnonzero(panned.gains[:, a] > 0.0) for a in range(len(actuators))]
+        rows = [panned.vertices[d] for d in driven]
+        factors = [panned.gains[d, a] for a, d in enumerate(driven)]
     if device.is_mirrored:
         orders = [np.argsort(model.mirror[row]) for row in rows]
         rows = [model.mirror[row][order] for row, order in zip(rows, orders, strict=True)]
@@ -56,13 +58,36 @@ def cells_of(
     return ActuatorCells(rows, len(model), factors)
 
 
-def _any_in_room(actuators: Sequence[Actuator]) -> bool:
-    return any(isinstance(each.place, RoomPlace) for each in actuators)
+@dataclass(frozen=True, eq=False)
+class PannedLayout:
+    """How the places between actuators drive them, on the side that was written."""
+
+    vertices: I32  # (n,) ascending; those that drive any
+    gains: F64  # (n, A)
+    fade: F64  # (n,) what the gains hold of it: 1 within the layout, nothing far beyond it
+    spacing_m: float  # between neighbouring actuators
+    at: Callable[[F64], F64]  # places (m, 3) of rest space to gains (m, A), without the fade
 
 
-def _panned(
-    device: DeviceConfig, actuators: Sequence[Actuator], rows: list[I32], model: PerceptualModel
-) -> tuple[list[I32], list[F64]]:
+def panned_layout(
+    device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
+) -> PannedLayout | None:
+    """Some actuators as a device's scheme pans between them; None where it does not.
+
+    What stands in the room, or is nowhere on this model, is not panned between.
+
+    Raises
+    ------
+    InputError
+        A place does not fit this model.
+    """
+    if device.scheme.name == "coverage" or not actuators:
+        return None
+    if any(isinstance(each.place, RoomPlace) for each in actuators):
+        return None
+    rows = rows_of(device, actuators, model)
+    if not all(len(row) for row in rows):
+        return None
     centres = np.array(
         [_centre(each, row, model) for each, row in zip(actuators, rows, strict=True)]
     )
@@ -71,13 +96,13 @@ def _panned(
         found = surface_gains(model, anchors, device.scheme.law)
         # The fade beyond the layout must not reach parts on which the device is not worn.
         own = np.isin(found.vertices, _candidates(actuators, rows, model))
-        vertices, gains = found.vertices[own], found.gains[own]
-    else:
-        vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
-        points = model.vertices[vertices].astype(np.float64)
-        gains = _FLAT[device.scheme.name](device, centres, points) * fade[:, None]
-    driven = [np.flatnonzero(gains[:, a] > 0.0) for a in range(len(actuators))]
-    return [vertices[d] for d in driven], [gains[d, a] for a, d in enumerate(driven)]
+        return PannedLayout(
+            found.vertices[own], found.gains[own], found.fade[own], _spacing_m(centres), found.at
+        )
+    vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
+    at = _FLAT[device.scheme.name](device, centres)
+    gains = at(model.vertices[vertices].astype(np.float64)) * fade[:, None]
+    return PannedLayout(vertices, gains, fade, _spacing_m(centres), at)
 
 
 def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:
@@ -114,14 +139,18 @@ def _near(centres: F64, candidates: I32, model: PerceptualModel) -> tuple[I32, F
     distances = np.full(len(points), np.inf)
     for centre in centres:
         np.minimum(distances, np.linalg.norm(points - centre, axis=1), out=distances)
+    fade = np.clip(2.0 - distances / _spacing_m(centres), 0.0, 1.0)
+    is_near = fade > 0.0
+    return candidates[is_near], fade[is_near]
+
+
+def _spacing_m(centres: F64) -> float:
+    """The largest distance of an actuator to its nearest neighbour."""
     between = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     between[between == 0.0] = np.inf
     nearest = between.min(axis=1)
     nearest = nearest[np.isfinite(nearest)]
-    spacing_m = float(nearest.max()) if len(nearest) else _LONE_SPACING_M
-    fade = np.clip(2.0 - distances / spacing_m, 0.0, 1.0)
-    is_near = fade > 0.0
-    return candidates[is_near], fade[is_near]
+    return float(nearest.max()) if len(nearest) else _LONE_SPACING_M
 
 
 def _mount(device: DeviceConfig, centres: F64) -> Mount:
@@ -140,45 +169,56 @@ def on_mount(mount: Mount, points: F64) -> F64:
     return np.asarray((points - np.array(mount.origin_m)) @ axes.T)
 
 
-def _planar(device: DeviceConfig, centres: F64, points: F64) -> F64:
-    mount = _mount(device, centres)
-    return PlanarPanning(on_mount(mount, centres), device.scheme.law).gains(on_mount(mount, points))
+_Gains = Callable[[F64], F64]
+"""Places (m, 3) of rest space to gains (m, A)."""
 
 
-def _ring(device: DeviceConfig, centres: F64, points: F64) -> F64:
+def _planar(device: DeviceConfig, centres: F64) -> _Gains:
     mount = _mount(device, centres)
-    ring, places = on_mount(mount, centres), on_mount(mount, points)
+    panning = PlanarPanning(on_mount(mount, centres), device.scheme.law)
+    return lambda points: panning.gains(on_mount(mount, points))
+
+
+def _ring(device: DeviceConfig, centres: F64) -> _Gains:
+    mount = _mount(device, centres)
+    ring = on_mount(mount, centres)
     middle = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
-    angles, at = (np.arctan2(*(each - middle).T[::-1]) for each in (ring, places))
-    return RingPanning(angles).gains(at[:, None])
+
+    def angles(places: F64) -> F64:
+        return np.asarray(np.arctan2(*(places - middle).T[::-1]))
+
+    panning = RingPanning(angles(ring))
+    return lambda points: panning.gains(angles(on_mount(mount, points))[:, None])
 
 
-def _line(device: DeviceConfig, centres: F64, points: F64) -> F64:
+def _line(device: DeviceConfig, centres: F64) -> _Gains:
     mount = _mount(device, centres)
-    return LinePanning(on_mount(mount, centres)[:, 0]).gains(on_mount(mount, points)[:, :1])
+    panning = LinePanning(on_mount(mount, centres)[:, 0])
+    return lambda points: panning.gains(on_mount(mount, points)[:, :1])
 
 
-def _vbap(device: DeviceConfig, centres: F64, points: F64) -> F64:
+def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
     """In space round the middle of the actuators; in their plane if they are flat."""
     middle = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
     if not np.any(centres != centres[0]):  # one place has no directions
-        return PlanarPanning(np.zeros((len(centres), 2)), "power").gains(points[:, :2])
+        alone = PlanarPanning(np.zeros((len(centres), 2)), "power")
+        return lambda points: alone.gains(points[:, :2])
     try:
-        return VectorBasePanning(centres - middle).gains(points - middle)
+        panning = VectorBasePanning(centres - middle)
+        return lambda points: panning.gains(points - middle)
     except ValueError:
         mount = _mount(device, centres)
         ring = on_mount(mount, centres)
-        middle = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
-        return VectorBasePanning(ring - middle).gains(on_mount(mount, points) - middle)
+        centre = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
+        flat = VectorBasePanning(ring - centre)
+        return lambda points: flat.gains(on_mount(mount, points) - centre)
 
 
-_FLAT: Final[dict[str, Callable[[DeviceConfig, F64, F64], F64]]] = {
+_FLAT: Final[dict[str, Callable[[DeviceConfig, F64], _Gains]]] = {
     "barycentric": _planar,
     "ring": _ring,
     "line": _line,
     "vbap": _vbap,
-    "nearest": lambda device, centres, points: NearestPanning(centres).gains(points),
-    "splat": lambda device, centres, points: GaussianSplatting(
-        centres, device.scheme.sigma_m
-    ).gains(points),
+    "nearest": lambda device, centres: NearestPanning(centres).gains,
+    "splat": lambda device, centres: GaussianSplatting(centres, device.scheme.sigma_m).gains,
 }

@@ -220,3 +220,83 @@ def test_what_cannot_be_opened_is_told() -> None:
     lane.arm()
     lane.wait_closed()
     assert reports == [("lost", "no such port")]
+
+
+class Opening:
+    """A lane whose output takes its time to open."""
+
+    def __init__(self) -> None:
+        self.opens = threading.Event()
+        self.output = Recorder()
+        self.events: list[str] = []
+        self.lane = Lane(0, DEVICE, self._open, self._told)
+        self.lane.start()
+
+    def _open(self) -> Recorder:
+        self.opens.wait(PATIENCE_S)
+        return self.output
+
+    def _told(self, event: str, _device: int, **_: Any) -> None:
+        if event == "connected":  # whoever arms it just now has to wait
+            other = threading.Thread(target=self.lane.arm)
+            other.start()
+            other.join(0.05)
+        self.events.append(event)
+
+    def until(self, event: str) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while event not in self.events:
+            assert time.monotonic() < end, f"never happened: {self.events}"
+            time.sleep(0.002)
+
+
+@pytest.fixture
+def opening() -> Iterator[Opening]:
+    found = Opening()
+    yield found
+    found.opens.set()
+    found.lane.close("the test is over")
+
+
+def test_a_blender_that_was_slow_while_a_device_was_opened_does_not_keep_it_from_playing(
+    opening: Opening,
+) -> None:
+    opening.lane.arm()
+    opening.lane.freeze("Blender did not answer")
+    opening.opens.set()
+    opening.until("armed")
+    assert "stopped" not in opening.events
+
+
+def test_a_stop_while_a_device_is_opened_keeps_it_silent(played: Playing) -> None:
+    opens = threading.Event()
+    events: list[str] = []
+    output = Recorder()
+
+    def wait() -> Any:
+        opens.wait(PATIENCE_S)
+        return output
+
+    lane = Lane(1, DEVICE, wait, lambda event, _d, **_: events.append(event))
+    lane.start()
+    lane.arm()
+    lane.stop("stopped by you")
+    opens.set()
+    played.until(lambda: "connected" in events)
+    lane.feed(playing())
+    time.sleep(0.05)
+    lane.close("the test is over")
+    assert "armed" not in events and not output.loud()
+
+
+def test_it_is_told_to_be_connected_before_it_is_told_to_play(opening: Opening) -> None:
+    opening.opens.set()
+    opening.until("armed")
+    assert opening.events.index("connected") < opening.events.index("armed")
+
+
+def test_a_freeze_stops_what_plays(played: Playing) -> None:
+    played.play()
+    played.lane.freeze("Blender did not answer for 250 ms")
+    played.until(lambda: played.output.ends_in_stops())
+    assert ("stopped", "Blender did not answer for 250 ms") in played.reports

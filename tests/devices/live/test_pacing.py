@@ -102,3 +102,33 @@ def test_silence_does_not_wait_for_an_interval():
 @pytest.mark.parametrize(("interval_ms", "tick"), [(0.1, 0.005), (10, 0.01), (500, 0.05)])
 def test_a_device_is_sent_values_as_fast_as_it_takes_them_but_never_seldom(interval_ms, tick):
     assert tick_s(updating_every(interval_ms)) == tick
+
+
+def test_what_gets_values_once_a_frame_gets_the_frame_at_once_and_not_shortly_before_it():
+    ramp = Ramp(DEVICE, TICK)
+    frames = np.arange(5) / 60.0
+    for now in frames:
+        ramp.aim(playing(1.0 + 60.0 * now), now)
+        assert ramp.at(now)[0] == pytest.approx(1.0 + 60.0 * now)
+    # The next frame is due 16.7 ms after the last: at 10 ms nothing goes out.
+    after = ramp.next_s(frames[-1] + TICK, frames[-1])
+    assert frames[-1] + 1.0 / 60.0 < after < frames[-1] + 1.0 / 60.0 + TICK
+
+
+def test_a_frame_that_does_not_come_is_not_waited_for_twice():
+    ramp = Ramp(DEVICE, TICK)
+    for now in (0.0, 1.0 / 60.0):
+        ramp.aim(playing(), now)
+    late = ramp.next_s(1.0 / 60.0 + TICK, 1.0 / 60.0)
+    assert ramp.next_s(late + TICK, late) == late + TICK
+
+
+def test_slow_frames_are_ramped_to_and_complete_before_the_next():
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(0.0), 0.0)
+    ramp.at(0.0)
+    now = 1.0 / 24.0
+    ramp.aim(playing(8.0), now)
+    assert [ramp.at(now + k * TICK)[0] for k in range(4)] == pytest.approx([2.0, 4.0, 6.0, 8.0])
+    assert ramp.next_s(now + 3 * TICK, now + 2 * TICK) == now + 3 * TICK
+    assert ramp.next_s(now + 4 * TICK, now + 3 * TICK) > 2.0 / 24.0

@@ -47,6 +47,13 @@ class SurfaceGains:
     vertices: I32  # (n,) ascending
     gains: F64  # (n, A)
     simplices: I64  # (S, 3) neighbouring actuators; an edge or a point repeats its last corner
+    fade: F64  # (n,) what the gains hold of it
+    complex: ActuatorComplex
+    law: Law
+
+    def at(self, points: F64) -> F64:
+        """Gains (m, A) for any places (m, 3), without the fade beyond the layout."""
+        return gain(self.complex.shares(points)[0], self.law)
 
 
 def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> SurfaceGains:
@@ -81,7 +88,14 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     fade = np.clip(2.0 - distance_m[near] / span_m[nearest[near]], 0.0, 1.0)
     near, fade = near[fade > 0.0], fade[fade > 0.0]
     shares, _ = complex_.shares(points[near])
-    return SurfaceGains(near.astype(np.int32), gain(shares, law) * fade[:, None], first[simplices])
+    return SurfaceGains(
+        near.astype(np.int32),
+        gain(shares, law) * fade[:, None],
+        first[simplices],
+        fade,
+        complex_,
+        law,
+    )
 
 
 def _along_the_skin(model: PerceptualModel, anchors: I64) -> tuple[I64, F64, F64]:

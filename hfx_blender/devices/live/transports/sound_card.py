@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A multichannel sound card through PortAudio: one channel for each vibration actuator.
+
+PortAudio comes with the optional package ``sounddevice`` (the extra ``audio``).
+"""
+
+from __future__ import annotations
+
+import importlib
+import threading
+import time
+from contextlib import suppress
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ....engine.rendering.device import DeviceConfig
+from ..output import OutputLostError
+from ..waveform import Oscillators
+
+F64 = npt.NDArray[np.float64]
+
+DEAD_MAN_S: Final = 0.25
+"""Without values for so long a card falls silent by itself: its thread outlives ours."""
+
+MAX_FREQUENCY_HZ: Final = 1000.0
+RATE_HZ: Final = 48_000
+
+
+class SoundCard:
+    """A device on a sound card.
+
+    Full scale is the largest amplitude that any of its actuators may be given.
+
+    Parameters
+    ----------
+    device : DeviceConfig
+    interface : str
+        Part of the card's name, or its number; empty: the system's own.
+    first_channel : int
+        From 1.
+
+    Raises
+    ------
+    OutputLostError
+        PortAudio is not installed, the device vibrates nowhere, or there is no such card.
+    """
+
+    def __init__(self, device: DeviceConfig, interface: str = "", first_channel: int = 1) -> None:
+        self._amplitude_columns, self._frequency_columns = _columns(device)
+        kinds = [a.type for a in device.actuators if a.type.modality == "vibration"]
+        self._full_scale = max((kind.strength.highest for kind in kinds), default=0.0)
+        if self._full_scale <= 0.0:
+            raise OutputLostError(f"Device '{device.id}' has nothing that vibrates: no sound card.")
+        self._name = interface or "the sound card"
+        self._first = first_channel - 1
+        self._lock = threading.Lock()
+        self._oscillators = Oscillators(len(kinds), RATE_HZ)
+        self._values_s = time.monotonic()
+        self._is_silent = True
+        self._lost = ""
+        self._is_closed = False
+        library = _library()
+        try:
+            chosen = int(interface) if interface.isdecimal() else (interface or None)
+            self._stream: Any = library.OutputStream(
+                device=chosen,
+                samplerate=RATE_HZ,
+                channels=self._first + len(kinds),
+                dtype="float32",
+                latency="low",
+                callback=self._play,
+                finished_callback=self._finished,
+            )
+            self._stream.start()
+        except Exception as error:  # PortAudioError, ValueError for a name that nothing has
+            raise OutputLostError(f"{self._name} cannot be opened ({error}).") from None
+
+    def send(self, values: F64) -> None:
+        """Hand over values (columns,).
+
+        Raises
+        ------
+        OutputLostError
+            The card is gone.
+        """
+        if self._lost:
+            raise OutputLostError(f"{self._name} is lost ({self._lost}).")
+        amplitudes = values[self._amplitude_columns] / self._full_scale
+        frequencies = np.minimum(values[self._frequency_columns], MAX_FREQUENCY_HZ)
+        with self._lock:
+            self._values_s, self._is_silent = time.monotonic(), False
+            self._oscillators.aim(amplitudes, frequencies)
+
+    def stop(self) -> None:
+        """Fade to silence within 5 ms."""
+        with self._lock:
+            self._silence()
+
+    def close(self) -> None:
+        """Give the card back."""
+        self._is_closed = True
+        with suppress(Exception):
+            self._stream.stop()
+        with suppress(Exception):
+            self._stream.close()
+
+    def _silence(self) -> None:
+        if not self._is_silent:
+            self._is_silent = True
+            nothing = np.zeros(len(self._amplitude_columns))
+            self._oscillators.aim(nothing, nothing)
+
+    def _play(self, outdata: Any, frames: int, _time: Any, _status: Any) -> None:
+        """In PortAudio's thread."""
+        outdata[:] = 0.0
+        with self._lock:
+            if time.monotonic() - self._values_s > DEAD_MAN_S:
+                self._silence()
+            outdata[:, self._first :] = self._oscillators.block(frames)
+
+    def _finished(self) -> None:
+        """The stream has ended; if nobody closed it, the card is gone."""
+        if not self._is_closed:
+            self._lost = "it was unplugged, or another program took it"
+
+
+def interfaces() -> list[str]:
+    """Names of sound cards that can play; none without PortAudio."""
+    try:
+        library = _library()
+        return [
+            str(each["name"]) for each in library.query_devices() if each["max_output_channels"]
+        ]
+    except Exception:
+        return []
+
+
+def _library() -> Any:
+    try:
+        return importlib.import_module("sounddevice")
+    except (ImportError, OSError) as error:  # OSError: without PortAudio's own library
+        raise OutputLostError(
+            "Sound cards need the package sounddevice (pip install 'hfx-blender[audio]'), which "
+            f"brings PortAudio ({error})."
+        ) from None
+
+
+def _columns(device: DeviceConfig) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Where amplitudes and frequencies of vibration actuators stand among the columns."""
+    amplitudes = []
+    first = 0
+    for actuator in device.actuators:
+        if actuator.type.modality == "vibration":
+            amplitudes.append(first)
+        first += len(actuator.type.controls)
+    found = np.array(amplitudes, np.int64)
+    return found, found + 1

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Vibrations of different frequencies at one actuator.
+
+An actuator with a frequency to be set plays that of the strongest contributor, and stays with
+it until another is clearly stronger: between two that are nearly equal it must not warble. An
+actuator that takes a waveform plays the sum of all, each with its own frequency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+
+MARGIN: Final = 1.25
+"""How many times as strong another contributor has to be: 2 dB, about a difference that is felt.
+
+The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi
+and Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
+
+_ALIKE_HZ: Final = 1.0
+"""Frequencies closer than this count as one, as in ``modality.combine_vibration``."""
+
+
+class StrongestContributor:
+    """Which contributor's frequency each of A actuators plays, from row to row."""
+
+    def __init__(self, count: int) -> None:
+        self._held = np.full(count, -1, np.int64)
+        self._numbers: dict[str, int] = {}
+
+    def frequencies(self, names: Sequence[str], amplitudes: F64, frequencies_hz: F64) -> F64:
+        """Frequencies of the next rows, (R, A); 0 where nothing vibrates.
+
+        Contributors of the same frequency support each other. A frequency that is none makes
+        that of its actuators none.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Who contributes; a name stands for the same contributor every time.
+        amplitudes : (n, R, A) float64
+        frequencies_hz : (n, R) float64
+        """
+        numbers = np.array([self._numbers.setdefault(n, len(self._numbers)) for n in names])
+        is_bad = ~np.isfinite(frequencies_hz)
+        hz = np.where(is_bad, 0.0, frequencies_hz)
+        if np.ptp(hz, axis=0).max(initial=0.0) <= _ALIKE_HZ:  # nothing to choose between
+            found = self._any_of(numbers, amplitudes, hz)
+        else:
+            rows = range(amplitudes.shape[1])
+            found = np.stack([self._row(numbers, amplitudes[:, r], hz[:, r]) for r in rows])
+        if is_bad.any():
+            found[(is_bad[..., None] & (amplitudes > 0.0)).any(axis=0)] = np.nan
+        return found
+
+    def _any_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
+        strongest = np.argmax(amplitudes, axis=0)
+        sounds = amplitudes.max(axis=0) > 0.0
+        self._held = np.where(sounds[-1], numbers[strongest[-1]], self._held)
+        rows = np.arange(amplitudes.shape[1])[:, None]
+        return np.where(sounds, hz[strongest, rows], 0.0)
+
+    def _row(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
+        """The same for one row: (n, A) and (n,) to (A,)."""
+        alike = np.abs(hz[:, None] - hz[None]) <= _ALIKE_HZ
+        together = np.einsum("ij,ja->ia", alike.astype(np.float64), amplitudes)
+        support = np.where(amplitudes > 0.0, together, 0.0)
+        best, columns = np.argmax(support, axis=0), np.arange(amplitudes.shape[1])
+        is_held = numbers[:, None] == self._held
+        now = np.where(is_held, support, 0.0).max(axis=0)
+        stays = (now > 0.0) & (support[best, columns] <= MARGIN * now)
+        chosen = np.where(stays, np.argmax(is_held, axis=0), best)
+        sounds = support[chosen, columns] > 0.0
+        self._held = np.where(sounds, numbers[chosen], self._held)
+        return np.where(sounds, hz[chosen], 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Partial:
+    """One effect's share of what W actuators play that take a waveform: a sine each."""
+
+    effect_id: str
+    first_row: int
+    amplitudes: F64  # (n, W) m/s^2, peak
+    frequencies_hz: F64  # (n, W) 0 where it is silent
+
+
+class Partials:
+    """Collects the shares of effects as they come, block by block."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._parts: dict[str, list[tuple[I64, F32, F32]]] = {}
+
+    def add(self, name: str, rows: I64, amplitudes: F64, frequencies_hz: F64) -> None:
+        """Take the share of an effect at some rows: (R,), (R, W), (R,)."""
+        is_on = amplitudes.any(axis=1)
+        if is_on.any():
+            part = rows[is_on], amplitudes[is_on], frequencies_hz[is_on]
+            self._parts.setdefault(name, []).append(
+                (part[0], part[1].astype(np.float32), part[2].astype(np.float32))
+            )
+
+    def forget(self) -> None:
+        """Begin again."""
+        self._parts.clear()
+
+    def finished(
+        self,
+        row_count: int,
+        latency_rows: Sequence[int],
+        lowest_hz: F64,
+        highest_hz: F64,
+        highest: F64,
+    ) -> tuple[Partial, ...]:
+        """All shares, within the limits of W actuators; together they never exceed these."""
+        found = [self._one(name, row_count, latency_rows) for name in self._parts]
+        found = [each for each in found if len(each.amplitudes)]
+        total = np.zeros((row_count, self.count))
+        for each in found:
+            total[each.first_row : each.first_row + len(each.amplitudes)] += each.amplitudes
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(total > highest, highest / total, 1.0)
+        limited = []
+        for each in found:
+            rows = slice(each.first_row, each.first_row + len(each.amplitudes))
+            hz = np.clip(each.frequencies_hz, lowest_hz, highest_hz)
+            hz = np.where(each.amplitudes > 0.0, hz, 0.0)
+            limited.append(
+                Partial(each.effect_id, each.first_row, each.amplitudes * share[rows], hz)
+            )
+        return tuple(limited)
+
+    def _one(self, name: str, row_count: int, latency_rows: Iterable[int]) -> Partial:
+        parts = self._parts[name]
+        rows = np.concatenate([each[0] for each in parts])
+        values = np.concatenate([each[1] for each in parts]).astype(np.float64)
+        hz = np.concatenate([each[2] for each in parts]).astype(np.float64)
+        safe = np.isfinite(values).all(axis=1) & np.isfinite(hz) & (hz > 0.0)
+        values[~safe] = 0.0
+        latencies = list(latency_rows)
+        first = max(0, int(rows[0]) - max(latencies))
+        stop = int(rows[-1]) + 1 - min(latencies)
+        amplitudes = np.zeros((max(stop - first, 0), self.count))
+        frequencies = np.zeros_like(amplitudes)
+        for column, late in enumerate(latencies):
+            at = rows - late - first
+            seen = (at >= 0) & (at < len(amplitudes)) & (rows - late < row_count)
+            amplitudes[at[seen], column] = np.maximum(values[seen, column], 0.0)
+            frequencies[at[seen], column] = hz[seen]
+        return Partial(name, first, amplitudes, frequencies)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""When live devices are told: Blender's handlers and timers, while a device is connected."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..errors import HfxError
+from ..reading import stepping
+
+if TYPE_CHECKING:
+    from .live import Live
+
+BEAT_S = 0.05
+
+_log = logging.getLogger(__name__)
+_live: Live | None = None
+_is_describing = False
+
+
+def listen(live: Live) -> None:
+    """Follow the open scene, and give signs of life."""
+    global _live
+    _live = live
+    for name, handler in _HANDLERS.items():
+        handlers = getattr(bpy.app.handlers, name)
+        if handler not in handlers:
+            handlers.append(handler)
+    if not bpy.app.timers.is_registered(_beat):
+        bpy.app.timers.register(_beat, first_interval=BEAT_S, persistent=True)
+
+
+def do_not_listen() -> None:
+    """No device is connected any more."""
+    for name, handler in _HANDLERS.items():
+        handlers = getattr(bpy.app.handlers, name)
+        if handler in handlers:
+            handlers.remove(handler)
+    for timer in (_beat, _describe):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+
+
+def request_update() -> None:
+    """Describe and send soon; not from within an update of Blender's."""
+    if not bpy.app.timers.is_registered(_describe):
+        bpy.app.timers.register(_describe, first_interval=0.0)
+
+
+def is_playing() -> bool:
+    """Whether Blender plays an animation, so that it is known what comes next."""
+    screen = bpy.context.screen
+    return screen is not None and screen.is_animation_playing
+
+
+def _describe() -> None:
+    global _is_describing
+    if _live is None:
+        return
+    if getattr(bpy.context, "scene", None) is None:  # at this moment
+        _live.forget()
+        return
+    _is_describing = True
+    try:
+        _live.describe(bpy.context)
+        _live.update(bpy.context.scene)
+    except ReferenceError as error:  # something was deleted; the next change tells more
+        _log.info("live: %s", error)
+        _live.forget()
+    except HfxError as error:
+        _live.fail(str(error))
+    except Exception as error:
+        _log.exception("live")
+        _live.fail(f"{type(error).__name__}: {error}")
+    finally:
+        _is_describing = False
+
+
+@persistent
+def _on_change(scene: bpy.types.Scene, *_: object) -> None:
+    if _live is None:
+        return
+    _live.touch()  # also while nothing plays: what moved then is felt by the next Play
+    if _is_describing or not _live.is_armed or scene != bpy.context.scene:
+        return
+    if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
+        return
+    try:
+        _live.update(scene)
+    except (ReferenceError, HfxError) as error:
+        _live.forget()
+        _live.fail(str(error))
+    except Exception as error:
+        _log.exception("live")
+        _live.fail(f"{type(error).__name__}: {error}")
+    if not is_playing():
+        request_update()  # something may have been added, painted or muted
+
+
+@persistent
+def _on_load(*_: object) -> None:
+    _stop("another file was opened")
+
+
+@persistent
+def _on_undo(*_: object) -> None:
+    _stop("stopped by an undo or redo")
+
+
+def _stop(reason: str) -> None:
+    if _live is not None:
+        _live.stop_all(reason)
+        _live.forget()
+
+
+def _beat() -> float:
+    if _live is not None:
+        try:
+            if _live.beat():
+                _redraw()
+        except Exception as error:  # a timer that raises is not called again
+            _log.exception("live")
+            _live.fail(f"{type(error).__name__}: {error}")
+    return BEAT_S
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+_HANDLERS = {
+    "frame_change_post": _on_change,
+    "depsgraph_update_post": _on_change,
+    "load_pre": _on_load,
+    "undo_pre": _on_undo,
+    "redo_pre": _on_undo,
+}

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The play space: the object in whose room devices stand; a teleport moves it."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..engine.scene import TimeBase
+from ..errors import InputError
+from .animation_curves import NotModelledError
+from .own_kinematics import PlainObject
+from .scene_description import sample_frames
+
+F64 = npt.NDArray[np.float64]
+
+
+def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
+    """Play space to world at all samples, (T, 4, 4) in metres; None: it is the world.
+
+    Raises
+    ------
+    InputError
+        Something else than keyframes, clips and parents moves it.
+    """
+    space = scene.hfx.play_space
+    if space is None:
+        return None
+    try:
+        plain = PlainObject(space)
+    except NotModelledError as error:
+        raise InputError(
+            f"Play space '{space.name}': {error}; it is moved by keyframes, clips or parents only."
+        ) from None
+    frames = sample_frames(time, np.arange(time.sample_count))
+    world = plain.world(frames, plain.values.sample(frames))
+    world[:, :3, 3] *= unit_m
+    return _checked(world, space.name)
+
+
+def pose_now(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, unit_m: float) -> F64:
+    """Play space to world as it stands, (4, 4) in metres."""
+    space = scene.hfx.play_space
+    if space is None:
+        return np.eye(4)
+    matrix = np.array(space.evaluated_get(layer.depsgraph).matrix_world, np.float64)
+    matrix[:3, 3] *= unit_m
+    return matrix
+
+
+def _checked(matrices: F64, name: str) -> F64:
+    if not np.isfinite(matrices).all() or (np.abs(np.linalg.det(matrices)) < 1e-12).any():
+        raise InputError(f"Play space '{name}': its scale is 0, or its place no number.")
+    return matrices

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Node maps of VRChat haptics become devices that load, fit the body and can be driven."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender.devices.configuration import check, load_device
+from hfx_blender.devices.node_map import import_node_map
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.parts import LEFT, SIDES
+from hfx_blender.engine.rendering.placement import vertices_of
+from hfx_blender.errors import InputError
+
+
+def node(bone: str, x: float, y: float, z: float, address: str | None = None) -> dict[str, Any]:
+    found = {"node_data": {"x": x, "y": y, "z": z, "groups": ["A"]}, "radius": 0.03}
+    found |= {"target_bone": bone, "is_external_address": False}
+    return found if address is None else {**found, "address": address}
+
+
+# Unity: Y up, the avatar faces +Z, its left is -X.
+NODES = [
+    node("Chest", -0.08, 1.3, 0.1, "/avatar/parameters/h/VestFront_0"),
+    node("Chest", 0.08, 1.3, -0.1, "/avatar/parameters/h/VestBack_3"),
+    node("LeftLowerArm", -0.4, 1.2, 0.0),
+    node("Head", 0.0, 1.7, 0.1),
+]
+
+
+@pytest.fixture
+def written(tmp_path: Path):
+    def write(nodes: Any, **others: Any) -> Path:
+        path = tmp_path / "map.json"
+        path.write_text(json.dumps({"nodes": nodes, "meta": {"map_name": "Vest"}, **others}))
+        return path
+
+    return write
+
+
+def test_a_node_map_becomes_a_device_that_fits(written: Any, tmp_path: Path) -> None:
+    made = import_node_map(written(NODES), "my_vest", tmp_path / "devices")
+    assert check(made) == []
+    device = load_device("my_vest", tmp_path / "devices")
+    assert [each.id for each in device.actuators] == ["node_1", "node_2", "node_3", "node_4"]
+    front, back, arm, head = (each.place for each in device.actuators)
+    assert front.centre_m[0] > 0.0 > front.centre_m[1], "the wearer's left, in front"
+    assert back.centre_m[0] < 0.0 < back.centre_m[1], "the wearer's right, behind"
+    assert (arm.parts, arm.side, head.parts) == (("forearm",), "left", ("head",))
+    model = load_model("hfx-vibration-1")
+    assert set(model.side[vertices_of(arm, model)].tolist()) == {LEFT} and SIDES[LEFT] == "left"
+    assert np.linalg.norm(np.array(front.centre_m) - [0.08, -0.1, 1.3]) < 0.1
+    assert device.output is not None
+    assert device.output.encoder.addresses == (
+        "/avatar/parameters/h/VestFront_0",
+        "/avatar/parameters/h/VestBack_3",
+        "/avatar/parameters/hfx_3",
+        "/avatar/parameters/hfx_4",
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ([], "nodes"),
+        ("x", "nodes"),
+        ([1], r"nodes\[0\]"),
+        ([{**NODES[0], "target_bone": "Tail"}], r"nodes\[0\]\.target_bone"),
+        ([{**NODES[0], "target_bone": None}], r"nodes\[0\]\.target_bone"),
+        ([{**NODES[0], "radius": -1}], r"nodes\[0\]\.radius"),
+        ([{**NODES[0], "radius": True}], r"nodes\[0\]\.radius"),
+        ([{**NODES[0], "node_data": {"x": 0, "y": 99, "z": 0}}], r"nodes\[0\]\.y"),
+        ([{**NODES[0], "node_data": {"x": 0, "y": 1}}], r"nodes\[0\]\.z"),
+        ([{**NODES[0], "node_data": []}], "node_data"),
+        ([{**NODES[0], "address": "no address"}], r"nodes\[0\]\.address"),
+        ([NODES[0], NODES[0]], "same address"),
+        ([NODES[2]] * 1001, "1000"),
+    ],
+)
+def test_what_is_no_node_map_is_told_and_nothing_is_written(
+    written: Any, tmp_path: Path, wrong: Any, told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        import_node_map(written(wrong), "x", tmp_path / "devices")
+    assert not (tmp_path / "devices").exists()
+
+
+def test_names_are_checked_and_nothing_is_overwritten(written: Any, tmp_path: Path) -> None:
+    path = written(NODES)
+    for name in ("", "../x", "A", "a b"):
+        with pytest.raises(InputError, match="no name"):
+            import_node_map(path, name, tmp_path)
+    import_node_map(path, "one", tmp_path)
+    with pytest.raises(InputError, match="exists already"):
+        import_node_map(path, "one", tmp_path)

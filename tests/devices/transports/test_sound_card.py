@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sound cards, by a module that stands for PortAudio; and the waveforms that they are given."""
+
+from __future__ import annotations
+
+import sys
+import types
+from typing import Any
+
+import numpy as np
+import pytest
+from bench_devices import device, heat, vibration
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.devices.live import opening
+from hfx_blender.devices.live.output import OutputLostError
+from hfx_blender.devices.live.transports import sound_card
+from hfx_blender.devices.live.transports.sound_card import RATE_HZ, SoundCard
+from hfx_blender.devices.live.waveform import Oscillators
+
+
+class Stream:
+    """PortAudio's side: asks for blocks when the test says so."""
+
+    made: list[Stream] = []
+
+    def __init__(self, **settings: Any) -> None:
+        if settings["device"] == "gone":
+            raise ValueError("No output device matching 'gone'")
+        self.settings = settings
+        self.calls: list[str] = []
+        Stream.made.append(self)
+
+    def start(self) -> None:
+        self.calls.append("start")
+
+    def stop(self) -> None:
+        self.calls.append("stop")
+        self.settings["finished_callback"]()
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+    def ask(self, count: int) -> np.ndarray:
+        found = np.full((count, self.settings["channels"]), np.nan, np.float32)
+        self.settings["callback"](found, count, None, None)
+        return found
+
+
+@pytest.fixture
+def card(monkeypatch: pytest.MonkeyPatch) -> Any:
+    fake = types.ModuleType("sounddevice")
+    fake.OutputStream = Stream
+    fake.query_devices = lambda: [
+        {"name": "Card", "max_output_channels": 8},
+        {"name": "Microphone", "max_output_channels": 0},
+    ]
+    monkeypatch.setitem(sys.modules, "sounddevice", fake)
+    Stream.made.clear()
+    return lambda **options: SoundCard(device(vibration(), heat(), vibration()), **options)
+
+
+LOUD = np.array([5.0, 100.0, 29.0, 10.0, 200.0])  # motor, element, motor
+SILENT = np.array([0.0, 100.0, 29.0, 0.0, 100.0])
+
+
+def test_each_motor_has_a_channel_of_its_own_amplitude_and_frequency(card: Any) -> None:
+    found = card(interface="Card", first_channel=2)
+    (stream,) = Stream.made
+    assert stream.settings["channels"] == 3 and stream.calls == ["start"]
+    found.send(LOUD)
+    stream.ask(4800)  # the ramp
+    block = stream.ask(RATE_HZ // 2)
+    assert not block[:, 0].any(), "channels before the first are silent"
+    for channel, (amplitude, hz) in ((1, (0.5, 100.0)), (2, (1.0, 200.0))):
+        assert np.abs(block[:, channel]).max() == pytest.approx(amplitude, abs=1e-3)
+        spectrum = np.abs(np.fft.rfft(block[:, channel]))
+        assert np.argmax(spectrum) * 2 == hz
+
+
+def test_a_stop_is_silence_within_5_ms_and_without_a_click(card: Any) -> None:
+    found = card()
+    (stream,) = Stream.made
+    found.send(LOUD)
+    before = stream.ask(4800)
+    found.stop()
+    after = stream.ask(480)
+    assert not after[241:].any()
+    steepest = 2.0 * np.pi * 200.0 / RATE_HZ + 1.0 / 240
+    assert np.abs(np.diff(np.vstack([before[-1:], after]), axis=0)).max() < 1.1 * steepest
+
+
+def test_a_card_falls_silent_by_itself_without_values(
+    card: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = card()
+    (stream,) = Stream.made
+    now = [100.0]
+    monkeypatch.setattr(sound_card.time, "monotonic", lambda: now[0])
+    found.send(LOUD)
+    now[0] += 0.2
+    stream.ask(480)
+    assert stream.ask(480).any()
+    now[0] += 0.1
+    stream.ask(480)
+    assert not stream.ask(480).any()
+    found.send(LOUD)
+    stream.ask(480)
+    assert stream.ask(480).any()
+
+
+def test_a_card_that_goes_is_told_and_one_that_was_closed_is_not(card: Any) -> None:
+    found = card()
+    Stream.made[0].settings["finished_callback"]()
+    with pytest.raises(OutputLostError, match="unplugged"):
+        found.send(LOUD)
+    other = card()
+    other.close()
+    assert Stream.made[1].calls == ["start", "stop", "close"]
+    other.send(SILENT)
+
+
+def test_what_cannot_be_opened_says_why(card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(OutputLostError, match="gone cannot be opened"):
+        card(interface="gone")
+    with pytest.raises(OutputLostError, match="nothing that vibrates"):
+        SoundCard(device(heat()))
+    assert sound_card.interfaces() == ["Card"]
+    monkeypatch.setitem(sys.modules, "sounddevice", None)  # as if it were not installed
+    with pytest.raises(OutputLostError, match=r"hfx-blender\[audio\]"):
+        card()
+    assert sound_card.interfaces() == []
+
+
+def test_any_device_that_vibrates_can_be_opened_on_a_card(card: Any) -> None:
+    found = opening.open_output(device(vibration()), {"kind": "audio", "interface": "3"})
+    assert isinstance(found, SoundCard)
+    assert Stream.made[0].settings["device"] == 3
+    for wrong in ({"interface": 3}, {"first_channel": 0}, {"first_channel": True}):
+        with pytest.raises(OutputLostError):
+            opening.open_output(device(vibration()), {"kind": "audio", **wrong})
+
+
+@given(st.lists(st.integers(0, 700), min_size=1, max_size=8), st.sampled_from(["sine", "square"]))
+@settings(deadline=None, max_examples=30)
+def test_waves_do_not_depend_on_how_they_are_split(sizes: list[int], shape: Any) -> None:
+    whole, split = Oscillators(2, RATE_HZ, shape), Oscillators(2, RATE_HZ, shape)
+    for each in (whole, split):
+        each.aim(np.array([0.5, 1.0]), np.array([80.0, 250.0]))
+    parts = np.concatenate([split.block(size) for size in sizes])
+    same = np.abs(parts - whole.block(sum(sizes))) < 1e-9
+    # A square's edge may fall on either side of a sample, by rounding.
+    assert same.all() if shape == "sine" else (~same).sum() <= 2 * len(sizes) + 10
+
+
+def test_phase_goes_on_through_changes_of_frequency() -> None:
+    found = Oscillators(1, RATE_HZ)
+    parts = []
+    for hz in (80.0, 250.0, 31.0, 400.0):
+        found.aim(np.ones(1), np.array([hz]))
+        parts.append(found.block(1000))
+    wave = np.concatenate(parts)[240:, 0]
+    assert np.abs(np.diff(wave)).max() <= 2.0 * np.pi * 400.0 / RATE_HZ * 1.01
+
+
+def test_noise_fills_its_range_and_follows_its_amplitude() -> None:
+    found = Oscillators(1, RATE_HZ, "noise")
+    found.aim(np.array([0.5]), np.zeros(1))
+    found.block(240)
+    wave = found.block(4800)
+    assert 0.45 < np.abs(wave).max() <= 0.5
+    assert abs(wave.mean()) < 0.02
+
+
+@pytest.mark.parametrize("bad", [(np.nan, 100.0), (np.inf, 100.0), (1.0, np.nan), (-1.0, 100.0)])
+def test_what_is_no_number_is_silence(bad: tuple[float, float]) -> None:
+    found = Oscillators(1, RATE_HZ)
+    found.aim(np.ones(1), np.array([100.0]))
+    found.block(480)
+    found.aim(np.array(bad[:1]), np.array(bad[1:]))
+    found.block(240)
+    assert not found.block(480).any()

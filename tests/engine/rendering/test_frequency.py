@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where 80 and 250 Hz meet: one frequency with hysteresis, or the sum of both waveforms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rendering_synthetic import MODELS, at, make_device, make_header, make_run
+from scipy.io import wavfile
+
+from hfx_blender.engine.rendering.device import DeviceConfig, Substitution
+from hfx_blender.engine.rendering.frequency import MARGIN, StrongestContributor
+from hfx_blender.engine.rendering.raster import Raster
+from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.formats import wav
+
+LOW, HIGH = 80.0, 250.0
+
+
+def chosen(*strengths: tuple[float, float]) -> list[float]:
+    """The frequency that one actuator plays while an 80 and a 250 Hz effect have strengths."""
+    amplitudes = np.array(strengths).T[..., None]
+    hz = np.repeat([[LOW], [HIGH]], len(strengths), axis=1)
+    return StrongestContributor(1).frequencies(["a", "b"], amplitudes, hz)[:, 0].tolist()
+
+
+def test_the_strongest_contributors_frequency_is_played():
+    assert chosen((2.0, 1.0)) == [LOW]
+    assert chosen((1.0, 2.0)) == [HIGH]
+    assert chosen((0.0, 0.0)) == [0.0]
+
+
+def test_it_stays_until_another_is_clearly_stronger():
+    a_little, clearly = 1.0 * MARGIN - 0.01, 1.0 * MARGIN + 0.01
+    assert chosen((1.0, 0.5), (1.0, a_little), (1.0, clearly), (a_little, 1.0)) == [
+        LOW,
+        LOW,
+        HIGH,
+        HIGH,
+    ]
+
+
+def test_it_goes_over_at_once_when_what_was_held_falls_silent():
+    assert chosen((1.0, 0.1), (0.0, 0.1), (0.1, 0.1), (0.13, 0.1)) == [LOW, HIGH, HIGH, LOW]
+
+
+def test_two_that_are_nearly_equal_do_not_make_it_warble():
+    rng = np.random.default_rng(1)
+    noise = 1.0 + 0.1 * rng.uniform(-1.0, 1.0, (500, 2))
+    assert len(set(chosen(*map(tuple, noise.tolist())))) == 1
+
+
+def test_contributors_of_one_frequency_support_each_other():
+    amplitudes = np.array([1.0, 1.0, 1.5])[:, None, None]
+    hz = np.array([[LOW], [LOW + 0.5], [HIGH]])
+    assert StrongestContributor(1).frequencies(["a", "b", "c"], amplitudes, hz)[0, 0] < HIGH
+
+
+def test_actuators_choose_for_themselves_and_remember_from_block_to_block():
+    contributor = StrongestContributor(2)
+    hz = np.array([[LOW], [HIGH]])
+    first = np.array([[[2.0, 1.0]], [[1.0, 2.0]]])
+    equal = np.ones((2, 1, 2))
+    assert contributor.frequencies(["a", "b"], first, hz).tolist() == [[LOW, HIGH]]
+    # The same effects in another order, with another one that does nothing there.
+    again = contributor.frequencies(
+        ["b", "x", "a"], np.insert(equal, 1, 0.0, axis=0), hz[[1, 1, 0]]
+    )
+    assert again.tolist() == [[LOW, HIGH]]
+
+
+def test_a_frequency_that_is_none_is_handed_on_for_the_guard_to_silence():
+    hz = np.array([[np.nan], [HIGH]])
+    found = StrongestContributor(2).frequencies(
+        ["a", "b"], np.array([[[1.0, 0.0]], [[2.0, 2.0]]]), hz
+    )
+    assert np.isnan(found[0, 0]) and found[0, 1] == HIGH
+
+
+@given(st.lists(st.tuples(st.floats(0, 10), st.floats(0, 10)), min_size=1, max_size=30))
+def test_what_is_played_is_never_much_weaker_than_the_strongest(strengths):
+    for (low, high), hz in zip(strengths, chosen(*strengths), strict=True):
+        mine = {LOW: low, HIGH: high, 0.0: 0.0}[hz]
+        assert max(low, high) <= mine * MARGIN * (1 + 1e-9)
+
+
+def rendered(
+    low: float, high: float, *, wave: bool, count: int = 100, latency_ms: float = 0.0, **device
+) -> tuple[DeviceConfig, Raster]:
+    header = make_header({"low": "vibration", "high": "vibration"}, count)
+    found = make_device({"m": ("vibration", at(3))}, **device)
+    kind = replace(
+        found.actuators[0].type,
+        takes_waveform=wave,
+        latency_ms=latency_ms,
+    )
+    found = replace(
+        found,
+        actuator_types={"vibration": kind},
+        actuators=(replace(found.actuators[0], type=kind),),
+    )
+    samples = {i: {3: 1.0} for i in range(count)}
+    late = {i: {3: 1.0} for i in range(count // 4, count)}
+    renderer = Renderer(header, found, lambda name: MODELS[name])
+    renderer.add(
+        [
+            make_run(header, "low", samples, [low, LOW]),
+            make_run(header, "high", late, [high, HIGH]),
+        ]
+    )
+    return found, renderer.raster()
+
+
+def test_an_actuator_with_a_frequency_keeps_the_first_of_two_equal_effects():
+    _, raster = rendered(6.0, 6.0, wave=False)
+    assert set(raster.values[:, 1].tolist()) == {LOW}
+    assert raster.values[50, 0] == pytest.approx(np.hypot(6.0, 6.0))
+    assert raster.partials == ()
+    _, raster = rendered(4.0, 6.0, wave=False)
+    assert raster.values[:, 1].tolist() == [LOW] * 25 + [HIGH] * 75
+
+
+def spectrum(device: DeviceConfig, raster: Raster, path: Path) -> dict[float, float]:
+    """Amplitudes of 80 and 250 Hz in the second half of a WAV, m/s^2."""
+    wav.write(raster, device, path, sample_format="float32")
+    rate, samples = wavfile.read(path)
+    half = samples[len(samples) // 2 :]  # half a second: whole periods of both
+    time = np.arange(len(half)) / rate
+    scale = device.actuators[0].type.strength.highest * 2.0 / len(half)
+    return {hz: scale * abs(np.exp(-2j * np.pi * hz * time) @ half) for hz in (LOW, HIGH)}
+
+
+def test_an_actuator_that_takes_a_waveform_plays_both(tmp_path: Path):
+    device, raster = rendered(6.0, 4.0, wave=True)
+    found = spectrum(device, raster, tmp_path / "a.wav")
+    # The last row fades to silence: a fiftieth of the half second plays at half strength.
+    assert found[LOW] == pytest.approx(6.0 * 0.99, rel=2e-3)
+    assert found[HIGH] == pytest.approx(4.0 * 0.99, rel=2e-3)
+
+
+def test_one_with_a_frequency_plays_one(tmp_path: Path):
+    device, raster = rendered(6.0, 4.0, wave=False)
+    found = spectrum(device, raster, tmp_path / "a.wav")
+    assert found[LOW] == pytest.approx(np.hypot(6.0, 4.0) * 0.99, rel=2e-3)
+    assert found[HIGH] < 0.01
+
+
+def test_the_sum_keeps_the_limit_whatever_the_phases(tmp_path: Path):
+    device, raster = rendered(15.0, 15.0, wave=True, gain=2.0)
+    total = sum(np.pad(p.amplitudes[:, 0], (p.first_row, 0)) for p in raster.partials)
+    assert total.max() == pytest.approx(20.0)
+    wav.write(raster, device, tmp_path / "a.wav", sample_format="float32")
+    assert np.abs(wavfile.read(tmp_path / "a.wav")[1]).max() <= 1.0
+
+
+def test_effects_of_one_frequency_are_in_phase_however_they_begin(tmp_path: Path):
+    header = make_header({"one": "vibration", "two": "vibration"}, 100)
+    device, _ = rendered(1.0, 1.0, wave=True)
+    for begin in (13, 27):
+        renderer = Renderer(header, device, lambda name: MODELS[name])
+        runs = [
+            make_run(header, name, {i: {3: 1.0} for i in range(first, 100)}, [5.0, LOW])
+            for name, first in (("one", 0), ("two", begin))
+        ]
+        renderer.add(runs)
+        found = spectrum(device, renderer.raster(), tmp_path / "a.wav")
+        assert found[LOW] == pytest.approx(10.0 * 0.99, rel=2e-3)
+
+
+def test_partials_are_early_by_the_latency_as_values_are():
+    _, raster = rendered(6.0, 4.0, wave=True, latency_ms=30.0)
+    high = next(each for each in raster.partials if each.effect_id == "high")
+    assert high.first_row == 22
+    assert np.flatnonzero(np.diff(raster.values[:, 0]))[0] == 21
+    low = next(each for each in raster.partials if each.effect_id == "low")
+    assert low.first_row == 0 and len(low.amplitudes) == 97
+
+
+def test_what_is_no_number_is_silent_in_a_waveform():
+    header = make_header({"bad": "vibration"}, 4)
+    device, _ = rendered(1.0, 1.0, wave=True)
+    for bad in ([np.nan, LOW], [5.0, np.nan], [np.inf, LOW], [5.0, -1.0]):
+        renderer = Renderer(header, device, lambda name: MODELS[name])
+        renderer.add([make_run(header, "bad", {i: {3: 1.0} for i in range(4)}, bad)])
+        for partial in renderer.raster().partials:
+            assert not partial.amplitudes.any()
+
+
+def test_a_substitute_is_a_partial_of_its_own():
+    header = make_header({"push": "pressure", "low": "vibration"}, 4)
+    device, _ = rendered(1.0, 1.0, wave=True)
+    shown = Substitution("pressure", "vibration", 2.0, HIGH)
+    device = replace(device, substitutions={"pressure": shown})
+    renderer = Renderer(header, device, lambda name: MODELS[name])
+    samples = {i: {3: 1.0} for i in range(4)}
+    renderer.add(
+        [make_run(header, "push", samples, [3.0]), make_run(header, "low", samples, [1.0, LOW])]
+    )
+    found = {p.frequencies_hz[0, 0]: p.amplitudes[0, 0] for p in renderer.raster().partials}
+    assert found == {LOW: 1.0, HIGH: 6.0}
