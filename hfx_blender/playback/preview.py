@@ -1,28 +1,43 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preview: avatars are coloured in the viewport by what is felt now.
+"""Preview: avatars are coloured in the viewport by what is felt now, actuators of the chosen
+devices glow with what they are given, and a chart shows both over the whole timeline.
 
-Nothing is stored in the user's meshes: colours are laid over them while the viewport is drawn,
-and are worked out only if something moved since they were.
+Nothing is stored in the user's meshes: all is laid over them while the viewport is drawn, and is
+worked out only if something moved since it was.
 """
 
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import bpy
 from bpy.app.handlers import persistent
 
 from ..errors import HfxError
+from ..reading import stepping
 
 if TYPE_CHECKING:
-    from .preview_layers import Layer, Preview
+    from .drawing import ChartDrawing
+    from .over_time import OverTime
+    from .over_time_updates import Updates
+    from .preview_layers import Preview
 
 _log = logging.getLogger(__name__)
 
 _is_describing = False
+_described_s = 0.0
 _preview: Preview | None = None
-_draw_handle: object | None = None
+_updates: Updates | None = None
+_charts: dict[tuple[object, ...], ChartDrawing] = {}  # by what they show and how large
+_draw_handles: list[object] = []
+
+_PLAYING_S = 0.25
+"""While it plays, changes of what there is to feel are looked for so often."""
+
+_TALLEST = 0.45  # of the chart, as a share of the viewport
 
 
 def preview() -> Preview:
@@ -35,6 +50,16 @@ def preview() -> Preview:
     return _preview
 
 
+def updates() -> Updates:
+    """What keeps the values over time."""
+    global _updates
+    if _updates is None:
+        from .over_time_updates import Updates
+
+        _updates = Updates()
+    return _updates
+
+
 def touch() -> None:
     """Something moved; colours are worked out when they are drawn next."""
     if _preview is not None:
@@ -45,36 +70,93 @@ def forget() -> None:
     """Work everything out anew: another file, or an undo."""
     if _preview is not None:
         _preview.forget()
+    if _updates is not None:
+        _updates.forget()
+    _charts.clear()
+
+
+def _is_on() -> bool:
+    manager = bpy.context.window_manager
+    return bool(manager.hfx_preview or manager.hfx_show_actuators or manager.hfx_show_values)
 
 
 @persistent
-def _on_change(*_: object) -> None:
-    if not _is_describing and bpy.context.window_manager.hfx_preview:
-        touch()
-        if not bpy.app.timers.is_registered(_describe):
-            # Not from here: describing evaluates the view layer, which would call this again.
-            bpy.app.timers.register(_describe, first_interval=0.0)
+def _on_frame(scene: bpy.types.Scene, *_: object) -> None:
+    if _is_describing or stepping.is_stepping() or not _is_on():
+        return
+    touch()
+    # Not from here: describing evaluates the view layer, which would call this again.
+    if time.monotonic() - _described_s > _PLAYING_S:
+        _call_soon(_describe)
+
+
+@persistent
+def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    if _is_describing or stepping.is_stepping():
+        return
+    touch()
+    updates().notice(depsgraph)
+    if not _is_on():
+        return
+    _call_soon(_describe)
+    if updates().wants_time:
+        _call_soon(_record)
 
 
 @persistent
 def _on_load(*_: object) -> None:
     forget()
-    _on_change()
+    if _is_on():
+        _call_soon(_describe)
+        _call_soon(_record)
+
+
+def _call_soon(function: Callable[[], float | None]) -> None:
+    if not bpy.app.timers.is_registered(function):
+        bpy.app.timers.register(function, first_interval=0.0)
 
 
 def _describe() -> None:
-    global _is_describing
+    global _is_describing, _described_s
     _is_describing = True
     try:
         before = preview().fault
         preview().describe(bpy.context)
         if preview().fault and preview().fault != before:
             _log.info("preview: %s", preview().fault)
+        updates().look(bpy.context.scene)
+        if updates().wants_time:
+            _call_soon(_record)
     except (ReferenceError, AttributeError, HfxError):  # no scene at this moment
         forget()
     finally:
         _is_describing = False
+        _described_s = time.monotonic()
     _redraw()
+
+
+def _record() -> float | None:
+    """A piece of the values over time; called until they are complete."""
+    global _is_describing
+    from .over_time_updates import QUIET_S, is_held
+
+    if not _is_on() or not updates().wants_time:
+        return None
+    if is_held(bpy.context):
+        return QUIET_S
+    _is_describing = True  # reading the scene is no change of it
+    try:
+        pause = updates().work(bpy.context.scene)
+    except Exception:  # a timer that raises shows its traceback and is not called again
+        _log.exception("values over time")
+        return None
+    finally:
+        _is_describing = False
+    if updates().wants_time:
+        return pause
+    touch()
+    _redraw()
+    return None
 
 
 def _redraw() -> None:
@@ -85,66 +167,111 @@ def _redraw() -> None:
 
 
 def _switched(_self: object, _context: bpy.types.Context) -> None:
-    _on_load()
+    touch()
+    if _is_on():
+        _call_soon(_describe)
+        _call_soon(_record)
     _redraw()
 
 
+def _recorded() -> OverTime | None:
+    """The values over time, if they still hold."""
+    return updates().result if updates().is_fresh else None
+
+
 def _draw() -> None:
-    if not bpy.context.window_manager.hfx_preview:
-        return
+    from . import drawing
+
+    manager, scene = bpy.context.window_manager, bpy.context.scene
     space = bpy.context.space_data
     if space is None or not space.overlay.show_overlays:
         return
-    draw_layers(preview().layers(bpy.context.scene.hfx.palette))
+    now = _recorded(), scene.frame_current_final
+    if manager.hfx_preview:
+        drawing.draw_layers(preview().layers(scene.hfx.palette, *now), scene.hfx.preview_opacity)
+    if manager.hfx_show_actuators and len(scene.hfx.devices):
+        drawing.draw_discs(preview().discs(scene.hfx.palette, *now))
 
 
-def draw_layers(layers: list[Layer]) -> None:
-    """Draw colours into the 3D view that is being drawn."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
+def _draw_chart() -> None:
+    from ..engine.colouring import PALETTES
+    from . import drawing, value_chart
 
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    gpu.state.blend_set("ALPHA")
-    gpu.state.depth_test_set("LESS_EQUAL")
-    gpu.state.face_culling_set("BACK")
-    for layer in layers:
-        content = {"pos": layer.positions, "color": layer.colours}
-        batch_for_shader(shader, "TRIS", content, indices=layer.triangles).draw(shader)
-    gpu.state.face_culling_set("NONE")
-    gpu.state.depth_test_set("NONE")
-    gpu.state.blend_set("NONE")
+    space, scene, found = bpy.context.space_data, bpy.context.scene, updates().result
+    if not bpy.context.window_manager.hfx_show_values or not space.overlay.show_overlays:
+        return
+    region = bpy.context.region
+    left, right = drawing.free_part(bpy.context.area, region)
+    if right - left < 120.0:
+        return
+    if found is None:
+        drawing.write_note(updates().fault or "Values over time: nothing is felt yet", left)
+        return
+    scale = bpy.context.preferences.system.ui_scale
+    size = right - left, _TALLEST * region.height, scale
+    key = (id(found), scene.hfx.palette, *size)
+    if key not in _charts:
+        if len(_charts) > 8:
+            _charts.clear()
+        made = value_chart.chart(found, PALETTES[scene.hfx.palette], *size)
+        _charts[key] = drawing.ChartDrawing(made)
+    shown = _charts[key]
+    note = ""
+    if updates().must_step:
+        note = "Not up to date: press Update Values"
+    elif shown.chart.hidden:
+        note = f"{shown.chart.hidden} more rows; enlarge the viewport to see them"
+    shown.draw(left, scene.frame_current_final, updates().is_fresh, note)
 
 
-_CHANGES = ("frame_change_post", "depsgraph_update_post")
-_LOADS = ("load_post", "undo_post", "redo_post")
+_HANDLERS = {
+    "frame_change_post": _on_frame,
+    "depsgraph_update_post": _on_update,
+    "load_post": _on_load,
+    "undo_post": _on_load,
+    "redo_post": _on_load,
+}
 
 
 def register() -> None:
-    global _draw_handle
-    bpy.types.WindowManager.hfx_preview = bpy.props.BoolProperty(
-        name="Show What Is Felt",
-        description="Colour the avatar in the viewport by what it feels",
-        default=True,
-        update=_switched,
-    )
-    if not bpy.app.background:  # nothing is drawn there, and exports step through time
-        for name in _CHANGES:
-            getattr(bpy.app.handlers, name).append(_on_change)
-        for name in _LOADS:
-            getattr(bpy.app.handlers, name).append(_on_load)
-        _draw_handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+    switches = {
+        "hfx_preview": ("Show What Is Felt", "Colour the avatar by what it feels", True),
+        "hfx_show_actuators": (
+            "Show Actuators",
+            "Actuators of the chosen devices glow with what they are given",
+            True,
+        ),
+        "hfx_show_values": (
+            "Values over Time",
+            "Draw what each effect and each actuator does over the whole timeline",
+            False,
+        ),
+    }
+    for name, (label, description, is_on) in switches.items():
+        switch = bpy.props.BoolProperty(
+            name=label, description=description, default=is_on, update=_switched
+        )
+        setattr(bpy.types.WindowManager, name, switch)
+    if bpy.app.background:  # nothing is drawn there, and exports step through time
+        return
+    for name, handler in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(handler)
+    add = bpy.types.SpaceView3D.draw_handler_add
+    _draw_handles.append(add(_draw, (), "WINDOW", "POST_VIEW"))
+    _draw_handles.append(add(_draw_chart, (), "WINDOW", "POST_PIXEL"))
 
 
 def unregister() -> None:
-    global _draw_handle
-    if _draw_handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_draw_handle, "WINDOW")
-        _draw_handle = None
-        for name in _LOADS:
-            getattr(bpy.app.handlers, name).remove(_on_load)
-        for name in _CHANGES:
-            getattr(bpy.app.handlers, name).remove(_on_change)
-    if bpy.app.timers.is_registered(_describe):
-        bpy.app.timers.unregister(_describe)
+    for handle in _draw_handles:
+        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+    _draw_handles.clear()
+    for name, handler in _HANDLERS.items():
+        if handler in getattr(bpy.app.handlers, name):
+            getattr(bpy.app.handlers, name).remove(handler)
+    for timer in (_describe, _record):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+    del bpy.types.WindowManager.hfx_show_values
+    del bpy.types.WindowManager.hfx_show_actuators
     del bpy.types.WindowManager.hfx_preview
     forget()

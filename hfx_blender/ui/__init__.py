@@ -10,13 +10,20 @@ from .. import registration
 
 def _modules() -> tuple[ModuleType, ...]:
     from . import (
+        asset_library,
         blender_command,
         body_panel,
         effects_panel,
         live_panel,
+        media_panel,
         menus,
         paint_panel,
         panels,
+        path_overlay,
+        path_panel,
+        response_panel,
+        surface_panel,
+        values_panel,
         volume_gizmo,
     )
 
@@ -24,11 +31,18 @@ def _modules() -> tuple[ModuleType, ...]:
         menus,
         effects_panel,
         panels,
+        path_panel,
+        path_overlay,
+        surface_panel,
+        response_panel,
         paint_panel,
         body_panel,
         volume_gizmo,
+        values_panel,
         live_panel,
+        media_panel,
         blender_command,
+        asset_library,
     )
 
 

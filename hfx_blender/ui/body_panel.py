@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 
-from ..avatars import avatar_meshes, body_binding, retargeting
-from ..engine.body.retargeting.quality import PartQuality
+from ..avatars import avatar_meshes
 from ..errors import InputError
 from ..operators.shared import active_armature
 from .bone_labels import label_of, region_of
 from .sidebar import HfxPanel, draw_text
+
+if TYPE_CHECKING:
+    from ..engine.body.retargeting.quality import PartQuality
 
 _FOUND, _CORRECTED, _FOLLOWING, _WRONG = "CHECKMARK", "GREASEPENCIL", "FILE_PARENT", "ERROR"
 
@@ -79,6 +83,8 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         return active_armature(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
+        from ..avatars import retargeting
+
         layout = self.layout
         body = active_armature(context)
         if body.hfx.role != "BODY":
@@ -99,6 +105,8 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
 
 def how_followed(body: bpy.types.Object) -> str:
     """What poses a body at present, and why."""
+    from ..avatars import body_binding
+
     try:
         reason = body_binding.why_surface(body)
     except InputError as error:
@@ -117,6 +125,8 @@ class HFX_PT_bones(HfxPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
+        from ..avatars import retargeting
+
         layout = self.layout
         armature = active_armature(context)
         hfx = armature.hfx
@@ -146,9 +156,15 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         armature = active_armature(context)
-        return armature is not None and retargeting.is_fitted(armature)
+        if armature is None:
+            return False
+        from ..avatars import retargeting  # polled all the time, and slow to import
+
+        return retargeting.is_fitted(armature)
 
     def draw(self, context: bpy.types.Context) -> None:
+        from ..avatars import retargeting
+
         layout = self.layout
         body = active_armature(context)
         qualities = retargeting.quality_of(body)

@@ -6,8 +6,6 @@ from __future__ import annotations
 import re
 from functools import cache
 
-from ..engine.body.rigs.names import FINGERS
-
 _SIDES = {"L": " L", "R": " R"}
 _WORDS = {
     "root": "Hips",
@@ -38,6 +36,8 @@ _DIGIT = re.compile(r"(finger|toe|metacarpal)(\d)(?:-(\d))?")
 @cache
 def label_of(bone: str) -> str:
     """A canonical bone in words: "upperarm01.L" is "Upper Arm L"."""
+    from ..engine.body.rigs.names import FINGERS
+
     stem, side = _split(bone)
     words = {**_WORDS, **_SPINE, **_NECK}.get(stem)
     digit = _DIGIT.fullmatch(stem)

@@ -27,6 +27,8 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         layout = self.layout
         row = layout.row(align=True)
         row.prop(context.window_manager, "hfx_preview", icon="HIDE_OFF", toggle=True)
+        row.prop(context.window_manager, "hfx_show_actuators", text="", icon="LIGHT_POINT")
+        row.prop(context.window_manager, "hfx_show_values", text="", icon="FCURVE")
         row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
         found = effects.effects_of(context.scene)
         column = layout.column(align=True)

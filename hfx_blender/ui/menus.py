@@ -31,6 +31,10 @@ class HFX_MT_add(bpy.types.Menu):
         layout.operator_menu_enum(
             "hfx.add_painted", "modality", text="Painted Effect", icon="BRUSH_DATA"
         )
+        layout.operator_menu_enum(
+            "hfx.add_spot", "modality", text="Point on the Skin", icon="CURVE_PATH"
+        )
+        layout.operator("hfx.add_vector_sensation", icon="GRAPH")
         layout.separator()
         layout.operator_menu_enum(
             "hfx.add_from_library", "name", text="Sensation", icon="ASSET_MANAGER"

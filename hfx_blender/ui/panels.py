@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..authoring import surfaces
 from ..authoring.painting import PAINTED_EFFECT
 from .sidebar import HfxPanel
 
@@ -39,7 +40,9 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         obj = context.object
-        return obj is not None and (obj.hfx.role == "EFFECT" or bool(obj.get(PAINTED_EFFECT)))
+        if obj is None or surfaces.is_surface(obj):
+            return False  # a surface has a panel of its own
+        return obj.hfx.role == "EFFECT" or bool(obj.get(PAINTED_EFFECT))
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

@@ -90,6 +90,8 @@ def test_nothing_else_strays_into_the_zip(small: Path) -> None:
         ".blend",
         ".csv",
         ".hfxeffect",
+        ".hfxpath",
+        ".txt",
     }
     for name in zipfile.ZipFile(small).namelist():
         path = Path(name)

@@ -10,8 +10,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-AVATAR_ROW, VOLUME_ROW, PAINTED_ROW = 0, 1, 6  # of Add > Haptic; volumes: a row for each shape
-SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")
+AVATAR_ROW, VOLUME_ROW, PAINTED_ROW, POINT_ROW = 0, 1, 6, 7  # of Add > Haptic
+SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")  # volumes: a row of the menu for each
+MARGIN, ICON = 8, 20  # of the sidebar, pixels
 MODALITIES = ("vibration", "pressure", "temperature", "wind")
 
 
@@ -136,10 +137,24 @@ def painted_parts(obj: bpy.types.Object) -> set[str]:
 
 def model_of(obj: bpy.types.Object) -> tuple[Any, tuple[str, ...]]:
     """An effect's perceptual model and the names of the body parts, from the add-on itself."""
+    return module("engine.body.model").load_model(obj.hfx.model_id), module(
+        "engine.body.parts"
+    ).PARTS
+
+
+def module(name: str) -> Any:
+    """A module of the add-on, by its name within it."""
     package = bpy.types.HFX_OT_paint_begin.__module__.rpartition(".operators")[0]
-    library = importlib.import_module(f"{package}.engine.body.model")
-    parts = importlib.import_module(f"{package}.engine.body.parts")
-    return library.load_model(obj.hfx.model_id), parts.PARTS
+    return importlib.import_module(f"{package}.{name}")
+
+
+def icon(h: Any, row: int, which: int) -> Iterator[float]:
+    """Centre of an effect's star (0) or loudspeaker (1), squares beside the button of its name."""
+    region = h.region("UI")
+    buttons = yield from h.op_buttons(region)  # the names of the effects are the first
+    x, y = buttons[row]
+    right = 2 * x - (region.x + MARGIN)  # where the name ends: as far from its middle
+    return right + ICON * (which + 0.5), y
 
 
 def tint(pixels: np.ndarray, place: tuple[float, float], half: int = 6) -> np.ndarray:

@@ -35,10 +35,17 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     h.shot("2_body_part.png")  # its name is in the status bar
 
-    yield from h.key("f")  # the brush's radius: to the left is smaller
-    x, y = h.xy_of((0.0, 0.0, HEIGHT))
-    yield from h.click(x - 35, y)
-    yield 0.5
+    fitted = brush_size()
+    for way, comparison in ((12, "larger"), (-12, "as before")):
+        x, y = h.xy_of((0.0, 0.0, HEIGHT))
+        yield from h.move(x, y)
+        yield 0.2
+        yield from h.key("f")  # the brush's radius follows the mouse
+        yield from h.click(x + way, y)
+        yield 0.5
+        change = brush_size() / fitted
+        holds = change > 1.2 if way > 0 else abs(change - 1.0) < 0.1
+        h.check(holds, f"F makes the fitted brush {comparison}, {change:.2f} times the size")
     yield from h.drag(stroke(h, SHAFT))
     yield 0.8
     h.check(count(), "a stroke paints")
@@ -89,6 +96,12 @@ def stroke(h: Any, line: list[tuple[float, float]]) -> list[tuple[float, float]]
     return found
 
 
+def brush_size() -> float:
+    tools = bpy.context.tool_settings
+    own = getattr(tools.weight_paint, "unified_paint_settings", None)  # since Blender 5.0
+    return float((own or tools.unified_paint_settings).size)
+
+
 def canvas() -> bpy.types.Object | None:
     """The mesh that is being painted on."""
     return next((obj for obj in bpy.data.objects if obj.get("hfx_painted_effect")), None)
@@ -114,5 +127,5 @@ def check_arrow(h: Any) -> None:
 
 
 def is_green(h: Any, pixels: np.ndarray) -> bool:
-    red, green, blue = hands.tint(pixels, h.xy_of((0.0, 0.1, HEIGHT)))
+    red, green, blue = hands.tint(pixels, h.xy_of((0.0, 0.1, HEIGHT)), 2)
     return bool(green > 1.3 * red and green > 1.3 * blue)

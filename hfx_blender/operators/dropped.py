@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is dropped out of the Asset Browser becomes effects, by itself and in one undo step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..authoring import effect_assets
+from ..errors import HfxError
+from .shared import HfxOperator, select_only
+
+
+class HFX_OT_place_dropped(HfxOperator):
+    """Turn sensations that were dropped out of the Asset Browser into effects"""
+
+    bl_idname = "hfx.place_dropped"
+    bl_label = "Place Sensation"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        found = effect_assets.dropped_in(context.scene)
+        return cls.needs(found, "Drag a sensation out of the Asset Browser first")
+
+    def work(self, context: bpy.types.Context) -> str:
+        made, faults = [], []
+        if context.object is not None and context.object.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        for dropped in effect_assets.dropped_in(context.scene):
+            try:
+                made += effect_assets.take_dropped(context.scene, dropped)
+            except HfxError as error:
+                faults.append(str(error))
+        if faults:
+            # Not as an error: what was dropped is gone, which has to be an undo step.
+            self.report({"WARNING"}, "; ".join(faults))
+            return ""
+        select_only(context, made[0])
+        for effect in made[1:]:
+            effect.select_set(True)
+        return f"Added {len(made)} effects: {', '.join(effect.name for effect in made)}"
+
+
+@persistent
+def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    for update in depsgraph.updates:
+        if isinstance(update.id, bpy.types.Object) and effect_assets.SENSATION in update.id:
+            _call_soon(_take)
+            return
+
+
+@persistent
+def _on_undo(*_: object) -> None:
+    # Between the drop and our step there is one with the bare asset: nobody wants to see it.
+    if effect_assets.dropped_in(bpy.context.scene):
+        _call_soon(_undo_further)
+
+
+@persistent
+def _on_redo(*_: object) -> None:
+    if effect_assets.dropped_in(bpy.context.scene):
+        _call_soon(_redo_further)
+
+
+def _call_soon(function: Callable[[], None]) -> None:
+    if not bpy.app.timers.is_registered(function):
+        bpy.app.timers.register(function, first_interval=0.0)
+
+
+def _take() -> None:
+    if bpy.app.timers.is_registered(_undo_further) or bpy.app.timers.is_registered(_redo_further):
+        return
+    manager = bpy.context.window_manager
+    window = manager.windows[0] if len(manager.windows) else None
+    if window is None or not effect_assets.dropped_in(window.scene):
+        return
+    if len(window.modal_operators):  # still being dragged
+        bpy.app.timers.register(_take, first_interval=0.1)
+        return
+    with bpy.context.temp_override(window=window):
+        bpy.ops.hfx.place_dropped("INVOKE_DEFAULT", True)
+
+
+def _undo_further() -> None:
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        if effect_assets.dropped_in(bpy.context.scene) and bpy.ops.ed.undo.poll():
+            bpy.ops.ed.undo()
+
+
+def _redo_further() -> None:
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        if effect_assets.dropped_in(bpy.context.scene) and bpy.ops.ed.redo.poll():
+            bpy.ops.ed.redo()
+
+
+_HANDLERS = {
+    "depsgraph_update_post": _on_update,
+    "undo_post": _on_undo,
+    "redo_post": _on_redo,
+}
+_register, _unregister = bpy.utils.register_classes_factory((HFX_OT_place_dropped,))
+
+
+def register() -> None:
+    _register()
+    if not bpy.app.background:  # where timers never fire
+        for name, handler in _HANDLERS.items():
+            getattr(bpy.app.handlers, name).append(handler)
+
+
+def unregister() -> None:
+    for name, handler in _HANDLERS.items():
+        if handler in getattr(bpy.app.handlers, name):
+            getattr(bpy.app.handlers, name).remove(handler)
+    for timer in (_take, _undo_further, _redo_further):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+    _unregister()

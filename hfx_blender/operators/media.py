@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What haptics are made for: a sound that plays in step, a video or a 360 degree picture around."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from ..authoring import media
+from .shared import HfxOperator
+
+_SOUNDS = "*.wav;*.mp3;*.flac;*.ogg;*.aac;*.m4a;*.opus"
+_VIDEOS = "*.mp4;*.mov;*.mkv;*.avi;*.webm;*.png;*.jpg;*.jpeg;*.exr;*.hdr"
+
+
+class HFX_OT_add_sound(HfxOperator, ImportHelper):
+    """Put a sound on the timeline at the current frame; playing keeps in step with it"""
+
+    bl_idname = "hfx.add_sound"
+    bl_label = "Sound"
+
+    filter_glob: StringProperty(default=_SOUNDS, options={"HIDDEN"})
+
+    def work(self, context: bpy.types.Context) -> str:
+        strip = media.add_sound(context.scene, Path(self.filepath), context.scene.frame_current)
+        return f"'{strip.name}' plays from frame {strip.frame_final_start}"
+
+
+class HFX_OT_add_video(HfxOperator, ImportHelper):
+    """Show a video or a picture behind the scene, or around it if it is a 360 degree one"""
+
+    bl_idname = "hfx.add_video"
+    bl_label = "Video"
+
+    filter_glob: StringProperty(default=_VIDEOS, options={"HIDDEN"})
+    projection: EnumProperty(
+        name="Projection",
+        items=(
+            ("FLAT", "Flat", "An image that stands behind the body"),
+            ("SPHERE", "360 Degrees", "Equirectangular, as the world around the body"),
+        ),
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        scene = context.scene
+        path, start = Path(self.filepath), scene.frame_current
+        if self.projection == "SPHERE":
+            media.add_surroundings(scene, path, start)
+            for area in context.screen.areas if context.screen is not None else ():
+                if area.type == "VIEW_3D":
+                    area.spaces.active.shading.type = "MATERIAL"
+                    area.spaces.active.shading.use_scene_world = True
+            return f"'{path.name}' is the world; seen in Material Preview and in renders"
+        made = media.add_screen(scene, path, start)
+        return f"'{made.name}' stands behind the body"
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_OT_add_sound, HFX_OT_add_video))

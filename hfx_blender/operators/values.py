@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Values over time, worked out at once."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..authoring import effects
+from ..playback import preview
+from .shared import HfxOperator
+
+
+class HFX_OT_update_values(HfxOperator):
+    """Work out what effects and actuators do over the timeline, stepping through its frames"""
+
+    bl_idname = "hfx.update_values"
+    bl_label = "Update Values"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        scene = context.scene
+        found = effects.effects_of(scene) and effects.bodies_of(scene)
+        return cls.needs(found, "Add a body and effects first")
+
+    def work(self, context: bpy.types.Context) -> str:
+        preview.updates().update_now(context.scene)
+        preview.touch()
+        return ""
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_OT_update_values,))

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What effects and actuators do over the whole timeline: recorded in pieces, beside editing.
+
+It goes the way of an export (reader, engine, renderer), at the preview's tolerance, and is kept
+in memory only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..devices.configuration import load_device
+from ..engine.body.model import load_model
+from ..engine.evaluate import Engine
+from ..engine.modality import MODALITIES, neutral_temperature_c
+from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.raster import Raster
+from ..engine.rendering.render import Renderer
+from ..engine.samples import SampleRun, Stream
+from ..engine.scene import EffectDescription, SceneDescription, TimeBase
+from ..engine.tolerance import PREVIEW
+from ..engine.track.header import TrackHeader
+from ..errors import HfxError, InputError
+from ..reading.scene_reader import SceneReader, time_base
+
+F64 = npt.NDArray[np.float64]
+
+MOST_SAMPLES = 20_000
+"""A longer scene is sampled once a frame; one that is longer still, not at all."""
+
+MOST_ENTRIES = 8_000_000
+"""Felt vertices that are kept for the preview, 8 bytes each; beyond it, it works them out anew."""
+
+
+class NeedsSteppingError(HfxError):
+    """Not all follows from F-curves: Blender's frame would have to be set, which takes its time."""
+
+
+@dataclass(eq=False)
+class EffectOverTime:
+    """One effect on one body."""
+
+    name: str
+    stream: Stream
+    unit: str
+    neutral: float  # of the strength
+    values: F64  # (T,) the strongest that is felt anywhere; of temperature, its deviation
+
+
+@dataclass(eq=False)
+class OverTime:
+    """A scene's effects and actuators at T times."""
+
+    described: SceneDescription
+    time: TimeBase
+    frames: F64  # (T,) of the scene
+    effects: list[EffectOverTime]
+    devices: list[tuple[DeviceConfig, Raster]] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)  # devices that do not fit
+    _blocks: list[tuple[int, int, list[SampleRun]]] | None = field(default_factory=list)
+    _entries: int = 0
+
+    def index(self, frame: float) -> int | None:
+        """The sample nearest to a frame; None where the timeline has ended."""
+        place = int(np.searchsorted(self.frames, frame))
+        near = [k for k in (place - 1, place) if 0 <= k < len(self.frames)]
+        step = float(self.time.fps / self.time.rate_hz)
+        found = min(near, key=lambda k: abs(self.frames[k] - frame), default=None)
+        return found if found is not None and abs(self.frames[found] - frame) <= step else None
+
+    def runs(self, frame: float) -> list[SampleRun] | None:
+        """What is felt at a frame, as the engine gave it; None where that is not known."""
+        index = self.index(frame)
+        if index is None or self._blocks is None:
+            return None
+        found = []
+        for first, last, runs in self._blocks:
+            for run in runs if first <= index <= last else ():
+                place = int(np.searchsorted(run.indices, index))
+                if place < len(run.indices) and run.indices[place] == index:
+                    found.append(_alone(run, place))
+        return found
+
+    def add(self, runs: Sequence[SampleRun]) -> None:
+        """Take a block of times over."""
+        runs = [run for run in runs if len(run)]
+        for run in runs:
+            effect = next(each for each in self.effects if each.stream == run.stream)
+            effect.values[run.indices] = _peaks(run, effect.neutral)
+            self._entries += len(run.vertices)
+        if self._entries > MOST_ENTRIES:
+            self._blocks = None
+        if self._blocks is not None and runs:
+            first = min(int(run.indices[0]) for run in runs)
+            self._blocks.append((first, max(int(run.indices[-1]) for run in runs), list(runs)))
+
+
+def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[OverTime | None]:
+    """Record a scene piece by piece; the last thing that it yields is the whole.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    may_step : bool
+        Whether scenes may be set to other frames. It must then be run to its end in one go, as
+        frames are restored there.
+
+    Raises
+    ------
+    NeedsSteppingError
+        They would have to be, and may not.
+    InputError
+        There is nothing to feel, or the timeline is too long.
+    """
+    reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PREVIEW, is_probed=may_step)
+    if not may_step and reader.steps():
+        raise NeedsSteppingError("The scene has to be stepped through for that.")
+    described = reader.description
+    header = TrackHeader.of(
+        described,
+        {each.model_id: load_model(each.model_id) for each in described.effects},
+        settings={},
+        tools={},
+    )
+    time = reader.time
+    effects = {each.id: each for each in described.effects}
+    found = OverTime(
+        described=described,
+        time=time,
+        frames=float(time.scene_start)
+        + time.times_s(np.arange(time.sample_count)) * float(time.fps),
+        effects=[_empty(effects[s.effect_id], s, time.sample_count) for s in header.streams],
+    )
+    renderers = _renderers(scene, header, found.faults)
+    engine = Engine(described, tolerance=PREVIEW)
+    for block in reader.blocks():
+        runs = engine.evaluate(block)
+        found.add(runs)
+        for renderer in renderers[:]:
+            try:
+                renderer[1].add(runs)
+            except InputError as error:
+                found.faults.append(str(error))
+                renderers.remove(renderer)
+        yield None
+    found.devices = [(device, renderer.raster()) for device, renderer in renderers]
+    yield found
+
+
+def _rate(scene: bpy.types.Scene) -> Fraction:
+    """The scene's own rate, or that of its frames where the timeline is long."""
+    time = time_base(scene)
+    rate: Fraction = min(time.rate_hz, Fraction(1000))
+    if time_base(scene, rate_hz=rate).sample_count > MOST_SAMPLES:
+        rate = time.fps
+    count = time_base(scene, rate_hz=rate).sample_count
+    if count > MOST_SAMPLES:
+        raise InputError(f"The timeline is too long to show values over it ({count} frames).")
+    return rate
+
+
+def _renderers(
+    scene: bpy.types.Scene, header: TrackHeader, faults: list[str]
+) -> list[tuple[DeviceConfig, Renderer]]:
+    found = []
+    for device in devices_of(scene, faults):
+        for body in header.bodies:
+            renderer = Renderer(
+                header, device, load_model, body_id=body.id, looks_ahead=False
+            )  # what is drawn is of the frame that is shown
+            found.append((device, renderer))
+    return found
+
+
+def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
+    """The scene's devices; what is wrong with those that cannot be read."""
+    found = []
+    for item in scene.hfx.devices:
+        try:
+            if "/" in item.name or "\\" in item.name or item.name.endswith(".json"):
+                raise InputError(f"'{item.name}' is not a name; a .blend never chooses files.")
+            found.append(load_device(item.name))
+        except HfxError as error:
+            faults.append(str(error))
+    return found
+
+
+def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectOverTime:
+    modality = MODALITIES[effect.modality]
+    unit = next(each.unit for each in modality.parameters if each.name == modality.strength)
+    is_warmth = modality.name == "temperature"
+    neutral = neutral_temperature_c(effect.is_contact) if is_warmth else 0.0
+    return EffectOverTime(effect.name, stream, unit, neutral, np.zeros(count))
+
+
+def _peaks(run: SampleRun, neutral: float) -> F64:
+    """The strongest that each sample of a run is felt anywhere, (n,)."""
+    modality = MODALITIES[run.stream.modality]
+    strength = run.parameters[:, modality.parameter_names.index(modality.strength)]
+    starts = run.offsets[:-1]
+    weights = np.zeros(len(starts))
+    filled = np.diff(run.offsets) > 0
+    if filled.any():
+        weights[filled] = np.maximum.reduceat(run.weights, starts[filled])
+    found: F64 = weights[run.set_of] * run.levels * (strength - neutral)
+    return found
+
+
+def _alone(run: SampleRun, place: int) -> SampleRun:
+    """One sample of a run, as the engine gives it for one time."""
+    which = int(run.set_of[place])
+    part = slice(int(run.offsets[which]), int(run.offsets[which + 1]))
+    one = slice(place, place + 1)
+    return SampleRun(
+        run.stream,
+        indices=np.zeros(1, np.int64),
+        times_s=run.times_s[one],
+        levels=run.levels[one],
+        parameters=run.parameters[one],
+        offsets=np.array([0, part.stop - part.start], np.int64),
+        vertices=run.vertices[part],
+        weights=run.weights[part],
+    )

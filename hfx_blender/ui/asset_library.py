@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The shipped sensations as an asset library of the user's preferences, while we are enabled."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import bpy
+
+from .. import resources
+from ..authoring.effect_assets import LIBRARY_FILE
+from ..errors import HfxError
+
+NAME = "HFX Haptics"
+
+
+def _folder() -> Path | None:
+    with suppress(HfxError):
+        folder = resources.effect_library()
+        if (folder / LIBRARY_FILE).is_file():
+            return folder
+    return None
+
+
+def _ours() -> list[bpy.types.UserAssetLibrary]:
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    return [each for each in libraries if each.name == NAME]
+
+
+def register() -> None:
+    folder = _folder()
+    if folder is None:
+        return
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    for old in _ours():  # of another version, or kept by a Blender that ended badly
+        libraries.remove(old)
+    found = libraries.new(name=NAME, directory=str(folder))
+    found.import_method = "APPEND"
+
+
+def unregister() -> None:
+    for each in _ours():
+        bpy.context.preferences.filepaths.asset_libraries.remove(each)

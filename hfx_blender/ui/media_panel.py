@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sound and video that haptics go with."""
+
+from __future__ import annotations
+
+import bpy
+
+from .. import compat
+from .sidebar import HfxPanel
+
+
+class HFX_PT_media(HfxPanel, bpy.types.Panel):
+    """What is heard and seen while haptics are felt"""
+
+    bl_label = "Sound and Video"
+    bl_order = 7
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.operator("hfx.add_sound", icon="SOUND")
+        row.operator("hfx.add_video", icon="FILE_MOVIE")
+        editor = context.scene.sequence_editor
+        sounds = [s for s in compat.strips(editor) if s.type == "SOUND"] if editor else []
+        for strip in sounds:
+            column = layout.box().column(align=True)
+            row = column.row(align=True)
+            row.prop(strip, "name", text="", icon="SOUND")
+            row.prop(strip, "mute", text="", icon="HIDE_ON" if strip.mute else "HIDE_OFF")
+            row = column.row(align=True)
+            row.prop(strip, "frame_start", text="Start")
+            row.prop(strip, "volume")
+        if sounds:
+            layout.prop(context.scene, "sync_mode", text="Playback")
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_PT_media,))

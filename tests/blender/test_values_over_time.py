@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Values over time, and actuators that glow: what an export would give, kept while it holds."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from hfx_blender.authoring import clips
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.body.model import load_avatar
+from hfx_blender.engine.colouring import PALETTES
+from hfx_blender.playback import over_time_updates, value_chart
+from hfx_blender.playback.over_time import NeedsSteppingError, OverTime, record
+from hfx_blender.playback.over_time_updates import Updates
+from hfx_blender.playback.preview_layers import Preview
+
+PAPER = PALETTES["PAPER"]
+
+
+@pytest.fixture
+def squeeze(scene: Any) -> Any:
+    """A clip of pressure on the whole body from frame 10 to 20 at 6 kPa, 24 frames a second."""
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure", name="Squeeze")
+    bpy.ops.hfx.fill_part(part="all")
+    effect = bpy.context.object
+    effect.hfx.pressure = 6.0
+    clips.add_clip(effect, 10, 20)
+    scene.frame_start, scene.frame_end = 0, 47
+    scene.render.fps = 24
+    scene.hfx.rate = 24.0
+    scene.hfx.devices.add().name = "pressure_vest"
+    return effect
+
+
+def whole(scene: Any, may_step: bool = False) -> OverTime:
+    *_, found = record(scene, may_step=may_step)
+    assert found is not None
+    return found
+
+
+def test_an_effects_curve_is_its_strength_while_its_clip_lasts(squeeze: Any, scene: Any) -> None:
+    found = whole(scene)
+    (effect,) = found.effects
+    assert (effect.name, effect.unit, len(effect.values)) == ("Squeeze", "kPa", 48)
+    on = (found.frames >= 10) & (found.frames < 20)
+    assert effect.values[on] == pytest.approx(6.0)
+    assert not effect.values[~on & (found.frames != 20)].any()
+
+
+def test_recording_leaves_the_frame_alone(squeeze: Any, scene: Any) -> None:
+    scene.frame_set(31)
+    whole(scene)
+    assert scene.frame_current == 31
+    assert [each.name for each in bpy.data.scenes] == [scene.name]
+
+
+def test_a_record_gives_what_is_felt_as_the_engine_does_at_that_moment(
+    squeeze: Any, scene: Any
+) -> None:
+    found = whole(scene)
+    scene.frame_set(15)
+    preview = Preview()
+    preview.describe(bpy.context)
+    (run,) = found.runs(15) or ()
+    (live,) = preview._felt(None, 15)
+    assert np.array_equal(run.vertices, live.vertices)
+    assert run.levels == pytest.approx(live.levels)
+    assert found.runs(30) == []
+    assert found.runs(60) is None, "the timeline has ended"
+
+
+def test_actuators_glow_with_their_share_of_what_they_may_get(squeeze: Any, scene: Any) -> None:
+    scene.frame_set(15)
+    preview = Preview()
+    preview.describe(bpy.context)
+    discs = preview.discs("PAPER")
+    assert discs is not None and preview.fault == ""
+    (live,) = preview._strengths or ()
+    preview.touch()
+    preview.discs("PAPER", whole(scene), 15)
+    (recorded,) = preview._strengths or ()
+    assert live == pytest.approx(recorded, abs=1e-6)
+    strongest = load_device("pressure_vest").actuators[0].type.strength.highest
+    assert live == pytest.approx(6.0 / strongest), "all of the skin is squeezed"
+    scene.frame_set(30)
+    preview.touch()
+    preview.discs("PAPER")
+    assert not (preview._strengths or [np.ones(1)])[0].any()
+
+
+def test_actuators_lie_on_the_skin_and_go_where_the_body_goes(squeeze: Any, scene: Any) -> None:
+    preview = Preview()
+    preview.describe(bpy.context)
+    first = preview.discs("PAPER")
+    body = squeeze.hfx.body
+    body.location.x = 3.0
+    bpy.context.view_layer.update()
+    preview.touch()
+    second = preview.discs("PAPER")
+    assert first is not None and second is not None
+    assert second.positions - first.positions == pytest.approx(
+        np.tile([3.0, 0.0, 0.0], (len(first.positions), 1)), abs=1e-4
+    )
+    corners = len(first.positions) // 32  # the vest has 32 bladders
+    centres = first.positions[::corners]
+    skin = load_avatar().vertices
+    nearest = [np.linalg.norm(skin - centre, axis=1).min() for centre in centres]
+    assert max(nearest) < 0.006
+
+
+def test_a_device_that_is_not_known_is_told_and_the_others_glow(squeeze: Any, scene: Any) -> None:
+    scene.hfx.devices.add().name = "no_such_device"
+    preview = Preview()
+    preview.describe(bpy.context)
+    assert preview.discs("PAPER") is not None
+    assert "no_such_device" in preview.fault
+    assert any("no_such_device" in fault for fault in whole(scene).faults)
+
+
+def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, scene: Any) -> None:
+    found = whole(scene)
+    wide = value_chart.chart(found, PAPER, 600.0, 400.0)
+    assert wide.labels[0].text == "Squeeze"
+    assert wide.hidden == 0 and wide.height <= 400.0
+    assert wide.positions[:, 0].max() <= 600.0 and wide.positions[:, 1].min() >= 0.0
+    assert wide.x_of(0) == wide.left and wide.x_of(48) == wide.width
+    small = value_chart.chart(found, PAPER, 600.0, 60.0)
+    assert small.hidden == 32 - (60 - 4 - 26 - 16) // 5
+    # The curve's box: from frame 10 to frame 20, as high as its share of full scale.
+    green = np.isclose(wide.colours[:, 1], PAPER["pressure"][1], atol=0.01)
+    curve = wide.positions[green & (wide.positions[:, 1] > wide.height - 30)]
+    assert curve[:, 0].min() == pytest.approx(wide.x_of(10), abs=wide.width / 48)
+    assert curve[:, 0].max() == pytest.approx(wide.x_of(21), abs=wide.width / 48)
+
+
+def test_what_follows_from_no_curve_is_stepped_only_when_asked_for(
+    squeeze: Any, scene: Any
+) -> None:
+    driver = squeeze.driver_add("hfx.intensity").driver
+    driver.expression = "0.5 + 0.0 * frame"
+    bpy.context.view_layer.update()
+    with pytest.raises(NeedsSteppingError):
+        whole(scene)
+    assert whole(scene, may_step=True).effects[0].values.max() == pytest.approx(3.0, rel=1e-3)
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(over_time_updates, "QUIET_S", 0.0)
+
+
+def until_done(updates: Updates, scene: Any) -> None:
+    end = time.monotonic() + 30.0
+    while updates.wants_time and time.monotonic() < end:
+        updates.work(scene)
+
+
+def test_values_are_recorded_once_and_anew_after_a_change(
+    squeeze: Any, scene: Any, soon: None
+) -> None:
+    updates = Updates()
+    updates.look(scene)
+    until_done(updates, scene)
+    assert updates.is_fresh and updates.count == 1
+    updates.look(scene)
+    until_done(updates, scene)
+    assert updates.count == 1, "nothing has changed"
+    scene.frame_end = 60
+    updates.look(scene)
+    assert not updates.is_fresh and updates.result is not None, "the old one is shown meanwhile"
+    until_done(updates, scene)
+    assert updates.count == 2 and len(updates.result.frames) == 61
+
+
+def test_a_scene_that_has_to_be_stepped_through_waits_for_the_button(
+    squeeze: Any, scene: Any, soon: None
+) -> None:
+    squeeze.driver_add("hfx.intensity").driver.expression = "0.5 + 0.0 * frame"
+    updates = Updates()
+    updates.changed()
+    until_done(updates, scene)
+    assert updates.must_step and not updates.is_fresh
+    updates.update_now(scene)
+    assert updates.is_fresh and not updates.must_step
+
+
+def test_deleting_what_is_being_recorded_is_no_error(squeeze: Any, scene: Any, soon: None) -> None:
+    scene.frame_end = 400
+    updates = Updates()
+    updates.changed()
+    updates.work(scene)
+    bpy.data.objects.remove(squeeze)
+    for _ in range(100):
+        updates.work(scene)
+        if not updates.wants_time:
+            break
+    updates.changed()
+    until_done(updates, scene)
+    assert updates.result is None and not updates.is_fresh
