@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -103,7 +104,7 @@ def felt_shares(
     Keys are those of a palette. The root makes the lower half of the strengths visible.
     """
     count = len(next(iter(spreads.values())).nearest)
-    felt = {name: np.zeros(count) for name in (*MODALITIES, COLD)}
+    felt: dict[str, F64] = {}
     for sample in samples:
         stream = sample.stream
         is_contact = stream.effect_id in contact_effects
@@ -112,22 +113,29 @@ def felt_shares(
             sample.parameters[0]
         ) < neutral_temperature_c(is_contact)
         spread = spreads[stream.model_id]
-        felt[COLD if is_cold else stream.modality] += (
-            at_model[spread.nearest] * spread.shares
-        ).sum(axis=1)
-    return {name: np.sqrt(np.clip(share, 0.0, 1.0)) for name, share in felt.items()}
+        name = COLD if is_cold else stream.modality
+        here = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
+        felt[name] = felt[name] + here if name in felt else here
+    nothing = np.zeros(count)
+    return {
+        name: np.sqrt(np.clip(felt[name], 0.0, 1.0)) if name in felt else nothing
+        for name in (*MODALITIES, COLD)
+    }
 
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
     """Colour and opacity to lay over an avatar, (A, 4) in 0..1; clear where nothing is felt."""
-    count = len(next(iter(shares.values())))
-    found = np.zeros((count, 4))
-    for name, share in shares.items():
-        found[:, :3] += share[:, None] * palette[name]
-        found[:, 3] = np.maximum(found[:, 3], share)
-    shown = found[:, 3] > 0.0
-    found[shown, :3] /= found[shown, 3:]  # straight alpha: the strongest is in full colour
-    return np.clip(found, 0.0, 1.0)
+    felt = [(share, palette[name]) for name, share in shares.items() if share.any()]
+    found = np.zeros((len(next(iter(shares.values()))), 4))
+    if not felt:
+        return found
+    opacity = reduce(np.maximum, [share for share, _ in felt])
+    shown = np.flatnonzero(opacity)
+    for channel in range(3):  # straight alpha: the strongest is in full colour
+        tint = sum(share[shown] * colour[channel] for share, colour in felt)
+        found[shown, channel] = np.minimum(tint / opacity[shown], 1.0)
+    found[:, 3] = np.minimum(opacity, 1.0)
+    return found
 
 
 def avatar_colours(

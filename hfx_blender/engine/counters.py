@@ -23,6 +23,11 @@ class Counters:
         """Count a warning; each message is reported once, with how often it occurred."""
         self.warnings[message] = self.warnings.get(message, 0) + count
 
+    def clear(self) -> None:
+        """Forget what was counted; which models were loaded stays."""
+        models = self.models_loaded
+        self.__dict__.update(vars(Counters(models_loaded=models)))
+
     def as_dict(self) -> dict[str, object]:
         """Plain data for a report."""
         return asdict(self)

@@ -3,52 +3,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from . import contact
+from . import contact, on_demand, spot, vector_sensation
+from .active_rows import active_rows, followed, posed_rows, with_pose
 from .body.model import PerceptualModel, load_model
-from .body.posing import PosableModel, SkinnedModel, SurfaceModel
+from .body.posing import PosableModel
+from .bound_skins import BoundSkins
 from .counters import Counters
-from .coverage import BodySkin, Skin, finer_id
 from .modality import MODALITIES
-from .narrow import Details
+from .on_demand import ON_DEMAND, ON_DEMAND_HERE
+from .reach import BlockReach
+from .response.answering import Answering, depths_of, with_own_sets
 from .samples import Impact, SampleRun, Stream
 from .scene import (
+    ActuatorArea,
     AnimationBlock,
     BodyDescription,
     EffectBlock,
     EffectDescription,
+    HapticSurface,
     HapticVolume,
     PaintedArea,
     PoseBlock,
     SceneDescription,
-    SkinBinding,
-    SurfaceBinding,
-    TimeBase,
+    SpotArea,
 )
+from .surface_effects import SurfaceEffects
 from .tolerance import STANDARD, Tolerance
-from .volume.nearest_surface import boundary_normals, nearest_surface
-from .volume.shape import Shape
 
-F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-
-ON_DEMAND = frozenset({"positions", "velocities", "depth"})
-"""What samples carry only if they are asked to, and a track can hold."""
-
-ON_DEMAND_HERE = frozenset({"surface", "impact"})
-"""What samples carry only if they are asked to, and no track holds."""
-
-
-_FARTHEST = 1e12
-"""Metres, and entries of bone matrices: a pose beyond it is none, and its speed no float32."""
 
 
 class Engine:
@@ -80,97 +71,63 @@ class Engine:
         known = ON_DEMAND | ON_DEMAND_HERE
         if not self._record <= known:
             raise ValueError(f"record: expected some of {sorted(known)}, got {record}")
-        self._load = models
-        self._models: dict[str, PerceptualModel] = {}
-        self._tolerance = tolerance
-        self._skins: dict[tuple[str, str | None], Skin] = {}
-        self._bound: dict[tuple[str, str], BodySkin] = {}
+        self._skins = BoundSkins(models, tolerance, self.counters)
+        self._spots: dict[str, spot.SpotSkin] = {}
         self._body_index = {body.id: i for i, body in enumerate(scene.bodies)}
+        self.responses = Answering(scene)
+        self._surfaces = SurfaceEffects(1.0 / float(scene.time.rate_hz), self.counters)
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Samples of a block: one run for each effect and body that felt something."""
-        rows_of = [self._active_rows(e, b, block) for e, b in self._effects(block)]
+        effects = list(zip(self.scene.effects, block.effects, strict=True))
+        rows_of = [active_rows(e, b, block, self.counters) for e, b in effects]
         active = np.unique(np.concatenate([np.zeros(0, np.int64), *rows_of]))
         self.counters.times_evaluated += len(active)
         self.counters.times_skipped += len(block.indices) - block.history - len(active)
-        bounds: dict[tuple[str, str], contact.ReachableBounds] = {}
+        reach = BlockReach(block, self.scene.bodies, self._skins)
         runs: list[SampleRun] = []
-        for (effect, animated), rows in zip(self._effects(block), rows_of, strict=True):
-            if not len(rows):
-                continue
-            area = effect.area
-            if isinstance(area, PaintedArea):
-                found = [self._painted_run(effect, area, animated, rows, block)]
-            else:
-                found = [
-                    self._volume_run(effect, area, animated, rows, body, block, bounds)
-                    for body in self.scene.bodies
-                ]
-            runs += [run for run in found if run is not None]
+        for (effect, animated), rows in zip(effects, rows_of, strict=True):
+            if len(rows):
+                runs += self._felt(effect, animated, rows, block, reach)
         self.counters.contacts += sum(int(run.sizes.sum()) for run in runs)
         return runs
 
-    def _effects(self, block: AnimationBlock) -> Iterable[tuple[EffectDescription, EffectBlock]]:
-        return zip(self.scene.effects, block.effects, strict=True)
+    def _felt(
+        self,
+        effect: EffectDescription,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+        reach: BlockReach,
+    ) -> list[SampleRun]:
+        """One effect at the rows where it is on: each kind of area has its own way.
 
-    def _active_rows(
-        self, effect: EffectDescription, animated: EffectBlock, block: AnimationBlock
-    ) -> I64:
-        """Rows at which an effect is on and all its values are numbers."""
-        finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
-        finite[: block.history] = True
-        if not finite.all():
-            self.counters.warn(
-                f"effect '{effect.name}': a value is not a finite number; it is silent there",
-                int(np.count_nonzero(~finite)),
-            )
-        on = finite & (np.where(finite, animated.levels, 0.0) > 0.0)
-        on[: block.history] = False
-        return np.flatnonzero(on)
-
-    def _with_pose(self, rows: I64, posed: I64, body: BodyDescription) -> I64:
-        """Those of ``rows`` whose pose is known."""
-        known = np.isin(rows, posed)
-        if not known.all():
-            self.counters.warn(
-                f"body '{body.name}': its pose is not a finite number; it feels nothing there",
-                int(np.count_nonzero(~known)),
-            )
-        return rows[known]
-
-    def _skin(self, body: BodyDescription, model_id: str) -> BodySkin:
-        key = (body.id, model_id)
-        if key not in self._bound:
-            binding = body.binding
-
-            def bind(model: PerceptualModel, clusters: list[I32]) -> PosableModel:
-                if isinstance(binding, SkinBinding):
-                    fitted = binding.fitted.get(model.id)
-                    placed = model if fitted is None else fitted.of(model)
-                    return SkinnedModel(placed, binding, clusters)
-                return SurfaceModel(model, binding.anchors[model.id], clusters)
-
-            self._bound[key] = BodySkin(self._skin_of(model_id, binding), bind)
-        return self._bound[key]
-
-    def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> Skin:
-        """One for all bodies whose binding can pose the same models."""
-        model = self._model(model_id)
-        fine = finer_id(model, self._tolerance)
-        if isinstance(binding, SurfaceBinding):
-            fine = fine if fine in binding.anchors else None
-        elif model_id in binding.fitted:
-            fine = fine if fine in binding.fitted else None
-        if (model_id, fine) not in self._skins:
-            finer = None if fine is None else self._model(fine)
-            self._skins[model_id, fine] = Skin(model, self._tolerance, finer)
-        return self._skins[model_id, fine]
-
-    def _model(self, model_id: str) -> PerceptualModel:
-        if model_id not in self._models:
-            self._models[model_id] = self._load(model_id)
-            self.counters.models_loaded.append(model_id)
-        return self._models[model_id]
+        What changes a kind of area is decided here; what changes all samples of an effect,
+        whatever its area (a filter of its response), goes over the runs before they are returned.
+        """
+        area = effect.area
+        if isinstance(area, PaintedArea):
+            found = [self._painted_run(effect, area, animated, rows, block)]
+        elif isinstance(area, SpotArea):
+            found = [self._spot_run(effect, area, animated, rows, block)]
+        elif isinstance(area, ActuatorArea):
+            found = [self._actuator_run(effect, area, animated, rows, block)]
+        elif isinstance(area, HapticSurface):
+            found = [
+                self._surface_run(effect, animated, rows, body, block, reach)
+                for body in self.scene.bodies
+            ]
+        else:
+            found = [
+                self._volume_run(effect, area, animated, rows, body, block, reach)
+                for body in self.scene.bodies
+            ]
+            if area.response:
+                found = [
+                    self._answered(effect, animated, rows, body, block, reach, run)
+                    for body, run in zip(self.scene.bodies, found, strict=True)
+                ]
+        return [run for run in found if run is not None]
 
     def _painted_run(
         self,
@@ -187,11 +144,11 @@ class Engine:
             body, pose = self.scene.bodies[k], block.poses[k]
             if not pose.valid[rows].all():
                 raise ValueError("positions of painted vertices need a reader with_positions")
-            rows = self._with_pose(rows, _posed_rows(pose), body)
+            rows = with_pose(rows, posed_rows(pose), body, self.counters)
             if not len(rows):
                 return None
             positions, velocities = self._motion(
-                self._skin(body, effect.model_id).vertices,
+                self._skins.of(body, effect.model_id).vertices,
                 pose,
                 rows,
                 [area.vertices] * len(rows),
@@ -214,6 +171,78 @@ class Engine:
             velocities=velocities,
         )
 
+    def _spot_run(
+        self,
+        effect: EffectDescription,
+        area: SpotArea,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+    ) -> SampleRun | None:
+        rows, focus = spot.focus_of(effect.name, area, animated, rows, self.counters)
+        k = self._body_index[area.body_id]
+        body, pose = self.scene.bodies[k], block.poses[k]
+        with_motion = bool(self._record & {"positions", "velocities"})
+        if with_motion:
+            known = with_pose(rows, posed_rows(pose), body, self.counters)
+            rows, focus = known, focus[np.isin(rows, known)]
+        if not len(rows):
+            return None
+        if effect.model_id not in self._spots:
+            self._spots[effect.model_id] = spot.SpotSkin(self._skins.model(effect.model_id))
+        assert animated.place is not None
+        radii_m = np.maximum(animated.place[rows, 1], 0.0)
+        found = self._spots[effect.model_id].sets(
+            focus, radii_m, area.falloff, own_sets=bool(self._record)
+        )
+        positions = velocities = None
+        if with_motion:
+            touched = [found.vertices[a:b] for a, b in pairwise(found.offsets)]
+            skin = self._skins.of(body, effect.model_id).vertices
+            positions, velocities = self._motion(skin, pose, rows, touched, block.indices)
+        run = self._run(
+            effect,
+            area.body_id,
+            animated,
+            rows,
+            block,
+            sets=found.sets,
+            offsets=found.offsets,
+            vertices=found.vertices,
+            weights=found.weights,
+            positions=positions,
+            velocities=velocities,
+        )
+        return replace(run, focus=focus)
+
+    def _actuator_run(
+        self,
+        effect: EffectDescription,
+        area: ActuatorArea,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+    ) -> SampleRun | None:
+        rows, drive = vector_sensation.driven(effect.name, area, animated, rows, self.counters)
+        if not len(rows):
+            return None
+        count = len(rows) if self._record else 1
+        nothing = np.zeros((0, 3), np.float32)
+        run = self._run(
+            effect,
+            area.body_id,
+            animated,
+            rows,
+            block,
+            sets=np.minimum(np.arange(len(rows)), count - 1),
+            offsets=np.zeros(count + 1, np.int64),
+            vertices=np.zeros(0, np.int32),
+            weights=np.zeros(0, np.float32),
+            positions=nothing,
+            velocities=nothing,
+        )
+        return replace(run, drive=drive)
+
     def _volume_run(
         self,
         effect: EffectDescription,
@@ -222,25 +251,25 @@ class Engine:
         rows: I64,
         body: BodyDescription,
         block: AnimationBlock,
-        bounds: dict[tuple[str, str], contact.ReachableBounds],
+        reach: BlockReach,
     ) -> SampleRun | None:
         pose = block.poses[self._body_index[body.id]]
-        posed = _posed_rows(pose)
-        rows = self._with_pose(rows, posed, body)
+        posed = reach.posed(body)
+        rows = with_pose(rows, posed, body, self.counters)
         if not len(rows):
             return None
-        rows, heard, follows = _followed(rows, posed, animated, block)
-        skin = self._skin(body, effect.model_id)
-        key = (body.id, effect.model_id)
-        if key not in bounds:
-            bounds[key] = contact.bounds_of(skin, pose, posed)
+        if reach.is_clear(animated, body, effect.model_id):
+            self.counters.volume_tests += len(rows)
+            return None
+        rows, heard, follows = followed(rows, posed, animated, block)
+        skin = self._skins.of(body, effect.model_id)
         hits = contact.find(
             animated,
             volume.falloff,
             rows,
             skin,
             pose,
-            bounds[key],
+            reach.bounds(body, effect.model_id),
             self.counters,
             follows=follows,
             heard=heard,
@@ -259,11 +288,11 @@ class Engine:
         depth = surface = normals = impact = None
         if hits.details is not None:
             if "depth" in self._record:
-                depth = _depths(animated, hits)
+                depth = on_demand.depths(animated, hits)
             if "surface" in self._record:
-                surface, normals = _surface(animated, hits)
+                surface, normals = on_demand.surface(animated, hits)
             if "impact" in self._record:
-                impact = _impact(animated, hits, block.indices, self.scene.time)
+                impact = on_demand.impact(animated, hits, block.indices, self.scene.time)
         return self._run(
             effect,
             body.id,
@@ -281,6 +310,82 @@ class Engine:
             surface_normals=normals,
             impact=impact,
         )
+
+    def _surface_run(
+        self,
+        effect: EffectDescription,
+        animated: EffectBlock,
+        rows: I64,
+        body: BodyDescription,
+        block: AnimationBlock,
+        reach: BlockReach,
+    ) -> SampleRun | None:
+        pose = block.poses[self._body_index[body.id]]
+        rows = with_pose(rows, reach.posed(body), body, self.counters)
+        if not len(rows):
+            return None
+        skin = self._skins.of(body, effect.model_id)
+        bounds = reach.bounds(body, effect.model_id)
+        felt = self._surfaces.evaluate(effect, animated, body.id, skin, pose, bounds, rows, block)
+        if felt is None:
+            return None
+        positions = velocities = None
+        if self._record & {"positions", "velocities"}:
+            touched = [felt.vertices[a:b] for a, b in pairwise(felt.offsets)]
+            positions, velocities = self._motion(
+                skin.vertices, pose, felt.rows, touched, block.indices
+            )
+        run = self._run(
+            effect,
+            body.id,
+            animated,
+            felt.rows,
+            block,
+            sets=np.arange(len(felt.rows)),
+            offsets=felt.offsets,
+            vertices=felt.vertices,
+            weights=felt.weights,
+            positions=positions,
+            velocities=velocities,
+            depth_m=felt.distance_m if "depth" in self._record else None,
+        )
+        return replace(run, parameters=felt.parameters)
+
+    def _answered(
+        self,
+        effect: EffectDescription,
+        animated: EffectBlock,
+        rows: I64,
+        body: BodyDescription,
+        block: AnimationBlock,
+        reach: BlockReach,
+        run: SampleRun | None,
+    ) -> SampleRun | None:
+        """What a volume's response makes of its contacts with a body."""
+        pose = block.poses[self._body_index[body.id]]
+        posed = reach.posed(body)
+        rows = rows[np.isin(rows, posed)]
+        if not len(rows):
+            return None
+        skin = self._skins.of(body, effect.model_id)
+        near = reach.bounds(body, effect.model_id)
+        felt = self.responses.answer(
+            effect, body, animated, block, rows, posed, skin, pose, near, run
+        )
+        if felt is None or not self._record:
+            return felt
+        felt = with_own_sets(felt)
+        if self._record & {"positions", "velocities"}:
+            at = np.searchsorted(block.indices, felt.indices)
+            touched = [felt.vertices[a:b] for a, b in pairwise(felt.offsets)]
+            positions, velocities = self._motion(skin.vertices, pose, at, touched, block.indices)
+            if "positions" in self._record:
+                felt = replace(felt, positions=positions)
+            if "velocities" in self._record:
+                felt = replace(felt, velocities=velocities)
+        if "depth" in self._record:
+            felt = replace(felt, depth_m=depths_of(felt, run))
+        return felt
 
     def _run(
         self,
@@ -333,97 +438,14 @@ class Engine:
         vertices: list[I32],
         indices: I64,
     ) -> tuple[F32, F32]:
-        """World positions and velocities of the vertices of each row, concatenated.
-
-        Velocities are differences to the sample before, so that they do not look ahead;
-        where the block does not hold it, they are 0.
-        """
-        step_s = 1.0 / float(self.scene.time.rate_hz)
-        posed = frozenset(_posed_rows(pose).tolist())
-        positions, velocities = [], []
-        for row, ids in zip(rows, vertices, strict=True):
-            here = model.points(ids, pose, int(row), pose.to_world[row])
-            speed = np.zeros_like(here)
-            known = int(row) - 1 in posed and indices[row - 1] == indices[row] - 1
-            if "velocities" in self._record and known:
-                before = model.points(ids, pose, int(row) - 1, pose.to_world[row - 1])
-                speed = (here - before) / step_s
-            positions.append(here.T)
-            velocities.append(speed.T)
+        """See :func:`on_demand.motion`."""
         self.counters.vertices_posed += sum(len(ids) for ids in vertices)
-        return np.concatenate(positions).astype(np.float32), np.concatenate(velocities).astype(
-            np.float32
+        return on_demand.motion(
+            model,
+            pose,
+            rows,
+            vertices,
+            indices,
+            1.0 / float(self.scene.time.rate_hz),
+            with_velocities="velocities" in self._record,
         )
-
-
-def _posed_rows(pose: PoseBlock) -> I64:
-    """Rows that were read and hold nothing but numbers that a place can have."""
-    finite = pose.valid.copy()
-    for values in (pose.to_world, pose.bones, pose.surface):
-        if values is not None:
-            # NaN compares as false, too.
-            finite &= (np.abs(values) <= _FARTHEST).reshape(len(values), -1).all(axis=1)
-    return np.flatnonzero(finite)
-
-
-def _followed(
-    rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
-) -> tuple[I64, Bool, Bool]:
-    """Rows with those that they follow; which are heard; which follow the row before them.
-
-    A row follows the sample before its own if the effect was on then and the pose is known.
-    """
-    before = rows[rows > 0] - 1
-    levels = animated.levels[before]
-    before = before[
-        (levels > 0.0)
-        & np.isfinite(levels)
-        & (block.indices[before] == block.indices[before + 1] - 1)
-        & np.isin(before, posed)
-    ]
-    together = np.union1d(rows, before)
-    return together, np.isin(together, rows), np.isin(together - 1, before)
-
-
-def _by_row(
-    animated: EffectBlock, hits: contact.Contacts
-) -> Iterator[tuple[slice, Shape, F64, Details]]:
-    """Where each row's contacts are, with the volume's shape and matrix."""
-    assert animated.matrices is not None and hits.details is not None
-    for k, row in enumerate(hits.rows):
-        part = slice(int(hits.offsets[k]), int(hits.offsets[k + 1]))
-        which = 0 if animated.shape_index is None else int(animated.shape_index[row])
-        yield part, animated.shapes[which], animated.matrices[row], hits.details
-
-
-def _depths(animated: EffectBlock, hits: contact.Contacts) -> F32:
-    depths = np.zeros(len(hits.vertices), np.float32)
-    for part, shape, matrix, details in _by_row(animated, hits):
-        depths[part] = shape.depth_m(details.places[:, part], matrix)
-    return depths
-
-
-def _surface(animated: EffectBlock, hits: contact.Contacts) -> tuple[F32, F32]:
-    places = np.zeros((len(hits.vertices), 3), np.float32)
-    normals = np.zeros_like(places)
-    for part, shape, matrix, details in _by_row(animated, hits):
-        place, normal = nearest_surface(shape, details.places[:, part], matrix)
-        places[part], normals[part] = place.T, normal.T
-    return places, normals
-
-
-def _impact(animated: EffectBlock, hits: contact.Contacts, indices: I64, time: TimeBase) -> Impact:
-    count = len(hits.vertices)
-    times, speeds = np.full(count, np.nan), np.full(count, np.nan, np.float32)
-    normals = np.full((count, 3), np.nan, np.float32)
-    rate = float(time.rate_hz)
-    ends = time.times_s(indices[hits.rows])
-    for end, (part, shape, matrix, details) in zip(ends, _by_row(animated, hits), strict=True):
-        began = np.flatnonzero(~np.isnan(details.since[part])) + part.start
-        if len(began):
-            normal = boundary_normals(shape, details.entries[:, began], matrix)
-            way = matrix[:3, :3] @ details.ways[:, began]
-            times[began] = end + (details.since[began] - 1.0) / rate
-            speeds[began] = np.maximum(-np.einsum("in,in->n", way, normal) * rate, 0.0)
-            normals[began] = normal.T
-    return Impact(times, speeds, normals)

@@ -39,6 +39,19 @@ class Impact:
 
 
 @dataclass(frozen=True, eq=False)
+class Drive:
+    """What an effect gives to single actuators of one device."""
+
+    device_id: str
+    actuators: tuple[str, ...]
+    values: F32  # (n, A) 0..1, a row for each sample
+
+    def part(self, chosen: slice) -> Drive:
+        """That of some samples."""
+        return Drive(self.device_id, self.actuators, self.values[chosen])
+
+
+@dataclass(frozen=True, eq=False)
 class Sample:
     """One effect on one body at one time."""
 
@@ -54,6 +67,8 @@ class Sample:
     surface: F32 | None = None  # (n, 3) nearest place on that boundary, world space, metres
     surface_normals: F32 | None = None  # (n, 3) outwards there
     impact: Impact | None = None
+    focus: F32 | None = None  # (4,) see SampleRun
+    drive: Drive | None = None  # of one row
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +78,9 @@ class SampleRun:
     A vertex set that stays is held once: set ``j`` has the vertices ``slice(offsets[j],
     offsets[j + 1])``, and sample ``k`` has set ``sets[k]`` (None: each sample has its own).
     Only times at which something is felt have a sample.
+
+    A spot has its exact centre beside its vertices: what is between them is not lost on a device
+    that pans. An effect that drives single actuators has no vertices at all.
     """
 
     stream: Stream
@@ -80,6 +98,8 @@ class SampleRun:
     surface: F32 | None = None  # (total, 3)
     surface_normals: F32 | None = None  # (total, 3)
     impact: Impact | None = None  # (total,)
+    focus: F32 | None = None  # (n, 4) a spot's centre, rest space, and half-strength radius, m
+    drive: Drive | None = None
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -113,4 +133,6 @@ class SampleRun:
                     None if self.surface_normals is None else self.surface_normals[part]
                 ),
                 impact=None if self.impact is None else self.impact.part(part),
+                focus=None if self.focus is None else self.focus[k],
+                drive=None if self.drive is None else self.drive.part(slice(k, k + 1)),
             )

@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .body.model import PerceptualModel, SkinWeights
+from .response.filters import Filter
+from .texture.surface_texture import SurfaceTexture
 from .volume.shape import Falloff, Shape
 
 F64 = npt.NDArray[np.float64]
@@ -137,6 +139,47 @@ class HapticVolume:
     """An allocentric effect's shape; where it stands is in the blocks."""
 
     falloff: Falloff
+    response: tuple[Filter, ...] = ()  # how it answers a touch
+
+
+@dataclass(frozen=True, eq=False)
+class HapticSurface:
+    """An object that is felt by moving over it; where its vertices are is in the blocks.
+
+    The effect's modality is vibration. Its parameters in the blocks are the device's full
+    amplitude and, for the textile renderer, the one frequency.
+    """
+
+    triangles: I32  # (F, 3) of the object's vertices
+    coordinates_m: F64  # (F, 3, 2) surface coordinates of the corners: UV times the size of a tile
+    texture: SurfaceTexture
+    reach_m: float = 0.005  # skin that is no farther from the surface touches it
+    max_contacts: int = 100  # at once; fingertips first, then what is nearest
+
+
+@dataclass(frozen=True, eq=False)
+class SpotArea:
+    """A disc on one body's skin; where it is on its path, and how large, is in the blocks."""
+
+    body_id: str
+    path: F64  # (n, 3) n > 0 places on the skin of the canonical body, rest space; one: it rests
+    falloff: Falloff = field(default_factory=Falloff)
+
+
+@dataclass(frozen=True)
+class ActuatorArea:
+    """The actuators of one device, each with a strength of its own in the blocks.
+
+    Mango's vector sensation (Schneider et al., UIST 2015). Nothing is felt of it on the skin,
+    and no other device plays it.
+    """
+
+    body_id: str  # who wears the device
+    device_id: str
+    actuators: tuple[str, ...]
+
+
+Kind = Literal["painted", "volume", "spot", "actuators"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +190,18 @@ class EffectDescription:
     name: str
     modality: str  # key of modality.MODALITIES
     model_id: str  # perceptual model that it is felt on
-    area: PaintedArea | HapticVolume
+    area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
     is_contact: bool = False  # temperature of a touched object, not of the air
     clips: tuple[Clip, ...] = ()
 
     @property
-    def kind(self) -> Literal["painted", "volume"]:
-        return "painted" if isinstance(self.area, PaintedArea) else "volume"
+    def kind(self) -> Kind:
+        """Where it is at home: on the body, in the scene (volumes and surfaces), on a device."""
+        if isinstance(self.area, PaintedArea):
+            return "painted"
+        if isinstance(self.area, SpotArea):
+            return "spot"
+        return "actuators" if isinstance(self.area, ActuatorArea) else "volume"
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +224,13 @@ class EffectBlock:
 
     levels: F64  # (T,) activation times intensity, 0..1
     parameters: F64  # (T, P) in the order of the modality's parameters
-    matrices: F64 | None = None  # (T, 4, 4) shape space to world; volumes only
+    matrices: F64 | None = None  # (T, 4, 4) shape or object space to world; not for painted ones
     shapes: tuple[Shape, ...] = ()  # volumes only; the shapes that occur in the block
     shape_index: I32 | None = None  # (T,) index into shapes; None: always the first
+    vertices: F64 | None = None  # (T or 1, V, 3) object space; surfaces only; 1: does not deform
+    response: F64 | None = None  # (T, F, WIDTH) controls of the filters of its response
+    place: F64 | None = None  # (T, 2) spots only; share of the path's length, radius in metres
+    drive: F64 | None = None  # (T, A) actuators only; strength of each, 0..1
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,3 +256,4 @@ class AnimationBlock:
     effects: tuple[EffectBlock, ...]  # in the order of the scene's effects
     poses: tuple[PoseBlock, ...]  # in the order of the scene's bodies
     history: int = 0
+    live_s: F64 | None = None  # (T,) real times of samples that no time base spaces

@@ -15,9 +15,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from .coverage import SkinPatch
+from .details import Details
 from .motion import Motion
-from .narrow import WHOLE, Details, Target, beyond, sampled, steepest
+from .narrow import WHOLE, Inside, sampled, told_by_vertices
+from .posed_skin import PosedSkin
+from .target import Target, steepest
 from .tolerance import Tolerance
 from .volume.mesh import MeshVolume
 from .volume.placement import inverse_placement
@@ -31,6 +33,7 @@ MESH_WALL_M: Final = 0.001
 """Walls of meshes, whose thickness is not known, are taken to be no thinner than this."""
 
 _MOST_STEPS: Final = 64
+_ROUNDING: Final = 1e-9
 _ALONG: Final = 5  # places of a passage at which falloff is looked up
 
 
@@ -72,23 +75,18 @@ class Drift:
         back = [inverse_placement(matrices)[0] @ volume[k] for k, matrices in enumerate(body)]
         return cls(steps, path @ back[0], path @ back[1])
 
-    def at(self, intervals: I64) -> Drift:
-        """The same for some of its intervals."""
-        if self.steps == 1:
-            return self
-        return Drift(self.steps, self.from_before[:, intervals], self.from_after[:, intervals])
-
     def path(self, before: F64, after: F64, rows: I64) -> F64:
-        """Places of points (3, N), each in one of the intervals: (steps + 1, 3, N)."""
+        """Places of points (3, N) in intervals that end at ``rows`` (N,): (steps + 1, 3, N)."""
         if self.steps == 1:
             return np.stack([before, after])
         places = np.zeros((self.steps + 1, *before.shape))
+        intervals = rows - 1
         for k in range(self.steps + 1):
             share = k / self.steps
             if share < 1.0:
-                places[k] += (1.0 - share) * _moved(self.from_before[k], before, rows)
+                places[k] += (1.0 - share) * _moved(self.from_before[k], before, intervals)
             if share > 0.0:
-                places[k] += share * _moved(self.from_after[k], after, rows)
+                places[k] += share * _moved(self.from_after[k], after, intervals)
         places[0], places[-1] = before, after
         return places
 
@@ -99,25 +97,23 @@ def _moved(matrices: F64, points: F64, rows: I64) -> F64:
     return moved
 
 
-def steps_for(angles: F64, moves_m: F64, edge_m: float) -> int:
-    """Straight steps that follow turning motions within ``edge_m``.
+def steps_for(angles: F64, moves_m: F64, edge_m: float) -> I64:
+    """Straight steps that follow turning motions within ``edge_m``, one number for each.
 
     An arc of length s that turns by an angle a leaves its chord by s a / 8; n steps divide that
     by n squared. Powers of two, so that intervals share their steps.
     """
-    sagitta = float(np.max(0.5 * np.pi * moves_m * angles / 8.0, initial=0.0))
-    wanted = np.sqrt(sagitta / max(edge_m, 1e-4))
-    if not np.isfinite(wanted):
-        return _MOST_STEPS
-    return int(min(2 ** np.ceil(np.log2(max(wanted, 1.0))), _MOST_STEPS))
+    wanted = np.sqrt(0.5 * np.pi * moves_m * angles / 8.0 / max(edge_m, 1e-4))
+    wanted = np.where(np.isfinite(wanted), np.maximum(wanted, 1.0), _MOST_STEPS)
+    steps: I64 = np.minimum(2.0 ** np.ceil(np.log2(wanted)), _MOST_STEPS).astype(np.int64)
+    return steps
 
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
     """Samples of skin that were inside at some moment of an interval."""
 
-    rows: I64  # (N,)
-    cells: I64  # (N,) places in the patch's cells
+    contacts: I64  # (N,) the contact that each belongs to
     first: F64  # (N,) shares of the interval
     last: F64  # (N,)
     shares: F64  # (N,) contact weight times share of the cell's area
@@ -125,84 +121,114 @@ class Crossings:
     ways: F64  # (3, N) how they moved then in a whole interval, shape space
     middles: F64  # (3, N) halfway through
 
-    def peaks(self, count: int, cells: int) -> F64:
-        """The most that was inside of each cell at one moment, (count, cells)."""
-        key = np.concatenate([self.rows * cells + self.cells] * 2)
+    def peaks(self, count: int) -> F64:
+        """The most that was inside of each contact's cell at one moment, (count,)."""
+        key = np.concatenate([self.contacts] * 2)
         when = np.concatenate([self.first, self.last])
-        is_exit = np.repeat([False, True], len(self.rows))
+        is_exit = np.repeat([False, True], len(self.contacts))
         change = np.concatenate([self.shares, -self.shares])
         order = np.lexsort((is_exit, when, key))
         key, change = key[order], change[order]
         inside = np.cumsum(change)
         starts = np.flatnonzero(np.diff(key, prepend=-1))
         base = np.repeat(inside[starts] - change[starts], np.diff(starts, append=len(key)))
-        peaks = np.zeros(count * cells)
+        peaks = np.zeros(count)
         if len(starts):
             peaks[key[starts]] = np.maximum.reduceat(inside - base, starts)
         peaks[peaks > WHOLE] = 1.0
-        return peaks.reshape(count, cells)
+        return peaks
 
     def tell(self, details: Details, rows: I64, columns: I64) -> None:
-        """Fill in how contacts began; ``rows`` and ``columns`` place the intervals and cells."""
-        order = np.lexsort((self.first, self.cells, self.rows))
-        key = self.rows[order] * len(columns) + self.cells[order]
-        order = order[np.flatnonzero(np.diff(key, prepend=-1))]
-        at = rows[self.rows[order]], columns[self.cells[order]]
+        """Fill in how contacts began; ``rows`` and ``columns`` are those of each contact."""
+        order = np.lexsort((self.first, self.contacts))
+        order = order[np.flatnonzero(np.diff(self.contacts[order], prepend=-1))]
+        at = rows[self.contacts[order]], columns[self.contacts[order]]
         details.since[at] = self.first[order]
         details.entries[:, *at] = self.entries[:, order]
         details.ways[:, *at] = self.ways[:, order]
 
+    def inside(self, posed: PosedSkin) -> Inside:
+        """Where they were halfway through."""
+        rows = posed.rows[posed.contact_pairs[self.contacts]]
+        return Inside(rows, posed.contact_cells[self.contacts], self.middles)
+
 
 def crossings(
-    patch: SkinPatch,
-    before: F64,
-    after: F64,
-    reaches: F64,
-    open_cells: Bool,
-    target: Target,
-    drift: Drift,
+    posed: PosedSkin, later: Bool, is_open: Bool, target: Target, drift: Drift
 ) -> Crossings:
-    """Which samples of a patch enter a volume in between.
+    """Which samples of skin enter a volume in between.
 
     Parameters
     ----------
-    before, after : (3, n, V) float64
-        The patch's vertices at both ends of each interval, shape space.
-    reaches : (n, units) float64
-        How far a unit's skin can be from its vertex, shape space.
-    open_cells : (n, C) bool
-        Cells that are looked at.
+    posed : PosedSkin
+    later : (pairs,) bool
+        Pairs into which skin is followed, each from the pair before it.
+    is_open : (contacts,) bool
+        Contacts that are looked at.
     target : Target
-        Its ``n`` rows, at the end.
+    drift : Drift
+        Its intervals end at the rows from the second on.
     """
-    units = patch.units
-    row, unit = np.nonzero(open_cells[:, patch.cells_of(np.arange(units))])
-    path = drift.path(before[:, row, unit], after[:, row, unit], row)
-    near = _may_meet(path, reaches[row, unit], row, target)
-    row, unit, path = row[near], unit[near], path[:, :, near]
-    found = [_entered(patch, path, row, unit, patch.vertex_shares[unit], target)]
-    split = np.flatnonzero(patch.steps[unit] > 0)
-    row, quad = patch.quads_of(row[split], unit[split])
+    table = posed.table
+    slots = np.flatnonzero(later[posed.pairs] & is_open[posed.contact_of])
+    pairs, unit = posed.pairs[slots], posed.units[slots]
+    after = posed.at[slots]
+    before = after + (posed.shifts[pairs - 1] - posed.shifts[pairs])
+    reaches = np.maximum(
+        posed.reaches[slots], posed.reaches[slots - table.unit_counts[posed.clusters[pairs]]]
+    )
+    rows = posed.slot_rows[slots]
+    ends = posed.points.take(before, axis=1), posed.points.take(after, axis=1)
     if drift.steps == 1:
-        passing = np.flatnonzero(~_stays_beyond(patch, before, after, row, quad, target))
-        row, quad = row[passing], quad[passing]
-    ends = (sampled(patch, points, row, quad, target) for points in (before, after))
-    for start, end in zip(*ends, strict=True):
-        path = drift.path(start.points, end.points, start.rows)
-        found.append(_entered(patch, path, start.rows, start.units, start.shares, target))
+        close = np.flatnonzero(_may_come_near(*ends, reaches, rows, target))
+        slots, pairs, unit = slots[close], pairs[close], unit[close]
+        rows, reaches, ends = rows[close], reaches[close], (ends[0][:, close], ends[1][:, close])
+    path = drift.path(*ends, rows)
+    near = _may_meet(path, reaches, rows, target)
+    slots, pairs, unit, path = slots[near], pairs[near], unit[near], path[:, :, near]
+    earlier = slots - table.unit_counts[posed.clusters[pairs]]
+    told = told_by_vertices(posed, slots, target) & told_by_vertices(posed, earlier, target)
+    shares = np.where(told, table.unit_shares[unit], table.vertex_shares[unit])
+    found = [_entered(posed, path, slots, shares, target)]
+    split = np.flatnonzero((table.steps[unit] > 0) & ~told)
+    owner, quad = table.quads_of(unit[split])
+    slots, pairs = slots[split][owner], pairs[split][owner]
+    rings = [posed.corners(each, quad) for each in (pairs - 1, pairs)]
+    if drift.steps == 1:
+        passing = np.flatnonzero(~_stays_beyond(posed, rings, pairs, target))
+        slots, quad = slots[passing], quad[passing]
+        rings = [(one[passing], two[passing], three[passing]) for one, two, three in rings]
+    paths = (sampled(posed, slots, quad, corners, target) for corners in rings)
+    for start, end in zip(*paths, strict=True):
+        rows = posed.slot_rows[start.slots]
+        path = drift.path(start.points, end.points, rows)
+        found.append(_entered(posed, path, start.slots, start.shares, target))
     return _joined(found)
 
 
+def _may_come_near(before: F64, after: F64, reaches: F64, rows: I64, target: Target) -> Bool:
+    """Which balls of radii ``reaches`` (N,) that move straight may meet the volume.
+
+    The clearance of a point changes by no more than it moves: on a way of length l between
+    clearances a and b it is nowhere less than (a + b - l) / 2.
+    """
+    ways = after - before
+    lengths = np.sqrt(np.einsum("in,in->n", ways, ways))
+    clear = target.clearances(before, rows) + target.clearances(after, rows)
+    may: Bool = ~(clear - lengths > 2.0 * reaches + _ROUNDING * (np.abs(clear) + lengths))
+    return may
+
+
 def _stays_beyond(
-    patch: SkinPatch, before: F64, after: F64, row: I64, quad: I64, target: Target
+    posed: PosedSkin, rings: list[tuple[I64, I64, I64]], pairs: I64, target: Target
 ) -> Bool:
     """Which quads move straight on one side of the volume's box, all the way."""
-    corners = patch.corners(row, quad)
-    common = np.full(len(row), 255, np.uint8)
-    for points in (before, after):
-        faces = beyond(points, target, patch.bulge_m * target.stretches)
+    rows = posed.rows[pairs]
+    margins = posed.table.bulge_m[posed.clusters[pairs]] * target.stretches[rows]
+    common = np.full(len(pairs), 255, np.uint8)
+    for corners in rings:
         for corner in corners:
-            common &= faces[corner]
+            common &= target.beyond(posed.points.take(corner, axis=1), rows, margins)
     return common != 0
 
 
@@ -220,11 +246,9 @@ def _may_meet(path: F64, reaches: F64, rows: I64, target: Target) -> I64:
     return np.flatnonzero(meets)
 
 
-def _entered(
-    patch: SkinPatch, path: F64, rows: I64, units: I64, shares: F64, target: Target
-) -> Crossings:
+def _entered(posed: PosedSkin, path: F64, slots: I64, shares: F64, target: Target) -> Crossings:
     """Samples that are inside somewhere on their path, (steps + 1, 3, N)."""
-    steps = len(path) - 1
+    steps, rows = len(path) - 1, posed.slot_rows[slots]
     first = np.full(len(rows), np.inf)
     last = -first
     entries, ways = np.zeros((3, len(rows))), np.zeros((3, len(rows)))
@@ -238,7 +262,7 @@ def _entered(
         inside = np.isfinite(leave)
         last[inside] = (k + leave[inside]) / steps
     kept = np.flatnonzero(np.isfinite(first))
-    first, last, rows, units = first[kept], last[kept], rows[kept], units[kept]
+    first, last, rows, slots = first[kept], last[kept], rows[kept], slots[kept]
     path = path[:, :, kept]
     strength = np.ones(len(kept))
     if not target.falloff.is_flat:
@@ -247,8 +271,7 @@ def _entered(
             at = _along(path, first + share * (last - first))
             np.maximum(strength, target.weights(at, rows), out=strength)
     return Crossings(
-        rows,
-        patch.cells_of(units),
+        posed.contact_of[slots],
         first,
         last,
         shares[kept] * strength,
@@ -271,13 +294,10 @@ def _along(path: F64, share: F64) -> F64:
 def _joined(parts: list[Crossings]) -> Crossings:
     none = np.zeros(0)
     empty = np.zeros((3, 0))
-    start = Crossings(
-        none.astype(np.int64), none.astype(np.int64), none, none, none, empty, empty, empty
-    )
+    start = Crossings(none.astype(np.int64), none, none, none, empty, empty, empty)
     parts = [start, *parts]
     return Crossings(
-        np.concatenate([part.rows for part in parts]),
-        np.concatenate([part.cells for part in parts]),
+        np.concatenate([part.contacts for part in parts]),
         np.concatenate([part.first for part in parts]),
         np.concatenate([part.last for part in parts]),
         np.concatenate([part.shares for part in parts]),

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from hfx_blender.engine.body.cells import cell_of_skin
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.coverage import Skin, finer_id, sample_distance_m, spacing_m
+from hfx_blender.engine.skin_quads import Quads
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind
@@ -36,19 +37,52 @@ def _skin(model_id: str, tolerance: Tolerance) -> Skin:
     return Skin(model, tolerance, None if fine is None else load_model(fine))
 
 
+@dataclass
+class _Patch:
+    """One cluster's part of a skin's table, its places counted from 0."""
+
+    skin: Skin
+    cluster: int
+
+    def __post_init__(self) -> None:
+        table = self.table = self.skin.table
+        table.need(np.array([self.cluster]))
+        first, last = table.starts[self.cluster : self.cluster + 2]
+        self.units = int(table.unit_counts[self.cluster])
+        self.cells = table.cells[slice(*table.cell_starts[self.cluster : self.cluster + 2])]
+        self.vertices = table.vertices[first:last]
+        unit, quads = slice(first, first + self.units), slice(*table.quad_starts[[first, last]])
+        self.cell_of = table.cell_of[unit] - table.cell_starts[self.cluster]
+        self.unit_shares, self.vertex_shares = table.unit_shares[unit], table.vertex_shares[unit]
+        self.steps = table.steps[unit]
+        self.quad_counts = np.diff(table.quad_starts[first : first + self.units + 1])
+        self.unit_of, self.around = table.unit_of[quads] - first, table.around[quads] - first
+        self.wholes = table.wholes[quads]
+        self.sample_starts = table.sample_starts[quads]
+
+    def sums(self, of_samples: int) -> np.ndarray:
+        """Sums over each quad's samples."""
+        counts = self.steps[self.unit_of] ** 2
+        owner = np.repeat(np.arange(len(counts)), counts)
+        step = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+        values = self.table.samples[of_samples, self.sample_starts[owner] + step]
+        return np.bincount(owner, values, len(counts))
+
+
 @pytest.mark.parametrize("model_id", MODELS)
 @pytest.mark.parametrize("tolerance", [STANDARD, PREVIEW, PAPER], ids=lambda t: t.name)
 def test_the_shares_of_a_cell_add_up(model_id: str, tolerance: Tolerance) -> None:
     skin = _skin(model_id, tolerance)
     assert np.sort(np.concatenate(skin.clusters)).tolist() == list(range(len(skin.model)))
     for cluster in range(0, len(skin.clusters), 7):
-        patch = skin.patch(cluster)
+        patch = _Patch(skin, cluster)
         assert patch.cells.tolist() == skin.clusters[cluster].tolist()
         units = patch.vertex_shares + np.bincount(patch.unit_of, patch.wholes, patch.units)
         assert np.abs(units - patch.unit_shares).max() < 1e-12
-        cells = np.add.reduceat(patch.unit_shares, patch.cell_starts)
+        cells = np.bincount(patch.cell_of, patch.unit_shares)
         assert np.abs(cells - 1.0).max() < 1e-12
-        assert ((patch.areas[0] > 0.0) == (patch.steps[patch.unit_of] > 0)).all()
+        assert np.abs(patch.sums(3) - patch.wholes).max(initial=0.0) < 1e-12
+        assert ((patch.wholes > 0.0) == (patch.steps[patch.unit_of] > 0)).all()
         assert (patch.vertex_shares > 0.0).all()
         if tolerance is not STANDARD:
             assert not skin.is_split and patch.steps.max() == 0
@@ -61,12 +95,13 @@ def test_samples_divide_the_skin_as_the_cells_of_the_model_do(model_id: str) -> 
     model = skin.model
     ratios = []
     for cluster in range(len(skin.clusters)):
-        patch = skin.patch(cluster)
+        patch = _Patch(skin, cluster)
         corners = model.vertices[patch.vertices].astype(np.float64)
         one = corners[patch.around[:, 0]] - corners[patch.unit_of]
         other = corners[patch.around[:, 1]] - corners[patch.unit_of]
         doubled = np.linalg.norm(np.cross(one, other), axis=1)
-        edge, side, inner, inner_2 = patch.places
+        ring = np.stack([patch.unit_of, *patch.around.T], axis=1)
+        edge, side, inner, inner_2 = Quads.of(model, patch.vertices[ring]).places
         # A quad from the corner over both edge places: two triangles over the inner place.
         share = 0.5 * (edge * inner_2 + side * inner)
         ratios.append(
@@ -86,8 +121,8 @@ def test_samples_are_as_near_as_the_tolerance_asks() -> None:
     skin = _skin("hfx-pressure-1", STANDARD)
     model = skin.model
     for cluster in range(0, len(skin.clusters), 9):
-        patch = skin.patch(cluster)
-        numbers = 1 + np.diff(patch.offsets) * patch.steps**2
+        patch = _Patch(skin, cluster)
+        numbers = 1 + patch.quad_counts * patch.steps**2
         area = model.areas_m2[patch.cells] / numbers
         wanted = sample_distance_m(STANDARD, spacing_m(model.areas_m2[patch.cells]))
         assert (np.sqrt(area) < 1.1 * wanted).all()
@@ -99,9 +134,8 @@ def test_a_temperature_cell_is_sampled_by_its_geodesic_cell_of_the_finer_skin() 
     fine, owner = cell_of_skin(model)
     assert skin.surface.id == fine
     for cluster, cells in enumerate(skin.clusters):
-        patch = skin.patch(cluster)
-        units = patch.cells_of(np.arange(patch.units))
-        assert (owner[patch.vertices[: patch.units]] == cells[units]).all()
+        patch = _Patch(skin, cluster)
+        assert (owner[patch.vertices[: patch.units]] == cells[patch.cell_of]).all()
 
 
 # Coverage
@@ -310,7 +344,7 @@ def test_only_units_near_the_boundary_are_sampled(monkeypatch: pytest.MonkeyPatc
 
     def sampled(*arguments):
         for samples in real(*arguments):
-            looked.append(len(samples.rows))
+            looked.append(len(samples.slots))
             yield samples
 
     monkeypatch.setattr(narrow, "sampled", sampled)

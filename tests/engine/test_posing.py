@@ -156,3 +156,33 @@ def test_a_collapsed_triangle_gives_a_point_on_it() -> None:
         np.arange(9, dtype=np.int32), posed, 0, np.eye(4)
     )
     assert np.abs(points - 0.25).max() < 1e-15
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_clusters_posed_together_are_where_each_is_alone(count: int) -> None:
+    body, posed = model(), pose(3)
+    small = [np.arange(k, k + 5, dtype=np.int32) for k in range(0, 50, 5)]
+    bound = SkinnedModel(body, SkinBinding(BONES), small)
+    rows = np.arange(count)
+    found = bound.posed(np.arange(10), posed, rows, posed.to_world[rows])
+    batch = [(cluster, rows) for cluster in (0, 3, 9)]
+    alone = [
+        bound.cluster_points(cluster, posed, rows, posed.to_world[rows]).reshape(3, -1)
+        for cluster, _ in batch
+    ]
+    assert found.all_points(batch) == pytest.approx(np.concatenate(alone, axis=1), abs=1e-12)
+
+
+def test_a_box_holds_every_cluster() -> None:
+    body, posed = model(), pose(4)
+    bound = SkinnedModel(body, SkinBinding(BONES))
+    rows = np.arange(4)
+    low, high = bound.box(posed, rows, posed.to_world[rows])
+    points = [
+        bound.cluster_points(k, posed, rows, posed.to_world[rows])
+        for k in range(len(bound.clusters))
+    ]
+    every = np.concatenate(points, axis=2)  # (3, n, V)
+    assert (every.min(axis=2).T >= low - 1e-9).all()
+    assert (every.max(axis=2).T <= high + 1e-9).all()
+    assert ((high - low) < 3.0 * np.ptp(every, axis=2).T).all()

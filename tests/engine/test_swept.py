@@ -141,11 +141,11 @@ def test_falloff_counts_where_a_passage_is_deepest() -> None:
 
 
 def test_slow_motion_is_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    from hfx_blender.engine import swept
+    from hfx_blender.engine import finding
 
     calls: list[int] = []
-    real = swept.crossings
-    monkeypatch.setattr(swept, "crossings", lambda *a: calls.append(1) or real(*a))
+    real = finding.crossings
+    monkeypatch.setattr(finding, "crossings", lambda *a: calls.append(1) or real(*a))
     slow = moved_along(placed(0.1, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.1), 21)  # 0.5 m/s
     weights, _, _ = evaluated(sheet(), Sphere(), slow)
     assert weights.any() and not calls
@@ -269,8 +269,7 @@ def test_the_peak_is_what_was_inside_together() -> None:
     """One cell: 0.3 and 0.4 together, 0.5 later, 0.2 beginning as the 0.5 ends."""
     nothing: Any = np.zeros((3, 4))
     found = Crossings(
-        rows=np.zeros(4, np.int64),
-        cells=np.array([1, 1, 1, 1]),
+        contacts=np.array([1, 1, 1, 1]),
         first=np.array([0.1, 0.2, 0.5, 0.6]),
         last=np.array([0.3, 0.3, 0.6, 0.9]),
         shares=np.array([0.3, 0.4, 0.5, 0.2]),
@@ -278,7 +277,7 @@ def test_the_peak_is_what_was_inside_together() -> None:
         ways=nothing,
         middles=nothing,
     )
-    assert found.peaks(2, 3) == pytest.approx(np.array([[0.0, 0.7, 0.0], [0.0, 0.0, 0.0]]))
+    assert found.peaks(3) == pytest.approx(np.array([0.0, 0.7, 0.0]))
 
 
 @settings(max_examples=50, deadline=None)

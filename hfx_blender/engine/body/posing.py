@@ -8,7 +8,9 @@ to float32 far from the origin.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -28,6 +30,10 @@ _UNTHREADED = 1 << 18
 longer than they work, several times over where the processors are busy (measured)."""
 
 
+_SMALL = 96
+"""Vertices in a cluster, on average: where fewer, weights are looked at one by one."""
+
+
 class PosableModel(Protocol):
     """A perceptual model bound to a body."""
 
@@ -39,18 +45,14 @@ class PosableModel(Protocol):
         ``rows`` (n,) are rows of the pose, ``to_target`` (n, 4, 4) the matrix for each.
         """
 
+    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        """A box that holds all of the model: two (n, 3), target space."""
+
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Positions of a cluster's vertices, (3, n, Vc), target space."""
 
-    def cluster_skin(
-        self, cluster: int, units: int, links: I64, pose: PoseBlock, rows: I64, to_target: F64
-    ) -> tuple[F64, F64]:
-        """Positions of a cluster's vertices, and how far from the first its neighbours can be.
-
-        ``links`` (E, 2) are one of the first ``units`` vertices and a neighbour of it, by their
-        places in the cluster and in this order; they must be the same whenever the cluster is.
-        The positions are (3, n, Vc), the distances (n, units), target space.
-        """
+    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
+        """Some clusters at some rows, of which :class:`PosedClusters` tells more."""
 
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
@@ -62,6 +64,26 @@ class PosableModel(Protocol):
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
+
+
+class PosedClusters(Protocol):
+    """Clusters of a model at some rows. ``at`` (m,) are places among these rows."""
+
+    def points(self, cluster: int, at: I64) -> F64:
+        """Positions of a cluster's vertices, (3, m, Vc), target space."""
+
+    def all_points(self, batch: list[tuple[int, I64]]) -> F64:
+        """The same of clusters with places each, one after the other, (3, N)."""
+
+    def skin(
+        self, cluster: int, at: I64, units: int, links: Callable[[int], I64]
+    ) -> tuple[F64, F64]:
+        """Positions of a cluster's vertices, and how far from the first its neighbours can be.
+
+        ``links(cluster)`` (E, 2) are one of the first ``units`` vertices and a neighbour of it,
+        by their places in the cluster and in this order; they must be the same whenever the
+        cluster is. The positions are (3, m, Vc), the distances (m, units), target space.
+        """
 
 
 class SkinnedModel:
@@ -104,6 +126,7 @@ class SkinnedModel:
         self._offsets = np.searchsorted(owners, np.arange(len(model) + 1)).astype(np.int64)
         self._rest = np.hstack([model.vertices.astype(np.float64), np.ones((len(model), 1))])
         self._factors: dict[int, tuple[I64, F64]] = {}
+        self._sparse: dict[int, tuple[I64, F64, I64]] = {}
         self._links: dict[int, _Links] = {}
 
         # A pair is a cluster and a bone that moves some of it, with the box of what it moves.
@@ -121,8 +144,16 @@ class SkinnedModel:
         pair_clusters, pair_bones = np.divmod(pairs, self._still + 1)
         self._pair_starts = np.searchsorted(pair_clusters, np.arange(len(self.clusters)))
         self._used_bones, self._pair_slots = np.unique(pair_bones, return_inverse=True)
+        bone_low = np.full((len(self._used_bones), 3), np.inf)
+        bone_high = -bone_low
+        np.minimum.at(bone_low, self._pair_slots, low)
+        np.maximum.at(bone_high, self._pair_slots, high)
+        self._bone_centres, self._bone_halves = (
+            (bone_low + bone_high) / 2,
+            (bone_high - bone_low) / 2,
+        )
 
-    def _cluster_factors(self, cluster: int) -> tuple[I64, F64]:
+    def cluster_factors(self, cluster: int) -> tuple[I64, F64]:
         """Bones of a cluster, and weight times homogeneous rest position (Vc, 4 Bc)."""
         if cluster not in self._factors:
             ids = self.clusters[cluster]
@@ -132,6 +163,17 @@ class SkinnedModel:
             factors[owners, column] = self._values[entries, None] * self._rest[ids[owners]]
             self._factors[cluster] = bones, factors.reshape(len(ids), -1)
         return self._factors[cluster]
+
+    def cluster_entries(self, cluster: int) -> tuple[I64, F64, I64]:
+        """A cluster's weights one by one: bone, weight times homogeneous rest position (E, 4),
+        and where those of each vertex begin."""
+        if cluster not in self._sparse:
+            ids = self.clusters[cluster]
+            entries, owners = self._entries(ids)
+            factors = self._values[entries, None] * self._rest[ids[owners]]
+            firsts = np.searchsorted(owners, np.arange(len(ids)))
+            self._sparse[cluster] = self._bones[entries], factors, firsts
+        return self._sparse[cluster]
 
     def _entries(self, ids: I32) -> tuple[I64, I64]:
         """Positions in the weight arrays of some vertices' weights, and whose each is."""
@@ -162,13 +204,20 @@ class SkinnedModel:
         high = np.maximum.reduceat(centres + halves, self._pair_starts, axis=1)
         return low, high
 
-    def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        bones = self._cluster_factors(cluster)[0]
-        return self._posed(cluster, self._matrices(pose, rows, to_target, bones))
+    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        matrices = self._matrices(pose, rows, to_target, self._used_bones)
+        linear = matrices[..., :3]
+        centres = np.einsum("nbij,bj->nbi", linear, self._bone_centres) + matrices[..., 3]
+        halves = np.einsum("nbij,bj->nbi", np.abs(linear), self._bone_halves)
+        return (centres - halves).min(axis=1), (centres + halves).max(axis=1)
 
-    def _posed(self, cluster: int, matrices: F64) -> F64:
+    def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        bones = self.cluster_factors(cluster)[0]
+        return self.posed_by(cluster, self._matrices(pose, rows, to_target, bones))
+
+    def posed_by(self, cluster: int, matrices: F64) -> F64:
         """Positions under the matrices (n, B, 3, 4) of a cluster's bones."""
-        factors = self._cluster_factors(cluster)[1]
+        factors = self.cluster_factors(cluster)[1]
         count = len(matrices)
         stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(3 * count, -1)
         points = np.zeros((len(stacked), len(factors)))
@@ -178,31 +227,9 @@ class SkinnedModel:
             np.matmul(stacked[part], factors.T, out=points[part])
         return points.reshape(3, count, -1)
 
-    def cluster_skin(
-        self, cluster: int, units: int, links: I64, pose: PoseBlock, rows: I64, to_target: F64
-    ) -> tuple[F64, F64]:
-        """The distances are upper bounds; see :meth:`PosableModel.cluster_skin`.
-
-        With weights u, v and rest places x, y of two neighbours, and any matrix R,
-        sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y: the first part is at
-        most the largest stretch of a bone times their distance, the second what the bones do
-        to the cluster differently, times how far the weights differ.
-        """
-        matrices = self._matrices(pose, rows, to_target, self._cluster_factors(cluster)[0])
-        if cluster not in self._links:
-            self._links[cluster] = self._made_links(cluster, units, links)
-        known = self._links[cluster]
-        linear = matrices[..., :3]
-        gram = linear @ linear.transpose(0, 1, 3, 2)
-        stretch = np.sqrt(np.abs(gram).sum(axis=-1).max(axis=(1, 2)))  # no less than the 2-norm
-        gaps: F64 = stretch[:, None] * known.distances
-        if matrices.shape[1] > 1:
-            apart = matrices - np.einsum("nbij,b->nij", matrices, known.shares)[:, None]
-            middle = apart[..., :3] @ known.centre + apart[..., 3]
-            turned = np.sqrt(np.square(apart[..., :3]).sum(axis=(2, 3)))
-            moves = np.sqrt(np.square(middle).sum(axis=2)) + known.radius * turned
-            gaps += moves @ known.differences.T
-        return self._posed(cluster, matrices), gaps
+    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
+        bones = np.unique(np.concatenate([self.cluster_factors(c)[0] for c in clusters.tolist()]))
+        return _SkinnedClusters(self, bones, self._matrices(pose, rows, to_target, bones))
 
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
@@ -224,9 +251,15 @@ class SkinnedModel:
         squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
         return np.sqrt(squared)
 
+    def links(self, cluster: int, units: int, links: Callable[[int], I64]) -> _Links:
+        """What a cluster's neighbours are like; see :class:`PosedClusters`."""
+        if cluster not in self._links:
+            self._links[cluster] = self._made_links(cluster, units, links(cluster))
+        return self._links[cluster]
+
     def _made_links(self, cluster: int, units: int, links: I64) -> _Links:
         ids = self.clusters[cluster]
-        bones = self._cluster_factors(cluster)[0]
+        bones = self.cluster_factors(cluster)[0]
         entries, owners = self._entries(ids)
         weights = np.zeros((len(ids), len(bones)))
         weights[owners, np.searchsorted(bones, self._bones[entries])] = self._values[entries]
@@ -264,6 +297,68 @@ class _Links:
     radius: float  # of the box
 
 
+class _SkinnedClusters:
+    """Clusters of a skinned model under the matrices (n, B, 3, 4) of some bones."""
+
+    def __init__(self, model: SkinnedModel, bones: I64, matrices: F64) -> None:
+        self._model = model
+        self._matrices = matrices
+        self._slots = np.zeros(int(bones.max(initial=-1)) + 1, np.int64)
+        self._slots[bones] = np.arange(len(bones))
+
+    def _of(self, cluster: int, at: I64) -> tuple[I64, F64]:
+        slots = self._slots[self._model.cluster_factors(cluster)[0]]
+        return slots, self._matrices[at[:, None], slots]
+
+    def points(self, cluster: int, at: I64) -> F64:
+        return self._model.posed_by(cluster, self._of(cluster, at)[1])
+
+    def all_points(self, batch: list[tuple[int, I64]]) -> F64:
+        total = sum(len(self._model.clusters[cluster]) for cluster, _ in batch)
+        if len(self._matrices) > 1 or total > _SMALL * len(batch):
+            return _joined(self, batch)
+        # One moment of many small clusters: what each weight moves, all at once.
+        bones, factors, firsts = zip(
+            *(self._model.cluster_entries(cluster) for cluster, _ in batch), strict=True
+        )
+        before = np.cumsum([0, *(len(each) for each in bones[:-1])])
+        starts = np.concatenate([each + first for each, first in zip(firsts, before, strict=True)])
+        matrices = self._matrices[0, self._slots[np.concatenate(bones)]]
+        moved = np.einsum("eij,ej->ie", matrices, np.concatenate(factors))
+        points: F64 = np.add.reduceat(moved, starts, axis=1)
+        return points
+
+    @cached_property
+    def _stretches(self) -> F64:
+        """No less than what each bone stretches, (n, B)."""
+        linear = self._matrices[..., :3]
+        gram = linear @ linear.transpose(0, 1, 3, 2)
+        stretches: F64 = np.sqrt(np.abs(gram).sum(axis=-1).max(axis=-1))
+        return stretches
+
+    def skin(
+        self, cluster: int, at: I64, units: int, links: Callable[[int], I64]
+    ) -> tuple[F64, F64]:
+        """The distances are upper bounds; see :meth:`PosedClusters.skin`.
+
+        With weights u, v and rest places x, y of two neighbours, and any matrix R,
+        sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y: the first part is at
+        most the largest stretch of a bone times their distance, the second what the bones do
+        to the cluster differently, times how far the weights differ.
+        """
+        known = self._model.links(cluster, units, links)
+        slots, matrices = self._of(cluster, at)
+        stretch = self._stretches[at[:, None], slots].max(axis=1)
+        gaps: F64 = stretch[:, None] * known.distances
+        if len(slots) > 1:
+            apart = matrices - np.einsum("nbij,b->nij", matrices, known.shares)[:, None]
+            middle = apart[..., :3] @ known.centre + apart[..., 3]
+            turned = np.sqrt(np.square(apart[..., :3]).sum(axis=(2, 3)))
+            moves = np.sqrt(np.square(middle).sum(axis=2)) + known.radius * turned
+            gaps += moves @ known.differences.T
+        return self._model.posed_by(cluster, matrices), gaps
+
+
 class SurfaceModel:
     """Vertices ride on the triangles of an avatar's evaluated mesh."""
 
@@ -296,19 +391,27 @@ class SurfaceModel:
             highs.append(points.max(axis=2).T)
         return np.stack(lows, axis=1), np.stack(highs, axis=1)
 
+    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        assert pose.surface is not None
+        surface = pose.surface[rows]
+        low, high = surface.min(axis=1).astype(np.float64), surface.max(axis=1).astype(np.float64)
+        # Weights below 0 reach beyond the triangle, by no more than their part of the whole.
+        beyond = float(np.maximum(-self._anchors.weights, 0.0).sum(axis=1).max(initial=0.0))
+        above = float(np.abs(self._anchors.offset_m).max(initial=0.0))
+        half = 0.5 * (high - low) + 2.0 * beyond * (high - low).max(axis=1)[:, None] + above
+        linear = to_target[:, :3, :3]
+        centre = np.einsum("nij,nj->ni", linear, 0.5 * (low + high)) + to_target[:, :3, 3]
+        reach = np.einsum("nij,nj->ni", np.abs(linear), half)
+        return centre - reach, centre + reach
+
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         assert pose.surface is not None
         local = self._on_surface(self.clusters[cluster], pose.surface[rows])
         moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         return np.ascontiguousarray(moved.transpose(2, 0, 1))
 
-    def cluster_skin(
-        self, cluster: int, units: int, links: I64, pose: PoseBlock, rows: I64, to_target: F64
-    ) -> tuple[F64, F64]:
-        points = self.cluster_points(cluster, pose, rows, to_target)
-        one, other = points[:, :, links[:, 0]], points[:, :, links[:, 1]]
-        lengths = np.sqrt(np.square(one - other).sum(axis=0)).T
-        return points, np.ascontiguousarray(_largest(lengths, links[:, 0], units).T)
+    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
+        return _SurfaceClusters(self, pose, rows, to_target)
 
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
@@ -327,6 +430,35 @@ class SurfaceModel:
         local = self._on_surface(vertices, pose.surface[row : row + 1])[0]
         moved: F64 = to_target[:3, :3] @ local.T + to_target[:3, 3:]
         return moved
+
+
+@dataclass(frozen=True, eq=False)
+class _SurfaceClusters:
+    """Clusters of a model that rides on a surface."""
+
+    model: SurfaceModel
+    pose: PoseBlock
+    rows: I64
+    to_target: F64
+
+    def points(self, cluster: int, at: I64) -> F64:
+        return self.model.cluster_points(cluster, self.pose, self.rows[at], self.to_target[at])
+
+    def all_points(self, batch: list[tuple[int, I64]]) -> F64:
+        return _joined(self, batch)
+
+    def skin(
+        self, cluster: int, at: I64, units: int, links: Callable[[int], I64]
+    ) -> tuple[F64, F64]:
+        points, ends = self.points(cluster, at), links(cluster)
+        one, other = points[:, :, ends[:, 0]], points[:, :, ends[:, 1]]
+        lengths = np.sqrt(np.square(one - other).sum(axis=0)).T
+        return points, np.ascontiguousarray(_largest(lengths, ends[:, 0], units).T)
+
+
+def _joined(posed: PosedClusters, batch: list[tuple[int, I64]]) -> F64:
+    points = [posed.points(cluster, at).reshape(3, -1) for cluster, at in batch]
+    return np.concatenate(points, axis=1)
 
 
 def _largest(values: F64, owners: I64, count: int) -> F64:

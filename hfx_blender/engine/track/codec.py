@@ -30,6 +30,10 @@ MAX_ENTRIES: Final = 2**25
 CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1}
 """Optional values at each vertex, and how many numbers each has; bit ``k`` of the flags."""
 
+FOCUS_COLUMNS: Final = 4
+_FOCUS: Final = 1 << len(CHANNELS)  # flag of a column set with a row for each sample
+_DRIVE: Final = _FOCUS << 1
+
 _HEAD = struct.Struct("<III")  # stream, samples, channel flags
 _WEIGHT_OF_BYTE: Final = (np.arange(256) / 255.0).astype(np.float32)
 
@@ -50,6 +54,8 @@ class Section:
     vertices: I32  # (s,) set after set, ascending within each
     weights: npt.NDArray[Any]  # (s,) uint8 (times 255) or float32
     channels: Mapping[str, F32] = field(default_factory=dict)  # (s, CHANNELS[name])
+    focus: F32 | None = None  # (n, FOCUS_COLUMNS)
+    drive: F32 | None = None  # (n, A)
 
 
 def weights_to_bytes(weights: F32) -> npt.NDArray[np.uint8]:
@@ -67,6 +73,7 @@ def weights_from_bytes(stored: npt.NDArray[np.uint8]) -> F32:
 def encode(section: Section) -> bytes:
     """The section as the bytes that :func:`decode` reads."""
     flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
+    flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
     owners = np.repeat(np.arange(len(section.sizes)), section.sizes)
     order = np.argsort(section.vertices, kind="stable")
     counts, gaps = _toggles(section.vertices[order], owners[order], len(section.sizes))
@@ -87,6 +94,9 @@ def encode(section: Section) -> bytes:
                 _planes(_changes_per_vertex(_bits(column), order, starts))
                 for column in section.channels[name].T
             ]
+    for rows in (section.focus, section.drive):
+        if rows is not None:
+            parts += [_planes(_changes(_bits(column))) for column in rows.T]
     return b"".join(parts)
 
 
@@ -129,6 +139,8 @@ def decode(
     parameter_count: int,
     vertex_count: int,
     full_precision: bool,
+    is_spot: bool = False,
+    actuator_count: int = 0,
 ) -> Section:
     """The section at the cursor, checked.
 
@@ -139,7 +151,9 @@ def decode(
     """
     stream, samples, flags = head
     _require(samples > 0, "a section has no samples")
-    _require(flags < 1 << len(CHANNELS), "a section has unknown channels")
+    _require(flags < _DRIVE << 1, "a section has unknown channels")
+    fits = bool(flags & _FOCUS) == is_spot and bool(flags & _DRIVE) == (actuator_count > 0)
+    _require(fits, "a section has not the channels of its effect's kind")
     steps = np.cumsum(cursor.column(samples, "<u2"), dtype=np.int64)
     _require(bool(np.all(np.diff(steps) > 0)), "samples are not in time order")
     new = np.frombuffer(cursor.take(samples), np.uint8)
@@ -170,7 +184,23 @@ def decode(
             _require(bool(np.isfinite(values).all()), f"{name} holds something not finite")
             channels[name] = values
     _require(not channels or bool(is_new.all()), "channels without a set for every sample")
-    return Section(stream, steps, levels, parameters, is_new, sizes, vertices, weights, channels)
+    focus = _rows(cursor, samples, FOCUS_COLUMNS) if flags & _FOCUS else None
+    _require(focus is None or bool((focus[:, 3] >= 0.0).all()), "a spot has a negative radius")
+    drive = _rows(cursor, samples, actuator_count) if flags & _DRIVE else None
+    if drive is not None:
+        _require(bool(((drive >= 0.0) & (drive <= 1.0)).all()), "an actuator is not in 0..1")
+    return Section(
+        stream, steps, levels, parameters, is_new, sizes, vertices, weights, channels, focus, drive
+    )
+
+
+def _rows(cursor: Cursor, samples: int, columns: int) -> F32:
+    """Finite values (samples, columns)."""
+    values = np.zeros((samples, columns), np.float32)
+    for column in range(columns):
+        values[:, column] = _sums(cursor.column(samples, "<u4")).view(np.float32)
+    _require(bool(np.isfinite(values).all()), "a place or an actuator is not a finite number")
+    return values
 
 
 def _require(condition: bool, complaint: str) -> None:

@@ -5,15 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from ..body.model import PerceptualModel
 from ..modality import MODALITIES
 from ..samples import Stream
-from ..scene import Clip, HapticVolume, PaintedArea, SceneDescription, TimeBase
+from ..scene import ActuatorArea, Clip, Kind, PaintedArea, SceneDescription, SpotArea, TimeBase
 
 MAX_VERTEX_COUNT: Final = 2**31 - 1
 MAX_SAMPLE_COUNT: Final = 2**31 - 1
+MAX_ACTUATORS: Final = 4096
 _MAX_FRAME = 2**31 - 1
 _MAX_FRACTION = 2**63 - 1
 
@@ -43,11 +44,13 @@ class TrackEffect:
     id: str
     name: str
     modality: str
-    kind: Literal["painted", "volume"]
+    kind: Kind
     model_id: str
     is_contact: bool = False
     clips: tuple[Clip, ...] = ()
-    painted_vertices: int | None = None  # size of the painted area; None for a volume
+    painted_vertices: int | None = None  # size of the painted area; None for the other kinds
+    device_id: str | None = None  # kind "actuators" only: the device, and which of its actuators
+    actuators: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +108,7 @@ class TrackHeader:
     ) -> TrackHeader:
         """The header of a recording of ``scene``.
 
-        A painted effect has one stream, a volume one on each body. Of ``models`` (by id) only
+        A volume has a stream on each body, any other effect one. Of ``models`` (by id) only
         those that an effect is felt on are named.
         """
         streams = tuple(
@@ -113,7 +116,7 @@ class TrackHeader:
             for effect in scene.effects
             for body_id in (
                 (effect.area.body_id,)
-                if isinstance(effect.area, PaintedArea)
+                if isinstance(effect.area, PaintedArea | SpotArea | ActuatorArea)
                 else (body.id for body in scene.bodies)
             )
         )
@@ -134,7 +137,12 @@ class TrackHeader:
                     effect.model_id,
                     effect.is_contact,
                     effect.clips,
-                    None if isinstance(effect.area, HapticVolume) else len(effect.area.vertices),
+                    len(effect.area.vertices) if isinstance(effect.area, PaintedArea) else None,
+                    *(
+                        (effect.area.device_id, effect.area.actuators)
+                        if isinstance(effect.area, ActuatorArea)
+                        else ()
+                    ),
                 )
                 for effect in scene.effects
             ),
@@ -144,6 +152,10 @@ class TrackHeader:
             tools=tools,
             warnings=scene.warnings,
         )
+
+    def effect(self, stream: Stream) -> TrackEffect:
+        """The effect that a stream is of."""
+        return next(effect for effect in self.effects if effect.id == stream.effect_id)
 
     def vertex_count(self, stream: Stream) -> int:
         """Size of the model that a stream's vertex ids belong to."""
@@ -181,3 +193,11 @@ def _check_effect(effect: TrackEffect, models: Mapping[str, TrackModel]) -> None
     if effect.painted_vertices is not None:
         count = models[effect.model_id].vertex_count
         _require_range("painted_vertices", effect.painted_vertices, 0, count)
+    is_driven = effect.device_id is not None and 0 < len(effect.actuators) <= MAX_ACTUATORS
+    if is_driven != (effect.kind == "actuators") or (effect.actuators and not is_driven):
+        raise ValueError(
+            f"effect '{effect.id}': those of kind 'actuators', and no others, have a device and "
+            f"1 to {MAX_ACTUATORS} actuators"
+        )
+    if len(set(effect.actuators)) != len(effect.actuators):
+        raise ValueError(f"effect '{effect.id}' names an actuator twice")

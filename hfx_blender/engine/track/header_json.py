@@ -12,11 +12,17 @@ from typing import Any, Final, TypeVar
 
 from ..modality import AMBIENT_NEUTRAL_C, CONTACT_NEUTRAL_C, MODALITIES
 from ..samples import Stream
-from ..scene import Clip, TimeBase
+from ..scene import Clip, Kind, TimeBase
 from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
 
 FORMAT: Final = "hfxtrack"
-VERSION: Final = 1
+VERSION: Final = 2
+"""The newest. What holds no spot and no vector sensation is written as version 1, as before."""
+
+_KINDS: Final[dict[int, tuple[Kind, ...]]] = {
+    1: ("painted", "volume"),
+    2: ("painted", "volume", "spot", "actuators"),
+}
 
 _NOTES = {
     "effect": "What an effect does at a vertex is weight * level * strength parameter.",
@@ -36,9 +42,10 @@ def to_json(header: TrackHeader, encoding: Mapping[str, Any]) -> bytes:
         A value is not JSON (an object, NaN).
     """
     used = dict.fromkeys(effect.modality for effect in header.effects)
+    version = 1 if all(effect.kind in _KINDS[1] for effect in header.effects) else 2
     content = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": version,
         "encoding": encoding,
         "time": {
             "fps": list(header.time.fps.as_integer_ratio()),
@@ -80,9 +87,11 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
     if get(content, "format", str) != FORMAT:
         raise ValueError(f"'format' is '{content['format']:.40}', expected '{FORMAT}'")
     version = get(content, "version", int)
-    if version != VERSION:
-        raise ValueError(f"it has version {version}, this program reads version {VERSION}")
-    effects = tuple(_effect_from_json(item) for item in get(content, "effects", list))
+    if version not in _KINDS:
+        raise ValueError(f"it has version {version}, this program reads up to version {VERSION}")
+    effects = tuple(
+        _effect_from_json(item, _KINDS[version]) for item in get(content, "effects", list)
+    )
     modalities = get(content, "modalities", dict)
     for name in {effect.modality for effect in effects}:
         if name not in MODALITIES or modalities.get(name) != _modality_to_json(name):
@@ -117,7 +126,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
         source=get(content, "source", dict),
         settings=get(content, "settings", dict),
         tools=get(content, "tools", dict),
-        warnings=tuple(_texts(get(content, "warnings", list))),
+        warnings=tuple(_texts(get(content, "warnings", list), "warnings")),
     )
     if get(time, "sample_count", int) != header.time.sample_count:
         raise ValueError(f"'sample_count' is not {header.time.sample_count}")
@@ -174,18 +183,23 @@ def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
         }
         for clip in effect.clips
     ]
-    return {**asdict(effect), "clips": clips}
+    content = {**asdict(effect), "clips": clips}
+    if effect.kind != "actuators":
+        del content["device_id"], content["actuators"]
+    return content
 
 
-def _effect_from_json(item: Any) -> TrackEffect:
-    kind = get(item, "kind", str)
-    if kind not in ("painted", "volume"):
-        raise ValueError(f"'kind' is '{kind:.40}', expected 'painted' or 'volume'")
+def _effect_from_json(item: Any, kinds: tuple[Kind, ...]) -> TrackEffect:
+    found = get(item, "kind", str)
+    kind = next((each for each in kinds if each == found), None)
+    if kind is None:
+        raise ValueError(f"'kind' is '{found:.40}', expected one of {', '.join(kinds)}")
+    is_driven = kind == "actuators"
     return TrackEffect(
         id=get(item, "id", str),
         name=get(item, "name", str),
         modality=get(item, "modality", str),
-        kind="painted" if kind == "painted" else "volume",
+        kind=kind,
         model_id=get(item, "model_id", str),
         is_contact=get(item, "is_contact", bool),
         clips=tuple(
@@ -197,6 +211,8 @@ def _effect_from_json(item: Any) -> TrackEffect:
             for clip in get(item, "clips", list)
         ),
         painted_vertices=get(item, "painted_vertices", int) if kind == "painted" else None,
+        device_id=get(item, "device_id", str) if is_driven else None,
+        actuators=tuple(_texts(get(item, "actuators", list), "actuators")) if is_driven else (),
     )
 
 
@@ -215,8 +231,8 @@ def _fraction(item: Any, key: str) -> Fraction:
     return Fraction(*pair)
 
 
-def _texts(items: list[Any]) -> Iterable[str]:
+def _texts(items: list[Any], name: str) -> Iterable[str]:
     for item in items:
         if not isinstance(item, str):
-            raise ValueError("'warnings' holds something that is not text")
+            raise ValueError(f"'{name}' holds something that is not text")
         yield item

@@ -40,6 +40,19 @@ class StreamIndex:
     peak_level: float = 0.0
     channels: tuple[str, ...] = ()
 
+    def add(self, later: StreamIndex) -> None:
+        """Take in what is said about later samples of the same stream."""
+        if not later.samples:
+            return
+        if self.first < 0:
+            self.first = later.first
+        self.last = later.last
+        self.samples += later.samples
+        self.entries += later.entries
+        self.peak_level = max(self.peak_level, later.peak_level)
+        both = {*self.channels, *later.channels}
+        self.channels = tuple(name for name in CHANNELS if name in both)
+
 
 def index_to_json(chunks: list[int], streams: list[StreamIndex]) -> bytes:
     """The index as UTF-8 JSON."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..modality import MODALITIES
-from ..samples import Sample, SampleRun, Stream
+from ..samples import Drive, Sample, SampleRun, Stream
 from . import layout
 from .codec import Cursor, Section, decode, read_head, weights_from_bytes
 from .header_json import from_json, get
@@ -69,6 +69,11 @@ class TrackReader:
     header : TrackHeader
     full_precision : bool
         Whether weights are float32 as recorded, or multiples of 1/255.
+    samples_per_chunk : int
+    chunks : list of int
+        Chunks that hold anything, ascending.
+    index : list of layout.StreamIndex
+        What each stream holds.
 
     Raises
     ------
@@ -92,10 +97,10 @@ class TrackReader:
                 self._fail(f"it has no {layout.HEADER}")
             header = self._entry(layout.HEADER, layout.MAX_JSON_BYTES)
             self.header, encoding = self._parsed(from_json, header)
-            self._samples_per_chunk = self._parsed(_samples_per_chunk, encoding)
+            self.samples_per_chunk = self._parsed(_samples_per_chunk, encoding)
             self.full_precision = self._parsed(_full_precision, encoding)
             index = self._entry(layout.INDEX, layout.MAX_JSON_BYTES)
-            self._chunks, self._index = self._parsed(layout.index_from_json, index)
+            self.chunks, self.index = self._parsed(layout.index_from_json, index)
             self._check_index()
         except BaseException:
             self._archive.close()
@@ -132,9 +137,9 @@ class TrackReader:
         count = self.header.time.sample_count
         first = 0 if start_s is None else self._first_at_or_after(start_s)
         stop = count if end_s is None else self._first_at_or_after(end_s)
-        for chunk in self._chunks:
-            low = chunk * self._samples_per_chunk
-            if low < stop and first < low + self._samples_per_chunk:
+        for chunk in self.chunks:
+            low = chunk * self.samples_per_chunk
+            if low < stop and first < low + self.samples_per_chunk:
                 for section in self._read_chunk(chunk):
                     run = self._run(section, low, first, stop)
                     if len(run):
@@ -151,12 +156,12 @@ class TrackReader:
             The file is damaged.
         """
         index = math.floor(self._position(time_s) + _TIME_TOLERANCE)
-        chunk = index // self._samples_per_chunk
+        chunk = index // self.samples_per_chunk
         if chunk not in self._chunk_set:
             return []
         if self._cached[0] != chunk:
             self._cached = (chunk, self._read_chunk(chunk))
-        low = chunk * self._samples_per_chunk
+        low = chunk * self.samples_per_chunk
         found = (self._run(each, low, index, index + 1) for each in self._cached[1])
         return [sample for run in found for sample in run]
 
@@ -172,7 +177,7 @@ class TrackReader:
                 peak_level=each.peak_level,
                 channels=each.channels,
             )
-            for stream, each in zip(self.header.streams, self._index, strict=True)
+            for stream, each in zip(self.header.streams, self.index, strict=True)
         ]
 
     def _time_s(self, index: int) -> float:
@@ -214,7 +219,26 @@ class TrackReader:
             positions=channels.get("positions"),
             velocities=channels.get("velocities"),
             depth_m=channels["depth_m"][:, 0] if "depth_m" in channels else None,
+            focus=None if section.focus is None else section.focus[kept],
+            drive=None if section.drive is None else self._drive(section, kept),
         )
+
+    def _drive(self, section: Section, kept: slice) -> Drive:
+        stream = self.header.streams[section.stream]
+        effect = self.header.effect(stream)
+        assert effect.device_id is not None and section.drive is not None
+        return Drive(effect.device_id, effect.actuators, section.drive[kept])
+
+    def chunk_bytes(self, chunk: int) -> bytes:
+        """A chunk as it is stored, checked.
+
+        Raises
+        ------
+        InputError
+            The file is damaged.
+        """
+        self._read_chunk(chunk)
+        return self._entry(layout.chunk_name(chunk), layout.MAX_CHUNK_BYTES)
 
     def _read_chunk(self, chunk: int) -> list[Section]:
         name = layout.chunk_name(chunk)
@@ -226,24 +250,27 @@ class TrackReader:
 
     def _sections(self, chunk: int, cursor: Cursor) -> list[Section]:
         found: list[Section] = []
-        low = chunk * self._samples_per_chunk
+        low = chunk * self.samples_per_chunk
         while not cursor.at_end:
             head = read_head(cursor)
             stream, samples, _ = head
             if stream >= len(self.header.streams) or (found and stream <= found[-1].stream):
                 raise ValueError(f"stream {stream} is not expected here")
-            if samples > self._samples_per_chunk:
+            if samples > self.samples_per_chunk:
                 raise ValueError(f"{samples} samples do not fit into a chunk")
+            effect = self.header.effect(self.header.streams[stream])
             section = decode(
                 cursor,
                 head,
                 parameter_count=len(MODALITIES[self.header.streams[stream].modality].parameters),
                 vertex_count=self._vertex_counts[stream],
                 full_precision=self.full_precision,
+                is_spot=effect.kind == "spot",
+                actuator_count=len(effect.actuators),
             )
-            index = self._index[stream]
+            index = self.index[stream]
             if (
-                section.steps[-1] >= self._samples_per_chunk
+                section.steps[-1] >= self.samples_per_chunk
                 or low + section.steps[0] < index.first
                 or low + section.steps[-1] > index.last
             ):
@@ -253,16 +280,16 @@ class TrackReader:
 
     def _check_index(self) -> None:
         names = [name for name in self._archive.namelist() if name.startswith("chunks/")]
-        if sorted(names) != sorted(map(layout.chunk_name, self._chunks)):
+        if sorted(names) != sorted(map(layout.chunk_name, self.chunks)):
             self._fail("the index and the chunks differ")
-        if len(self._index) != len(self.header.streams):
+        if len(self.index) != len(self.header.streams):
             self._fail("the index and the header have different streams")
         count = self.header.time.sample_count
         if any(
-            each.samples and not 0 <= each.first <= each.last < count for each in self._index
-        ) or any(chunk < 0 or chunk * self._samples_per_chunk >= count for chunk in self._chunks):
+            each.samples and not 0 <= each.first <= each.last < count for each in self.index
+        ) or any(chunk < 0 or chunk * self.samples_per_chunk >= count for chunk in self.chunks):
             self._fail("the index names samples outside the time base")
-        self._chunk_set = frozenset(self._chunks)
+        self._chunk_set = frozenset(self.chunks)
 
     def _entry(self, name: str, limit: int) -> bytes:
         """An entry's content, its size and CRC-32 checked."""

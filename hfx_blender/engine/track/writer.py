@@ -16,13 +16,22 @@ import numpy as np
 import numpy.typing as npt
 
 from ...atomic_files import atomic_file
-from ...errors import OutputError
+from ...errors import InputError, OutputError
 from ..modality import MODALITIES
 from ..samples import SampleRun
 from . import layout
-from .codec import CHANNELS, MAX_ENTRIES, Section, encode, weights_from_bytes, weights_to_bytes
-from .header import TrackHeader
+from .codec import (
+    CHANNELS,
+    FOCUS_COLUMNS,
+    MAX_ENTRIES,
+    Section,
+    encode,
+    weights_from_bytes,
+    weights_to_bytes,
+)
+from .header import TrackEffect, TrackHeader
 from .header_json import to_json
+from .reader import TrackReader
 
 _ZIP_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 _TIME_TOLERANCE_S: Final = 1e-9
@@ -129,15 +138,41 @@ class TrackWriter:
             builder = sections.setdefault(stream, _SectionBuilder(self.full_precision))
             builder.extend(run, first, last)
 
-        if index.first < 0:
-            index.first = int(run.indices[0])
-        index.last = int(run.indices[-1])
-        index.samples += len(run)
-        index.entries += int(run.sizes.sum())
-        index.peak_level = max(index.peak_level, float(run.levels.max()))
-        index.channels = tuple(
-            name for name in CHANNELS if name in index.channels or getattr(run, name) is not None
+        index.add(
+            layout.StreamIndex(
+                samples=len(run),
+                first=int(run.indices[0]),
+                last=int(run.indices[-1]),
+                entries=int(run.sizes.sum()),
+                peak_level=float(run.levels.max()),
+                channels=tuple(name for name in CHANNELS if getattr(run, name) is not None),
+            )
         )
+
+    def copy(self, part: TrackReader) -> None:
+        """Add a part of the same recording: a track of the same header, of later chunks.
+
+        What is written is what recording the part's samples here would have written.
+
+        Raises
+        ------
+        InputError
+            The part is damaged, is of another recording, or does not follow what was added.
+        OutputError
+        """
+        encoding = part.full_precision, part.samples_per_chunk
+        if (
+            to_json(part.header, {}) != to_json(self.header, {})
+            or encoding != (self.full_precision, layout.SAMPLES_PER_CHUNK)
+            or self._open
+            or (self._chunks and part.chunks and part.chunks[0] <= self._chunks[-1])
+        ):
+            raise InputError(f"{part.path}: not the next part of {self.path.name}.")
+        for chunk in part.chunks:
+            self._put(layout.chunk_name(chunk), part.chunk_bytes(chunk), layout.MAX_CHUNK_BYTES)
+            self._chunks.append(chunk)
+        for index, other in zip(self._index, part.index, strict=True):
+            index.add(other)
 
     def _write_chunks(self, chunks: list[int]) -> None:
         for chunk in chunks:
@@ -171,6 +206,8 @@ class _SectionBuilder:
         self._vertices: list[npt.NDArray[np.int32]] = []
         self._weights: list[npt.NDArray[Any]] = []
         self._channels: dict[str, list[npt.NDArray[np.float32]]] = {}
+        self._focus: list[npt.NDArray[np.float32]] = []
+        self._drive: list[npt.NDArray[np.float32]] = []
         self._entries = 0
 
     def extend(self, run: SampleRun, first: int, last: int) -> None:
@@ -198,6 +235,10 @@ class _SectionBuilder:
         for name in present:
             values = getattr(run, name)[low:high].astype(np.float32)
             self._channels.setdefault(name, []).append(values.reshape(-1, CHANNELS[name]))
+        if run.focus is not None:
+            self._focus.append(run.focus[first:last].astype(np.float32))
+        if run.drive is not None:
+            self._drive.append(run.drive.values[first:last].astype(np.float32))
         self._entries += int(run.sizes[first:last].sum())
 
     def _add_set(
@@ -231,6 +272,8 @@ class _SectionBuilder:
                 vertices=np.concatenate(self._vertices),
                 weights=np.concatenate(self._weights),
                 channels={name: np.concatenate(each) for name, each in self._channels.items()},
+                focus=np.concatenate(self._focus) if self._focus else None,
+                drive=np.concatenate(self._drive) if self._drive else None,
             )
         )
 
@@ -240,6 +283,26 @@ def as_kept(run: SampleRun, *, full_precision: bool) -> SampleRun:
     if full_precision:
         return run
     return replace(run, weights=weights_from_bytes(weights_to_bytes(run.weights)))
+
+
+def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
+    """Raise ValueError if what a run has of each sample is not that of its effect's kind."""
+    if (run.focus is not None) != (effect.kind == "spot"):
+        raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
+    if run.focus is not None:
+        good = run.focus.shape == (len(run), FOCUS_COLUMNS) and np.isfinite(run.focus).all()
+        if not good or (run.focus[:, 3] < 0.0).any():
+            raise ValueError("focus: expected a finite place and a radius for each sample")
+    if (run.drive is not None) != (effect.kind == "actuators"):
+        raise ValueError(f"effect '{effect.id}': only one of kind 'actuators' drives any")
+    if run.drive is not None:
+        values = run.drive.values
+        if (run.drive.device_id, run.drive.actuators) != (effect.device_id, effect.actuators):
+            raise ValueError(f"effect '{effect.id}': drives other actuators than it says")
+        if values.shape != (len(run), len(effect.actuators)) or not (
+            ((values >= 0.0) & (values <= 1.0)).all()
+        ):
+            raise ValueError("drive: expected a value in 0..1 for each sample and actuator")
 
 
 def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
@@ -282,6 +345,7 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
         raise ValueError("vertices do not ascend within a sample")
     if total and not (run.vertices.min() >= 0 and run.vertices.max() < vertex_count):
         raise ValueError(f"a vertex is not in the model's {vertex_count}")
+    _check_rows(run, header.effect(run.stream))
     for name, columns in CHANNELS.items():
         values = getattr(run, name)
         if values is not None:

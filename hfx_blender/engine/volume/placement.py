@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -32,9 +33,13 @@ def _inverse(matrices: F64) -> F64:
 
     LAPACK wakes all threads for every call, which costs more than everything else here.
     """
-    a, b, c = matrices[:, 0], matrices[:, 1], matrices[:, 2]
-    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
-    determinants = np.einsum("ti,ti->t", a, cofactors[:, :, 0])
+    next_rows, last_rows = matrices[:, [1, 2, 0]], matrices[:, [2, 0, 1]]
+    crosses = (
+        next_rows[:, :, [1, 2, 0]] * last_rows[:, :, [2, 0, 1]]
+        - next_rows[:, :, [2, 0, 1]] * last_rows[:, :, [1, 2, 0]]
+    )
+    cofactors = crosses.transpose(0, 2, 1)
+    determinants = np.einsum("ti,ti->t", matrices[:, 0], crosses[:, 0])
     inverses = cofactors / determinants[:, None, None]
     # One step of Newton's iteration takes away what cancellation left.
     inverses = inverses @ (2.0 * np.eye(3) - matrices @ inverses)
@@ -61,6 +66,19 @@ def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
         False where the matrix is not finite, singular, or flatter than :data:`FLATTEST`.
     """
     matrices = np.asarray(matrices, np.float64)
+    if len(matrices) and (matrices[1:] == matrices[0]).all():  # it stands still
+        inverse, is_usable = _inverse_of_still(matrices[0].tobytes())
+        return np.repeat(inverse, len(matrices), 0), np.repeat(is_usable, len(matrices))
+    return _inverse_placement(matrices)
+
+
+@lru_cache(maxsize=1024)
+def _inverse_of_still(matrix: bytes) -> tuple[F64, Bool]:
+    """Of one matrix: live, most volumes are where they were."""
+    return _inverse_placement(np.frombuffer(matrix).reshape(1, 4, 4))
+
+
+def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
     usable: Bool = np.isfinite(matrices[:, :3, :]).all(axis=(1, 2))
     linear = np.where(usable[:, None, None], matrices[:, :3, :3], 0.0)
     columns = _exponents(np.abs(linear).max(axis=1))

@@ -171,7 +171,7 @@ def change_units(content):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c.update(version=2), "version 2, this program reads version 1"),
+        (lambda c: c.update(version=3), "version 3, this program reads up to version 2"),
         (lambda c: c.update(format="zip"), "expected 'hfxtrack'"),
         (lambda c: c.pop("effects"), "'effects' is missing"),
         (lambda c: c["time"].update(fps=[0, 1]), "'fps'"),

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which rows of a block count: effect on, pose known, one sample following another."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .counters import Counters
+from .scene import AnimationBlock, BodyDescription, EffectBlock, EffectDescription, PoseBlock
+
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+_FARTHEST = 1e12
+"""Metres, and entries of bone matrices: a pose beyond it is none, and its speed no float32."""
+
+
+def active_rows(
+    effect: EffectDescription, animated: EffectBlock, block: AnimationBlock, counters: Counters
+) -> I64:
+    """Rows at which an effect is on and all its values are numbers."""
+    if np.isfinite(animated.levels).all() and np.isfinite(animated.parameters).all():
+        on = animated.levels > 0.0
+        on[: block.history] = False
+        return np.flatnonzero(on)
+    finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
+    finite[: block.history] = True
+    if not finite.all():
+        counters.warn(
+            f"effect '{effect.name}': a value is not a finite number; it is silent there",
+            int(np.count_nonzero(~finite)),
+        )
+    on = finite & (np.where(finite, animated.levels, 0.0) > 0.0)
+    on[: block.history] = False
+    return np.flatnonzero(on)
+
+
+def posed_rows(pose: PoseBlock) -> I64:
+    """Rows that were read and hold nothing but numbers that a place can have."""
+    finite = pose.valid.copy()
+    for values in (pose.to_world, pose.bones, pose.surface):
+        if values is not None:
+            # NaN compares as false, too.
+            finite &= (np.abs(values) <= _FARTHEST).reshape(len(values), -1).all(axis=1)
+    return np.flatnonzero(finite)
+
+
+def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) -> I64:
+    """Those of ``rows`` whose pose is known."""
+    if len(posed) and len(posed) == posed[-1] + 1 > rows.max(initial=-1):
+        return rows  # all up to the last
+    known = np.isin(rows, posed)
+    if not known.all():
+        counters.warn(
+            f"body '{body.name}': its pose is not a finite number; it feels nothing there",
+            int(np.count_nonzero(~known)),
+        )
+    return rows[known]
+
+
+def followed(
+    rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
+) -> tuple[I64, Bool, Bool]:
+    """Rows with those that they follow; which are heard; which follow the row before them.
+
+    A row follows the sample before its own if the effect was on then and the pose is known.
+    """
+    count = len(block.indices)
+    # Of each row: whether it is asked for; whether the next one follows it.
+    is_asked, is_before = np.zeros(count, np.bool_), np.zeros(count + 1, np.bool_)
+    is_asked[rows] = True
+    levels = animated.levels[:-1]
+    is_before[posed] = True
+    is_before[: count - 1] &= (
+        is_asked[1:]
+        & (levels > 0.0)
+        & np.isfinite(levels)
+        & (block.indices[:-1] == block.indices[1:] - 1)
+    )
+    is_before[count - 1 :] = False
+    together = np.flatnonzero(is_asked | is_before[:-1])
+    return together, is_asked[together], is_before[together - 1]  # the last is before none

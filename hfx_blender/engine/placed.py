@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Broad phase: which clusters of a body's skin a volume can reach, at which rows, and between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from . import swept
+from .coverage import BodySkin
+from .motion import turned_by
+from .scene import EffectBlock, PoseBlock
+from .target import Target, steepest
+from .volume.placement import world_bounds
+from .volume.shape import Falloff, Shape
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ReachableBounds:
+    """World boxes of a posed model's clusters over some rows of a block."""
+
+    rows: I64  # (n,) rows whose pose is known, ascending
+    low: F64  # (n, C, 3)
+    high: F64  # (n, C, 3)
+
+
+def largest_stretch(matrices: F64) -> F64:
+    """No less than what a matrix stretches any direction by, (n,)."""
+    linear = matrices[:, :3, :3]
+    gram = linear @ linear.transpose(0, 2, 1)
+    stretch: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
+    return stretch
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A volume and a body over some rows."""
+
+    skin: BodySkin
+    pose: PoseBlock
+    rows: I64  # (n,)
+    matrices: F64  # (n, 4, 4) shape space to world
+    inverses: F64  # (n, 4, 4)
+    to_shape: F64  # (n, 4, 4) body's space to shape space
+    target: Target
+    boxes: F64  # (n, 2, 3) world
+    low: F64  # (n, C, 3) world, of the body's clusters
+    high: F64
+
+    @classmethod
+    def of(
+        cls,
+        effect: EffectBlock,
+        falloff: Falloff,
+        rows: I64,
+        inverses: F64,
+        skin: BodySkin,
+        pose: PoseBlock,
+        bounds: ReachableBounds,
+    ) -> Placed:
+        assert effect.matrices is not None
+        which = np.zeros(len(rows), np.int64)
+        if effect.shape_index is not None:
+            which = effect.shape_index[rows].astype(np.int64)
+        matrices, to_world = effect.matrices[rows], pose.to_world[rows]
+        target = Target(
+            effect.shapes,
+            which,
+            falloff,
+            inverses[:, :3, :3],
+            to_world[:, :3, :3],
+            skin.skin.tolerance.amplitude,
+        )
+        boxes = np.zeros((len(rows), 2, 3))
+        for shape, mine in target.places:
+            boxes[mine] = world_bounds(shape, matrices[mine])
+        at = np.searchsorted(bounds.rows, rows)
+        return cls(
+            skin,
+            pose,
+            rows,
+            matrices,
+            inverses,
+            inverses @ to_world,
+            target,
+            boxes,
+            bounds.low[at],
+            bounds.high[at],
+        )
+
+    def reached(self, falloff: Falloff) -> tuple[Bool, Bool]:
+        """Which clusters the volume can reach, and in which vertices tell enough, (n, C).
+
+        They do where all is inside, and where strength hardly changes within a cell.
+        """
+        low, high = self.boxes[:, None, 0], self.boxes[:, None, 1]
+        reached = ((self.low <= high) & (self.high >= low)).all(axis=2)
+        if not falloff.is_flat:
+            slopes = steepest(falloff) * largest_stretch(self.to_shape)
+            tolerance = self.skin.skin.tolerance
+            return reached, self.skin.skin.changes(slopes) <= tolerance.amplitude
+        simple = np.zeros_like(reached)
+        for shape, mine in self.target.places:
+            if shape.is_convex:
+                within = ((self.low[mine] >= low[mine]) & (self.high[mine] <= high[mine])).all(2)
+                simple[mine] = _enclosed(
+                    shape, self.inverses[mine], self.low[mine], self.high[mine], within
+                )
+        return reached, simple
+
+    def followed(self, follows: Bool, simple: Bool, *, always: bool) -> Bool:
+        """Which clusters may meet the volume between a row and the one before it, (n, C)."""
+        followed = np.zeros_like(simple)
+        edge_m = self.skin.skin.edge_m
+        later = np.flatnonzero(follows)
+        if not len(later) or not np.isfinite(edge_m):
+            return followed
+        earlier = later - 1
+        swing = self._swings(earlier, later)
+        low, high = self.boxes[:, 0], self.boxes[:, 1]
+        near = np.minimum(low[later], low[earlier]) - swing[:, None]
+        far = np.maximum(high[later], high[earlier]) + swing[:, None]
+        meets = (
+            (np.minimum(self.low[later], self.low[earlier]) <= far[:, None])
+            & (np.maximum(self.high[later], self.high[earlier]) >= near[:, None])
+        ).all(axis=2)
+        if self.target.falloff.is_flat:
+            # From wholly inside nothing enters; to there it is felt anyway.
+            meets &= ~simple[earlier]
+            if not always:
+                meets &= ~simple[later]
+        limits = np.array(
+            [
+                swept.unseen_m(
+                    self.target.shapes[self.target.which[k]],
+                    self.inverses[k],
+                    self.target.falloff,
+                    self.skin.skin.tolerance,
+                    edge_m,
+                )
+                for k in later.tolist()
+            ]
+        )
+        some, clusters = np.flatnonzero(meets.any(axis=1)), np.flatnonzero(meets.any(axis=0))
+        if len(some) and not always:
+            moves = self._moves(clusters, earlier[some], later[some])
+            meets[np.ix_(some, clusters)] &= ~(moves <= limits[some, None])
+        followed[later] = meets
+        return followed
+
+    def _swings(self, earlier: I64, later: I64) -> F64:
+        """How far turning may take anything out of both ends' boxes, metres (n,)."""
+        to_world = self.pose.to_world[self.rows]
+        swing = np.zeros(len(later))
+        for matrices, low, high in (
+            (self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1]),
+            (to_world, self.low, self.high),
+        ):
+            angles = turned_by(matrices[earlier], matrices[later])
+            if angles.any():
+                origins = matrices[:, None, :3, 3]
+                arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
+                longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=1))
+                arm = np.maximum(longest[earlier], longest[later])
+                swing += arm * (1.0 - np.cos(0.5 * angles))
+        return swing
+
+    def _moves(self, clusters: I64, earlier: I64, later: I64) -> F64:
+        """How far clusters can have moved against the volume, metres (n, k)."""
+        to_metres = self.matrices[later].copy()
+        to_metres[:, :3, 3] = 0.0
+        return self.skin.surface.cluster_moves(
+            clusters,
+            self.pose,
+            (self.rows[earlier], self.rows[later]),
+            (to_metres @ self.to_shape[earlier], to_metres @ self.to_shape[later]),
+        )
+
+    def followed_in_steps(self, later: Bool, clusters: I64, rows: I64) -> I64:
+        """Straight steps that follow pairs of a cluster and a row, (pairs,); 0 where not later."""
+        steps = later.astype(np.int64)
+        turning = np.flatnonzero(later & (self._turns[rows] > 0.0))
+        if len(turning):
+            columns, at = np.unique(clusters[turning], return_inverse=True)
+            ends, row = np.unique(rows[turning], return_inverse=True)
+            moves = self._moves(columns, ends - 1, ends)[row, at]
+            angles = self._turns[rows[turning]]
+            steps[turning] = swept.steps_for(angles, moves, self.skin.skin.edge_m)
+        return steps
+
+    def drift(self, steps: int) -> swept.Drift:
+        """How skin drifts in the intervals that end at the rows from the second on."""
+        if steps not in self._drifts:
+            to_world = self.pose.to_world[self.rows]
+            self._drifts[steps] = swept.Drift.of(
+                (self.matrices[:-1], self.matrices[1:]), (to_world[:-1], to_world[1:]), steps
+            )
+        return self._drifts[steps]
+
+    @cached_property
+    def _drifts(self) -> dict[int, swept.Drift]:
+        return {}
+
+    @cached_property
+    def _turns(self) -> F64:
+        """By how much volume and body turn since the row before, radians (n,)."""
+        to_world = self.pose.to_world[self.rows]
+        turns = np.zeros(len(self.rows))
+        for matrices in (self.matrices, to_world):
+            turns[1:] += turned_by(matrices[:-1], matrices[1:])
+        return turns
+
+
+def _enclosed(shape: Shape, inverses: F64, low: F64, high: F64, candidates: Bool) -> Bool:
+    """Which cluster boxes, world space (n, C, 3), lie wholly inside a convex shape, (n, C)."""
+    row, cluster = np.nonzero(candidates)
+    if not len(row):
+        return np.zeros_like(candidates)
+    ends = np.stack([low[row, cluster], high[row, cluster]])  # (2, K, 3)
+    picks = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
+    corners = np.stack([ends[picks[:, axis], :, axis] for axis in range(3)], axis=-1)  # (8, K, 3)
+    local = (
+        np.einsum("kij,ckj->ick", inverses[row, :3, :3], corners) + inverses[row, :3, 3].T[:, None]
+    )
+    inside = np.zeros_like(candidates)
+    inside[row, cluster] = shape.contains(local.reshape(3, -1)).reshape(8, -1).all(axis=0)
+    return inside

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What of a block can touch at all: known before any cluster of skin is looked at.
+
+A volume whose box, over all times of a block, keeps clear of a body's box costs a few numbers;
+clusters are bounded only where some volume comes near.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .active_rows import posed_rows
+from .bound_skins import BoundSkins
+from .contact import bounds_of, box_of
+from .motion import turned_by
+from .placed import ReachableBounds
+from .scene import AnimationBlock, BodyDescription, EffectBlock
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+_FEWEST: Final = 32
+"""Volumes times rows from which looking at whole boxes first pays."""
+
+_UPRIGHT: Final = 0.05
+"""Determinant over the product of the columns' lengths: far above what counts as flattened."""
+
+_ROUNDING: Final = 1e-12
+
+
+class BlockReach:
+    """What is known of a block's volumes and bodies, each found out once.
+
+    Parameters
+    ----------
+    block : AnimationBlock
+    bodies : sequence of BodyDescription
+        Those of the block's poses, in their order.
+    skins : BoundSkins
+    """
+
+    def __init__(
+        self, block: AnimationBlock, bodies: tuple[BodyDescription, ...], skins: BoundSkins
+    ) -> None:
+        self._block = block
+        self._skins = skins
+        self._number = {body.id: k for k, body in enumerate(bodies)}
+        self._posed: dict[str, I64] = {}
+        self._bounds: dict[tuple[str, str], ReachableBounds] = {}
+        self._near: dict[tuple[str, str], Bool] = {}
+        self._boxes: _VolumeBoxes | None = None
+
+    def posed(self, body: BodyDescription) -> I64:
+        """Rows at which the pose of a body is known."""
+        if body.id not in self._posed:
+            self._posed[body.id] = posed_rows(self._block.poses[self._number[body.id]])
+        return self._posed[body.id]
+
+    def bounds(self, body: BodyDescription, model_id: str) -> ReachableBounds:
+        """Boxes of a model's clusters on a body, wherever its pose is known."""
+        key = (body.id, model_id)
+        if key not in self._bounds:
+            pose = self._block.poses[self._number[body.id]]
+            self._bounds[key] = bounds_of(self._skins.of(body, model_id), pose, self.posed(body))
+        return self._bounds[key]
+
+    def is_clear(self, animated: EffectBlock, body: BodyDescription, model_id: str) -> bool:
+        """Whether a volume surely touches no skin of a model on a body, at any time of the block.
+
+        A volume that is flattened or not a number is never clear: it is to be told of.
+        """
+        if self._boxes is None:
+            self._boxes = _VolumeBoxes(self._block)
+        if self._boxes.size < _FEWEST or animated not in self._boxes.number:
+            return False
+        key = (body.id, model_id)
+        if key not in self._near:
+            self._near[key] = self._boxes.meet(*self._body_box(body, model_id))
+        return not self._near[key][self._boxes.number[animated]]
+
+    def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
+        """Lowest and highest corner of all that a body is and moves through in the block, (3,)."""
+        pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
+        low, high = box_of(self._skins.of(body, model_id), pose, rows)
+        origins = pose.to_world[rows, :3, 3]
+        swing = 0.0
+        if len(rows) > 1:
+            angle = float(turned_by(pose.to_world[rows[:-1]], pose.to_world[rows[1:]]).max())
+            arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
+            arm = float(np.sqrt(np.square(arms).sum(axis=1).max()))
+            swing = arm * (1.0 - np.cos(0.5 * angle))
+        swing += _ROUNDING * float(np.maximum(np.abs(low), np.abs(high)).max())
+        return low.min(axis=0) - swing, high.max(axis=0) + swing
+
+
+class _VolumeBoxes:
+    """Of each volume of a block a world box around all that it is and moves through."""
+
+    def __init__(self, block: AnimationBlock) -> None:
+        volumes = [each for each in block.effects if each.matrices is not None and each.shapes]
+        self.number = {each: k for k, each in enumerate(volumes)}
+        self.size = len(volumes) * len(block.indices)
+        if self.size < _FEWEST:
+            return
+        matrices = np.stack([np.asarray(each.matrices)[:, :3] for each in volumes])  # (E, T, 3, 4)
+        # Rows where a volume is off may hold anything; rows before count if it was on there.
+        on = np.stack([each.levels for each in volumes]) > 0.0
+        low, high = _bounds(volumes)
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        linear, origins = matrices[..., :3], matrices[..., 3]
+        with np.errstate(all="ignore"):
+            lengths = np.sqrt(np.square(linear).sum(axis=2))
+            upright = np.abs(_determinants(linear)) >= _UPRIGHT * lengths.prod(axis=2)
+            sizes = (lengths > 1e-90) & (lengths < 1e90)
+            usable = upright & sizes.all(axis=2) & np.isfinite(origins).all(axis=2)
+            self._sure = (~on | usable).all(axis=1)
+            centres = np.einsum("etij,ej->eti", linear, middle) + origins
+            reaches = np.einsum("etij,ej->eti", np.abs(linear), half)
+            arms = np.einsum("etij,ej->eti", np.abs(linear), np.abs(middle) + half)
+            reaches += _ROUNDING * (arms + np.abs(origins))
+            # Between two rows a turning volume stays within its longest arm of both boxes.
+            turns = (linear[:, 1:] != linear[:, :-1]).any(axis=(1, 2, 3))
+            longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=1, initial=0.0, where=on))
+            swing = np.where(turns, longest, 0.0)[:, None]
+            self._low = (centres - reaches).min(axis=1, initial=np.inf, where=on[..., None]) - swing
+            self._high = (centres + reaches).max(
+                axis=1, initial=-np.inf, where=on[..., None]
+            ) + swing
+
+    def meet(self, low: F64, high: F64) -> Bool:
+        """Which volumes may meet a box, (number of volumes,)."""
+        meets: Bool = ((self._low <= high) & (self._high >= low)).all(axis=1)
+        return meets | ~self._sure
+
+
+def _bounds(volumes: list[EffectBlock]) -> tuple[F64, F64]:
+    """Boxes of all shapes of each volume, shape space, (E, 3) each."""
+    boxes = [[shape.bounds for shape in each.shapes] for each in volumes]
+    low = np.array([np.min([box[0] for box in some], axis=0) for some in boxes])
+    high = np.array([np.max([box[1] for box in some], axis=0) for some in boxes])
+    return low, high
+
+
+def _determinants(linear: F64) -> F64:
+    a, b, c = (linear[..., k, :] for k in range(3))
+    found: F64 = (
+        a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
+        - a[..., 1] * (b[..., 0] * c[..., 2] - b[..., 2] * c[..., 0])
+        + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
+    )
+    return found

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quads of skin: the part of a triangle that belongs to one of its corners, and its bulge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .body.model import PerceptualModel
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+
+_BULGE_LIMIT: Final = 0.25  # of a triangle's size; more is a crease, not a curve
+
+
+@dataclass(frozen=True, eq=False)
+class Quads:
+    """The quads at the first corners of triangles; see :class:`.skin_table.SkinTable`."""
+
+    places: F64  # (4, Q)
+    areas: F64  # (3, Q) square metres
+    total: F64  # (Q,) square metres
+    longest: F64  # (Q,) metres: the longer of the sides on edges
+    reaches: F64  # (Q,) greatest share of the way to the other corners
+    means: F64  # (Q,) the same on average
+    bulges: F64  # (3, Q)
+    sizes: F64  # (Q,) metres: square root of twice the triangle's area
+
+    @classmethod
+    def of(cls, surface: PerceptualModel, ring: I32) -> Quads:
+        corners = ring.T
+        points = [surface.vertices[corner].T.astype(np.float64) for corner in corners]
+        normals = [surface.normals[corner].T.astype(np.float64) for corner in corners]
+        closeness = [1.0 / np.sqrt(np.maximum(surface.areas_m2[c], 1e-12)) for c in corners]
+        one, two, three = (each.astype(np.float64) for each in closeness)
+        along, across = points[1] - points[0], points[2] - points[0]
+        cross = _cross(along, across)
+        doubled = np.sqrt(_dot(cross, cross))
+        sizes = np.sqrt(doubled)
+
+        whole = one + two + three
+        places = np.stack([two / (one + two), three / (one + three), two / whole, three / whole])
+        # The place for (s, t) is s (1 - t) a + (1 - s) t b + s t c: its area is linear in both.
+        edge, other, inner, inner_2 = places
+        twist, twist_2 = inner - edge, inner_2 - other
+        areas = np.stack([edge * other, edge * twist_2, twist * other]) * doubled
+        lengths = np.sqrt(np.maximum(edge**2 * _dot(along, along), other**2 * _dot(across, across)))
+
+        # Of that place's a + b and c, times the area there, over all s and t.
+        whole_area = areas[0] + 0.5 * areas[1] + 0.5 * areas[2]
+        means = (
+            edge * (areas[0] / 4.0 + areas[1] / 6.0 + areas[2] / 12.0)
+            + other * (areas[0] / 4.0 + areas[1] / 12.0 + areas[2] / 6.0)
+            + (inner + inner_2) * (areas[0] / 4.0 + areas[1] / 6.0 + areas[2] / 6.0)
+        )
+        means = np.divide(means, whole_area, out=np.zeros_like(means), where=whole_area > 0.0)
+
+        # A quadratic patch over the triangle, half of what Phong tessellation gives (Boubekeur
+        # and Alexa, 2008): a chord of a circle and a triangle on a sphere then have their true
+        # sagitta, to second order.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            upright = [each * (_dot(each, cross) / doubled) for each in normals]
+            bulges = 0.5 * np.stack(
+                [
+                    _dot(along, upright[1] - upright[0]),
+                    _dot(across, upright[2] - upright[0]),
+                    _dot(across - along, upright[2] - upright[1]),
+                ]
+            )
+            bulges = bulges / sizes
+        bulges[~np.isfinite(bulges)] = 0.0
+        bulges = np.clip(bulges, -_BULGE_LIMIT, _BULGE_LIMIT)
+        return cls(
+            places,
+            areas,
+            whole_area,
+            lengths,
+            np.maximum(np.maximum(edge, other), inner + inner_2),
+            means,
+            bulges,
+            sizes,
+        )
+
+
+def _dot(one: F64, other: F64) -> F64:
+    product: F64 = np.einsum("ij,ij->j", one, other)
+    return product
+
+
+def _cross(one: F64, other: F64) -> F64:
+    return np.stack(
+        [
+            one[1] * other[2] - one[2] * other[1],
+            one[2] * other[0] - one[0] * other[2],
+            one[0] * other[1] - one[1] * other[0],
+        ]
+    )

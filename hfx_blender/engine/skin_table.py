@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A model's skin in flat arrays, cluster by cluster; filled where it is first needed.
+
+A *unit* is a vertex of the skin, and of each triangle around it the *quad* next to the vertex:
+from it over a place on one edge and a place inside to a place on the other edge. These places
+divide edges and triangle by the size of the cells, so that skin next to a much finer neighbour
+belongs to the coarser one. A quad is sampled at ``steps`` by ``steps`` places.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .body.model import PerceptualModel
+from .indexing import ramp
+from .skin_quads import Quads
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+_FLAT_ENOUGH: Final = 0.1  # of the distance of samples: a lower bulge is not modelled
+
+_TURNED: Final = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
+
+
+class SkinTable:
+    """The skin of a model's cells. A *place* is a vertex of the skin in one of the clusters.
+
+    Each cluster has a place for each of its units, in the order of their cells, and then one
+    for each corner around them. Units are known by their places. Memory is only taken by what
+    :meth:`need` has filled.
+
+    Parameters
+    ----------
+    surface : PerceptualModel
+        Whose triangles are the skin.
+    cells : list of (C,) int32
+        Each cluster's vertices of the perceptual model.
+    outlines : list of (n,) int32
+        Each cluster's vertices of the skin: one for each unit, then corners around them.
+    owner : (skin vertices,) int32
+        The vertex of the model whose cell each vertex of the skin is in.
+    distance : (skin vertices,) float64
+        How far apart samples may be, metres.
+    is_split : (skin vertices,) bool
+        Which stand for more than themselves.
+
+    Attributes
+    ----------
+    starts : (clusters + 1,) int64
+        Each cluster's first place.
+    unit_counts, cell_starts : (clusters,), (clusters + 1,) int64
+        How many of a cluster's places are units; its first cell, where cells are counted in
+        the order of the clusters.
+    is_simple : bool
+        Each cell is one unit.
+    vertices : (P,) int32
+        The vertex of the skin at each place.
+    cell_of, unit_shares, vertex_shares, steps, reaches, means : (P,)
+        Of each unit: its cell; its share of the cell's area, and what the sample at the vertex
+        stands for; samples along a quad, 0 where the vertex is the only one; how far its skin
+        goes towards the farthest corner, as a share, at most and on average.
+    quad_starts : (P + 1,) int64
+        The first quad of each unit.
+    unit_of, around : (Q,), (Q, 2) int64
+        Each quad's unit, and the places of its triangle's other corners.
+    heights_m, wholes, sample_starts : (Q,)
+        Of each quad: height of the bulge in the rest pose, 0 where it does not count; share of
+        the cell's area, all samples together; its first sample.
+    bulge_m : (clusters,) float64
+        The highest bulge of each cluster.
+    """
+
+    def __init__(
+        self,
+        surface: PerceptualModel,
+        cells: list[I32],
+        outlines: list[I32],
+        owner: I32,
+        distance: F64,
+        is_split: Bool,
+    ) -> None:
+        self._surface = surface
+        self._distance, self._is_split = distance, is_split
+        self.cells = np.concatenate(cells)
+        counts = np.bincount(owner, minlength=len(self.cells))
+        sizes = [len(some) for some in cells]
+        self.starts = np.cumsum([0, *(len(some) for some in outlines)])
+        self.cell_starts = np.cumsum([0, *sizes])
+        self.unit_counts = np.array([counts[some].sum() for some in cells], np.int64)
+        self.is_simple = len(self.cells) == int(self.unit_counts.sum())
+        self.vertices = np.concatenate(outlines)
+        total = len(self.vertices)
+        self._is_made = np.zeros(len(cells), np.bool_)
+        self._cluster = np.repeat(np.arange(len(cells)), np.diff(self.starts))
+
+        is_unit = np.arange(total) - self.starts[self._cluster] < self.unit_counts[self._cluster]
+        self.cell_of = np.zeros(total, np.int64)
+        self.cell_of[is_unit] = np.repeat(np.arange(len(self.cells)), counts[self.cells])
+        numbers = np.where(is_unit & is_split.any(), self._corner_counts[self.vertices], 0)
+        self.quad_starts = np.concatenate([[0], np.cumsum(numbers)])
+        quads = int(self.quad_starts[-1])
+        self.unit_shares, self.vertex_shares = np.zeros(total), np.zeros(total)
+        self.steps, self.reaches = np.zeros(total, np.int64), np.zeros(total)
+        self.means = np.zeros(total)
+        self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int64)
+        self.heights_m, self.wholes = np.zeros(quads), np.zeros(quads)
+        self.sample_starts = np.zeros(quads, np.int64)
+        self._bulges = np.zeros((3, quads))
+        self.bulge_m = np.zeros(len(cells))
+        self._sample_count = 0
+        self._samples = np.zeros((4, 0))
+
+    @property
+    def samples(self) -> F64:
+        """How each sample is placed, (4, S): the shares of the ways to both other corners; the
+        height, as a share of the triangle's size; its share of the cell's area."""
+        return self._samples
+
+    def quads_of(self, units: I64) -> tuple[I64, I64]:
+        """All quads of some units, one unit after the other: whose each is, and quads."""
+        step, owner = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
+        return owner, self.quad_starts[units][owner] + step
+
+    def links(self, cluster: int) -> I64:
+        """Units of a cluster, ascending, and corners around them, (2 Q, 2) places in it."""
+        first = self.starts[cluster]
+        quads = slice(self.quad_starts[first], self.quad_starts[self.starts[cluster + 1]])
+        links: I64 = np.stack(
+            [np.repeat(self.unit_of[quads], 2), self.around[quads].ravel()], axis=1
+        )
+        return links - first
+
+    @cached_property
+    def _corner_order(self) -> tuple[I64, I64]:
+        """Corners of triangles (3 f + k) by their vertex, and where each vertex's begin."""
+        corners = self._surface.triangles.ravel()
+        order = np.argsort(corners, kind="stable")
+        return order, np.searchsorted(corners[order], np.arange(len(self._surface) + 1))
+
+    @property
+    def _corner_counts(self) -> I64:
+        counts: I64 = np.diff(self._corner_order[1])
+        return counts
+
+    def need(self, clusters: I64) -> None:
+        """Fill in the skin of some clusters, where that has not been done."""
+        new = np.unique(clusters[~self._is_made[clusters]])
+        if not len(new):
+            return
+        self._is_made[new] = True
+        step, which = ramp(self.unit_counts[new])
+        units = self.starts[new][which] + step
+        vertices = self.vertices[units]
+        turn, unit, ring, around = self._rings(new, units)
+        quads = Quads.of(self._surface, ring)
+        areas = np.bincount(unit, quads.total, minlength=len(units))
+        areas = np.where(areas > 0.0, areas, 1.0)
+
+        distance = self._distance[vertices]
+        longest, largest = np.zeros(len(units)), np.zeros(len(units))
+        np.maximum.at(longest, unit, quads.longest)
+        np.maximum.at(largest, unit, quads.total)
+        wanted = np.maximum(np.sqrt(largest), 0.5 * longest) / distance
+        steps = np.maximum(np.ceil(wanted - 1e-9), 1.0).astype(np.int64)
+        steps[~self._is_split[vertices]] = 0
+
+        numbers = np.bincount(unit, minlength=len(units)) * steps * steps
+        cell = self.cell_of[units]
+        unit_shares = areas / np.bincount(cell, areas)[cell]
+        vertex_shares = unit_shares / (numbers + 1.0)
+        scale = (unit_shares - vertex_shares) / areas / np.maximum(steps * steps, 1)
+
+        heights = np.abs(quads.bulges).max(axis=0) / 3.0  # all three edges meet in the middle
+        is_curved = heights * quads.sizes > _FLAT_ENOUGH * distance[unit]
+        reaches = np.zeros(len(units))
+        bulges = 2.0 * np.where(is_curved, heights, 0.0)
+        np.maximum.at(reaches, unit, quads.reaches + bulges)
+        reaches[steps == 0] = 0.0
+        means = np.bincount(unit, quads.total * (quads.means + bulges), len(units)) / areas
+
+        self.unit_shares[units], self.vertex_shares[units] = unit_shares, vertex_shares
+        self.steps[units], self.reaches[units] = steps, reaches
+        self.means[units] = np.where(steps == 0, 0.0, means)
+        at = self.quad_starts[units][unit] + turn
+        self.unit_of[at], self.around[at] = units[unit], around
+        self.heights_m[at] = np.where(is_curved, heights * quads.sizes, 0.0)
+        self.wholes[at] = quads.total * (scale * steps * steps)[unit]
+        np.maximum.at(self.bulge_m, new[which][unit], self.heights_m[at])
+        self._place_samples(at, quads, steps[unit], scale[unit])
+
+    def _rings(self, clusters: I64, units: I64) -> tuple[I64, I64, I32, I64]:
+        """The quads of units: number, unit, triangle from the unit on, places around it."""
+        corner_order, corner_starts = self._corner_order
+        step, unit = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
+        vertices = self.vertices[units]
+        face, turn = np.divmod(corner_order[corner_starts[vertices][unit] + step], 3)
+        # Corners from the unit's own, the way round that the triangle goes.
+        ring = np.stack(
+            [self._surface.triangles[face, _TURNED[k].take(turn)] for k in range(3)], axis=1
+        )
+        # A vertex of the skin may be in several clusters: its place in the one of the unit.
+        more, which = ramp(self.starts[clusters + 1] - self.starts[clusters])
+        places = self.starts[clusters][which] + more
+        size = len(self._surface)
+        keys = self._cluster[places] * size + self.vertices[places]
+        order = np.argsort(keys, kind="stable")
+        wanted = self._cluster[units][unit][:, None] * size + ring[:, 1:]
+        return step, unit, ring, places[order[np.searchsorted(keys[order], wanted)]]
+
+    def _place_samples(self, at: I64, quads: Quads, steps: I64, scale: F64) -> None:
+        counts = steps * steps
+        self.sample_starts[at] = self._sample_count + np.cumsum(counts) - counts
+        self._sample_count += int(counts.sum())
+        if self._sample_count > self._samples.shape[1]:
+            room = max(self._sample_count, 2 * self._samples.shape[1])
+            larger = np.empty((4, room))
+            larger[:, : self._samples.shape[1]] = self._samples
+            self._samples = larger
+        curved = self.heights_m[at] > 0.0
+        for number in np.unique(steps[steps > 0]).tolist():
+            mine = np.flatnonzero(steps == number)
+            # Places of the samples in each quad, (1, steps^2).
+            ticks = (np.arange(number) + 0.5) / number
+            s, t = (each.reshape(1, -1) for each in np.meshgrid(ticks, ticks, indexing="ij"))
+            edge, other, inner, inner_2 = quads.places[:, mine, None]
+            one = s * (1.0 - t) * edge + s * t * inner
+            two = (1.0 - s) * t * other + s * t * inner_2
+            to_one, to_two, between = quads.bulges[:, mine, None] * curved[mine, None]
+            height = (1.0 - one - two) * (one * to_one + two * to_two) + one * two * between
+            area, by_s, by_t = quads.areas[:, mine, None] * scale[mine, None]
+            places = self.sample_starts[at[mine]][:, None] + np.arange(number * number)
+            self._samples[:, places] = np.stack([one, two, height, area + s * by_s + t * by_t])

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What keeps clear of a body in a whole block is left out, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from coverage_synthetic import evaluated, placed, rigid, sheet
+
+from hfx_blender.engine import reach
+from hfx_blender.engine.volume.analytic import Cuboid, Sphere
+
+
+def _turned(angle: float) -> np.ndarray:
+    matrix = np.eye(4)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    matrix[0, [0, 2]], matrix[2, [0, 2]] = (cosine, sine), (-sine, cosine)
+    return matrix
+
+
+def _rod(angle: float) -> np.ndarray:
+    """Half a metre to both sides, turned about Y, 0.3 m above the sheet of skin."""
+    matrix = _turned(angle) @ np.diag([0.5, 0.02, 0.02, 1.0])
+    matrix[2, 3] = 0.3
+    return matrix
+
+
+def _both_ways(monkeypatch: pytest.MonkeyPatch, *arguments, **options) -> tuple:
+    found = []
+    for fewest in (1, 10**9):
+        monkeypatch.setattr(reach, "_FEWEST", fewest)
+        found.append(evaluated(sheet(), *arguments, **options))
+    assert (found[0][0] == found[1][0]).all()
+    return found[0]
+
+
+def test_a_volume_that_only_its_turning_brings_near_is_felt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    matrices = np.stack([_rod(0.0), _rod(np.radians(170.0))])
+    weights, _, _ = _both_ways(monkeypatch, Cuboid(), matrices)
+    assert not weights[0].any() and weights[1].any()
+
+
+def test_a_volume_that_passes_between_two_samples_is_felt(monkeypatch: pytest.MonkeyPatch) -> None:
+    matrices = np.stack([placed(0.05, (0.0, 0.0, z)) for z in (2.0, -2.0)])
+    weights, _, _ = _both_ways(monkeypatch, Sphere(), matrices)
+    assert not weights[0].any() and weights[1].any()
+
+
+def test_a_body_that_swings_into_a_volume_feels_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    posed = rigid(2, np.stack([_turned(angle) for angle in np.radians([-80.0, 80.0])]))
+    posed.bones[..., 2, 3] = -1.0  # its skin hangs a metre below what it turns about
+    matrices = np.stack([placed(0.05, (0.0, 0.0, -1.0))] * 2)
+    weights, _, _ = _both_ways(monkeypatch, Sphere(), matrices, posed=posed)
+    assert not weights[0].any() and weights[1].any()
+
+
+def test_no_cluster_is_bounded_for_a_volume_that_stays_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    matrices = np.stack([placed(0.1, (0.0, 0.0, z)) for z in (0.5, 0.6, 0.7)])
+    _, runs, engine = _both_ways(monkeypatch, Sphere(), matrices)
+    assert runs == []
+    monkeypatch.setattr(reach, "_FEWEST", 1)
+    _, _, engine = evaluated(sheet(), Sphere(), matrices)
+    assert (engine.counters.volume_tests, engine.counters.clusters_tested) == (3, 0)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_a_volume_that_cannot_be_is_told_of_wherever_it_is(
+    value: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    matrices = np.stack([placed(0.1, (0.0, 0.0, 9.0))] * 3)
+    matrices[1, 0, 0] = value
+    _, _, engine = _both_ways(monkeypatch, Sphere(), matrices)
+    assert list(engine.counters.warnings.values()) == [1]
