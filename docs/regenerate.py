@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Make the pictures and the measured tables of the documentation anew.
 
-``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures`` or ``trade`` only
-those. The trade takes a quarter of an hour on an idle machine, a minute or two with ``--short``.
+``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
+``assets``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib. ``assets`` is the
+library of the Asset Browser, to be made anew when a sensation of ``effect_library`` changes. The
+trade takes a quarter of an hour on an idle machine, a minute or two with ``--short``.
 """
 
 from __future__ import annotations
@@ -23,14 +25,24 @@ SCENES = ("demo", "crowded", "fast", "fine")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("subjects", nargs="*", metavar="SUBJECT", help="pictures, trade")
+    parser.add_argument(
+        "subjects", nargs="*", metavar="SUBJECT", help="pictures, devices, assets, surfaces, trade"
+    )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
     parser.add_argument("--short", action="store_true", help="trade: rough figures")
     options = parser.parse_args()
-    subjects = options.subjects or ["pictures", "trade"]
+    subjects = options.subjects or ["pictures", "devices", "assets", "surfaces", "trade"]
     PICTURES.mkdir(exist_ok=True)
     if "pictures" in subjects:
         demo()
+    if "devices" in subjects:
+        devices()
+    if "assets" in subjects:
+        folder = str(DOCS.parent / "effect_library")
+        module = "hfx_blender.demo.effect_assets"
+        subprocess.run([sys.executable, "-m", module, folder], check=True)
+    if "surfaces" in subjects:
+        surfaces()
     if "trade" in subjects:
         for scene in options.scene or SCENES:
             trade(scene, options.short)
@@ -42,6 +54,29 @@ def demo() -> None:
         hfx("demo", "-o", folder)
         for name in ("felt.png", "chart.svg"):
             shutil.copy(Path(folder) / name, PICTURES / name)
+        hfx("demo", "--scene", "belt", "-o", folder)
+        shutil.copy(Path(folder) / "belt.svg", PICTURES / "belt.svg")
+
+
+def surfaces() -> None:
+    """The textile renderer's output against measured roughness."""
+    from hfx_blender.bench import texture, texture_chart
+
+    chart = texture_chart.svg(texture.correlation(1))
+    (PICTURES / "surfaces-roughness.svg").write_text(chart, encoding="utf-8")
+
+
+def devices() -> None:
+    """Where the actuators of each shipped device are, and the gallery in ``devices.md``."""
+    import device_pictures
+
+    folder = PICTURES / "devices"
+    folder.mkdir(exist_ok=True)
+    names = sorted(path.stem for path in (DOCS.parent / "device_configs").glob("*.json"))
+    for name in names:
+        device_pictures.draw(name, folder / f"{name}.png")
+    gallery = "\n".join(f"| `{n}` | ![{n}](pictures/devices/{n}.png) |" for n in names)
+    replace_part(DOCS / "devices.md", "gallery", f"| device | worn |\n|---|---|\n{gallery}")
 
 
 def trade(scene: str, short: bool) -> None:
@@ -64,13 +99,17 @@ def trade(scene: str, short: bool) -> None:
             trade_report.as_markdown(result),
         ]
     )
-    page = DOCS / "trade.md"
-    begin, end = f"<!-- {scene}: made by docs/regenerate.py -->", f"<!-- end of {scene} -->"
+    replace_part(DOCS / "trade.md", scene, section)
+
+
+def replace_part(page: Path, name: str, content: str) -> None:
+    """Put what was made into its place on a page."""
+    begin, end = f"<!-- {name}: made by docs/regenerate.py -->", f"<!-- end of {name} -->"
     text = page.read_text(encoding="utf-8")
     pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
     if not pattern.search(text):
-        raise SystemExit(f"{page}: has no place for '{scene}'")
-    made = pattern.sub(lambda _: f"{begin}\n{section}\n{end}", text)
+        raise SystemExit(f"{page}: has no place for '{name}'")
+    made = pattern.sub(lambda _: f"{begin}\n{content}\n{end}", text)
     page.write_text(made, encoding="utf-8")
 
 

@@ -33,7 +33,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """The parser of all commands."""
-    from .commands import bench, body, convert, demo, device, export, info, validate
+    from .commands import bench, body, convert, demo, device, export, info, sound, texture, validate
 
     parser = _Parser(
         prog=prog,
@@ -43,7 +43,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (demo, export, info, validate, convert, body, device, bench):
+    for module in (demo, export, sound, info, validate, convert, body, device, texture, bench):
         module.add_parser(commands)
     return parser
 
@@ -72,11 +72,14 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         return 1
 
 
+_MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
+
+
 def _joined(arguments: Sequence[str]) -> list[str]:
     """``--frames -10:20`` as one argument: argparse would take the range for an option."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and joined[-1] == "--frames":
+        if joined and joined[-1] in _MAY_BE_NEGATIVE:
             joined[-1] += f"={argument}"
         else:
             joined.append(argument)

@@ -40,6 +40,26 @@ def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
     return action_fcurves(strip.action, getattr(strip, "action_slot", None))
 
 
+def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection]:
+    """The F-curves of each action that a datablock has assigned or plays; they can be removed."""
+    data = owner.animation_data
+    if data is None:
+        return []
+    strips = [strip for track in data.nla_tracks for strip in track.strips]
+    found: dict[tuple[str, int], bpy.types.bpy_prop_collection] = {}
+    for user in (data, *strips):
+        action, slot = user.action, getattr(user, "action_slot", None)
+        if action is None:
+            continue
+        if not hasattr(action, "slots"):
+            found[action.name, 0] = action.fcurves
+        elif slot is not None:
+            bag = anim_utils.action_get_channelbag_for_slot(action, slot)
+            if bag is not None:
+                found[action.name, slot.handle] = bag.fcurves
+    return list(found.values())
+
+
 def new_fcurve(
     owner: bpy.types.ID, action: bpy.types.Action, data_path: str, index: int = 0
 ) -> bpy.types.FCurve:
@@ -63,10 +83,21 @@ def set_keys(
     curve.update()
 
 
-def set_paint_strength(context: bpy.types.Context, strength: float) -> None:
-    """The weight that Weight Paint's brushes lay down (a setting of the scene before 5.0)."""
+def fit_brush(context: bpy.types.Context, strength: float, radius: float) -> None:
+    """Weight and radius (pixels) of Weight Paint's brushes.
+
+    They are settings of the scene before 5.0, which also made sizes diameters.
+    """
     tools = context.tool_settings
     unified = getattr(tools.weight_paint, "unified_paint_settings", None)
+    is_diameter = unified is not None
     if unified is None:
         unified = tools.unified_paint_settings
     unified.weight = strength
+    unified.use_unified_size = True
+    unified.size = max(round(2.0 * radius if is_diameter else radius), 1)
+
+
+def strips(editor: bpy.types.SequenceEditor) -> bpy.types.bpy_prop_collection:
+    """Strips of a sequence editor (``sequences`` before 4.4)."""
+    return editor.strips if hasattr(editor, "strips") else editor.sequences

@@ -15,7 +15,9 @@ from bpy.props import (
     StringProperty,
 )
 
+from . import surface_properties
 from .engine.modality import MODALITIES
+from .response_properties import HfxResponseFilter
 
 _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 
@@ -33,6 +35,9 @@ MODALITY_ITEMS = (
 KINDS = (
     ("PAINTED", "Painted", "Felt where it is painted on the body (egocentric)"),
     ("VOLUME", "Volume", "Felt by what is inside it (allocentric)"),
+    ("SURFACE", "Surface", "Felt by moving over the object (a haptic texture)"),
+    ("SPOT", "Point on the Skin", "A disc that may move along a path on the body"),
+    ("ACTUATORS", "Vector", "A curve for each actuator of one device"),
 )
 SHAPES = (
     ("CUBOID", "Box", "A box of the given size"),
@@ -127,13 +132,30 @@ class HfxMappedBone(bpy.types.PropertyGroup):
     )
 
 
+class HfxActuatorValue(bpy.types.PropertyGroup):
+    """One actuator of a vector sensation; its name is the actuator's id."""
+
+    value: FloatProperty(
+        name="Value",
+        description="Share of the effect's full strength that this actuator gets",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        update=_remark,
+        **_OVERRIDABLE,
+    )
+
+
 class HfxObjectProperties(bpy.types.PropertyGroup):
     """An object's haptic side. Parameters are in the units of the engine (SI, degrees C)."""
 
     role: EnumProperty(name="Role", items=ROLES)
     uid: StringProperty(name="Id", description="Stays the same when the object is renamed")
 
-    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS, update=_redraw_volume)
+    modality: EnumProperty(
+        name="Modality", items=MODALITY_ITEMS, update=_redraw_volume, **_OVERRIDABLE
+    )
     kind: EnumProperty(name="Kind", items=KINDS, default="VOLUME")
     activation: FloatProperty(
         name="Activation",
@@ -157,19 +179,28 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     pressure: _parameter("pressure", "pressure_kpa", "Pressure", "Pressure on the skin")
     temperature: _parameter("temperature", "temperature_c", "Temperature", "Temperature")
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
-    temperature_reference: EnumProperty(name="Reference", items=TEMPERATURE_REFERENCES)
+    temperature_reference: EnumProperty(
+        name="Reference", items=TEMPERATURE_REFERENCES, **_OVERRIDABLE
+    )
 
     is_muted: BoolProperty(
-        name="Mute", description="Neither felt nor exported", default=False, update=_remark
+        name="Mute",
+        description="Neither felt nor exported",
+        default=False,
+        update=_remark,
+        **_OVERRIDABLE,
     )
     is_solo: BoolProperty(
         name="Solo",
         description="Only effects that are solo are felt and exported",
         default=False,
         update=_remark,
+        **_OVERRIDABLE,
     )
 
-    shape: EnumProperty(name="Shape", items=SHAPES, default="SPHERE", update=_redraw_volume)
+    shape: EnumProperty(
+        name="Shape", items=SHAPES, default="SPHERE", update=_redraw_volume, **_OVERRIDABLE
+    )
     size: FloatVectorProperty(
         name="Size",
         description="Edge lengths of the box",
@@ -197,7 +228,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         update=_redraw_volume,
         **_OVERRIDABLE,
     )
-    falloff: EnumProperty(name="Falloff", items=FALLOFFS)
+    falloff: EnumProperty(name="Falloff", items=FALLOFFS, **_OVERRIDABLE)
     falloff_share: FloatProperty(
         name="Falloff Share",
         description="Part of the way from the boundary to the core over which strength rises",
@@ -208,8 +239,50 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         **_OVERRIDABLE,
     )
 
+    surface: PointerProperty(type=surface_properties.HfxSurfaceProperties)
+
+    response: CollectionProperty(
+        name="Contact Response",
+        description="How the volume answers a touch: filters, from top to bottom",
+        type=HfxResponseFilter,
+        override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
+    )
+    response_active: IntProperty(name="Filter", options=set())
+    envelope: FloatProperty(
+        name="Envelope",
+        description="How strongly the volume is felt; Bake Response writes it, for drivers of "
+        "sound or light",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        **_OVERRIDABLE,
+    )
+
+    path_position: FloatProperty(
+        name="Position",
+        description="Where the point is on its path, from the beginning (0) to the end (1)",
+        default=0.0,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        update=_remark,
+        **_OVERRIDABLE,
+    )
+    device: StringProperty(
+        name="Device", description="The device whose actuators a vector sensation drives"
+    )
+    drive: CollectionProperty(
+        name="Actuators",
+        description="The strength of each actuator of the device",
+        type=HfxActuatorValue,
+        override={"LIBRARY_OVERRIDABLE"},
+    )
     body: PointerProperty(
-        name="Body", description="The body that the effect is painted on", type=bpy.types.Object
+        name="Body",
+        description="The body that the effect is painted on",
+        type=bpy.types.Object,
+        **_OVERRIDABLE,
     )
     model_id: StringProperty(name="Model", description="Perceptual model that is painted on")
     model_hash: StringProperty(name="Model Hash", description="Content of that model")
@@ -260,6 +333,12 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     """A scene's haptic settings."""
 
     devices: CollectionProperty(type=HfxDeviceName)
+    play_space: PointerProperty(
+        name="Play Space",
+        description="Object in whose room fans, heaters and other devices stand; a teleport "
+        "moves it. None: the world",
+        type=bpy.types.Object,
+    )
     rate: FloatProperty(
         name="Rate",
         description="Samples a second in exported tracks",
@@ -280,6 +359,15 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         items=PALETTES,
         update=_recolour,
     )
+    preview_opacity: FloatProperty(
+        name="Opacity",
+        description="Of the colours over the avatar; less lets more of its own surface through",
+        default=0.85,
+        min=0.1,
+        max=1.0,
+        subtype="FACTOR",
+        update=_recolour,
+    )
     tolerance_custom: StringProperty(
         name="Tolerance",
         description="Millimetres, milliseconds and, if you like, percent of full scale",
@@ -288,11 +376,20 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
 
 
 _classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (HfxAvatarPart, HfxMappedBone, HfxObjectProperties, HfxDeviceName, HfxSceneProperties)
+    (
+        HfxAvatarPart,
+        HfxMappedBone,
+        HfxResponseFilter,
+        HfxActuatorValue,
+        HfxObjectProperties,
+        HfxDeviceName,
+        HfxSceneProperties,
+    )
 )
 
 
 def register() -> None:
+    surface_properties.register()
     _classes()
     bpy.types.Object.hfx = PointerProperty(
         type=HfxObjectProperties, override={"LIBRARY_OVERRIDABLE"}
@@ -304,3 +401,4 @@ def unregister() -> None:
     del bpy.types.Scene.hfx
     del bpy.types.Object.hfx
     _unregister_classes()
+    surface_properties.unregister()

@@ -64,6 +64,11 @@ def live_settings() -> Path:
     return _user_data() / "live_devices.json"
 
 
+def surface_calibration() -> Path:
+    """File that remembers how strongly surfaces are felt, per device; it need not exist."""
+    return _user_data() / "surface_calibration.json"
+
+
 def _user_data() -> Path:
     """Where the platform wants a user's data of ours."""
     if sys.platform == "win32":

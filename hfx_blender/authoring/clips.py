@@ -64,7 +64,7 @@ def add_clip(
     data.action = action  # a slot is made for, and only for, the datablock that it is assigned to
     keys = profile or ((0.0, 1.0), (length / repeat, 1.0))
     compat.set_keys(compat.new_fcurve(effect, action, DATA_PATH), keys)
-    track = _free_track(data, floor(frame_start), frame_end)
+    track = _free_track(effect, floor(frame_start), frame_end)
     strip = track.strips.new(name, floor(frame_start), action)  # whole frames only, at first
     data.action = busy
     strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]
@@ -156,10 +156,14 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
     Raises
     ------
     InputError
-        The effect has no clip of that name.
+        The effect has no clip of that name, or it belongs to a linked file.
     """
     for track, strip in strips_of(effect):
         if strip.name == name:
+            if _is_of_library(effect, track):
+                raise InputError(
+                    f"Clip '{name}' belongs to the linked file; mute its track instead."
+                )
             track.strips.remove(strip)
             if not track.strips:
                 effect.animation_data.nla_tracks.remove(track)
@@ -168,14 +172,21 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
     raise InputError(f"Effect '{effect.name}' has no clip '{name}'; it has: {names}.")
 
 
-def _free_track(data: bpy.types.AnimData, start: float, end: float) -> bpy.types.NlaTrack:
+def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
     """A track with room between two frames; strips of one track cannot overlap."""
+    data = effect.animation_data
     for track in data.nla_tracks:
+        if _is_of_library(effect, track):
+            continue  # Blender does not save what is added to it
         if all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips):
             return track
     track = data.nla_tracks.new()
     track.name = "Clips"
     return track
+
+
+def _is_of_library(effect: bpy.types.Object, track: bpy.types.NlaTrack) -> bool:
+    return effect.override_library is not None and track.is_override_data
 
 
 def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]]:

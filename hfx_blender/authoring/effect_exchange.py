@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import degrees, radians
 from pathlib import Path
 
@@ -15,13 +16,15 @@ from ..engine.body import areas
 from ..engine.body.model import load_model
 from ..errors import InputError
 from ..reading.effect_values import PARAMETER_PROPERTIES
-from . import clips, effects, painting
+from . import clips, effects, painting, paths, vector_sensations
 from .effect_file import (
     SUFFIX,
+    ActuatorsRecipe,
     ClipRecipe,
     EffectRecipe,
     PartsArea,
     Sensation,
+    SpotRecipe,
     VertexArea,
     VolumeRecipe,
     load,
@@ -67,6 +70,18 @@ def place(
         if isinstance(recipe.where, VolumeRecipe):
             effect = effects.add_volume(scene, recipe.modality, recipe.where.shape, name)
             _shape(scene, effect, recipe.where, frame, origin)
+        elif isinstance(recipe.where, SpotRecipe):
+            assert body is not None
+            effect = paths.add_spot(scene, recipe.modality, body, name)
+            _set_spot(scene, effect, recipe.where, frame)
+        elif isinstance(recipe.where, ActuatorsRecipe):
+            assert body is not None
+            effect = vector_sensations.add_named(
+                scene, recipe.modality, recipe.where.device, recipe.where.curves, body, name
+            )
+            for actuator, keys in recipe.where.curves:
+                timed = [(frame + time * fps, value) for time, value in keys]
+                vector_sensations.set_curve(effect, actuator, timed)
         else:
             assert body is not None
             effect = effects.add_painted(scene, recipe.modality, body, name)
@@ -101,6 +116,10 @@ def _check(effect: EffectRecipe, body: bpy.types.Object | None) -> None:
         raise InputError(
             f"'{effect.name}' is painted on a body: add an avatar, or select a haptic body."
         )
+    if isinstance(where, SpotRecipe):
+        if effect.modality == "wind":
+            raise InputError(f"'{effect.name}': wind is not felt at a point on the skin.")
+        paths.skin().on_skin(where.path.points_m)
     if isinstance(where, VertexArea):
         model = load_model(effects.model_id_for(effect.modality))
         if (where.model_id, where.model_hash) != (model.id, model.content_hash):
@@ -122,6 +141,16 @@ def _weights(recipe: EffectRecipe) -> np.ndarray:
     assert isinstance(where, PartsArea)
     chosen = painting.part_flags(model, where.parts, where.side)
     return areas.smooth(model, chosen.astype(np.float64), where.smooth)
+
+
+def _set_spot(
+    scene: bpy.types.Scene, effect: bpy.types.Object, spot: SpotRecipe, frame: float
+) -> None:
+    effect.hfx.radius = spot.radius_m / _unit_m(scene)
+    effect.hfx.falloff = spot.falloff
+    effect.hfx.falloff_share = spot.falloff_share
+    effect.hfx.path_position = spot.position
+    paths.apply(scene, effect, spot.path, frame)
 
 
 def _shape(
@@ -168,7 +197,13 @@ def sensation_of(
         raise InputError("Select the effects to save first.")
     fps = scene.render.fps / scene.render.fps_base
     starts = [strip.frame_start for obj in chosen for _, strip in clips.strips_of(obj)]
-    starts += [key.co[0] for obj in chosen for curve in _moves(obj) for key in _keys(curve)]
+    starts += [
+        key.co[0]
+        for obj in chosen
+        for curve in compat.fcurves(obj)
+        if _is_motion(curve)
+        for key in _keys(curve)
+    ]
     first = min(starts, default=0.0)
     return Sensation(name, description, tuple(_recipe(scene, obj, first, fps) for obj in chosen))
 
@@ -183,11 +218,35 @@ def _recipe(
         name=effect.name,
         modality=hfx.modality,
         parameters={n: float(getattr(hfx, p)) for n, p in zip(names, properties, strict=True)},
-        where=_painted(effect) if hfx.kind == "PAINTED" else _volume(scene, effect, first, fps),
+        where=_where(scene, effect, first, fps),
         intensity=float(hfx.intensity),
         temperature_reference=hfx.temperature_reference,
         clips=tuple(_clip(effect, strip, first, fps) for _, strip in clips.strips_of(effect)),
     )
+
+
+def _where(
+    scene: bpy.types.Scene, effect: bpy.types.Object, first: float, fps: float
+) -> PartsArea | VertexArea | VolumeRecipe | SpotRecipe | ActuatorsRecipe:
+    if effect.hfx.kind == "SURFACE":
+        raise InputError(
+            f"'{effect.name}' is a surface, which stays with its object; export its map instead."
+        )
+    if effect.hfx.kind == "PAINTED":
+        return _painted(effect)
+    if effect.hfx.kind == "SPOT":
+        path = paths.recipe_of(scene, effect, "")
+        return SpotRecipe(
+            replace(path, motion=paths.motion_keys(scene, effect, first)),
+            radius_m=round(float(effect.hfx.radius) * _unit_m(scene), 6),
+            falloff=effect.hfx.falloff,
+            falloff_share=float(effect.hfx.falloff_share),
+            position=float(effect.hfx.path_position),
+        )
+    if effect.hfx.kind == "ACTUATORS":
+        curves = vector_sensations.curves_of(effect, first, fps)
+        return ActuatorsRecipe(effect.hfx.device, curves)
+    return _volume(scene, effect, first, fps)
 
 
 def _painted(effect: bpy.types.Object) -> VertexArea:
@@ -240,6 +299,12 @@ def _volume(
 
 def _moves(effect: bpy.types.Object) -> list[bpy.types.FCurve]:
     return [curve for curve in compat.fcurves(effect) if curve.data_path == "location"]
+
+
+def _is_motion(curve: bpy.types.FCurve) -> bool:
+    """Whether a curve says where an effect is, or what its actuators get."""
+    path = curve.data_path
+    return path in ("location", paths.POSITION) or path.startswith("hfx.drive[")
 
 
 def _keys(curve: bpy.types.FCurve) -> list[bpy.types.Keyframe]:

@@ -8,6 +8,7 @@ parameters in physical units, and their clips, timed from 0. It holds no code an
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +17,8 @@ from ..atomic_files import atomic_file
 from ..devices.strict_json import Node, read
 from ..engine.body.parts import PARTS
 from ..engine.modality import MODALITIES
+from . import path_file
+from .path_file import PathRecipe
 
 SUFFIX: Final = ".hfxeffect"
 SCHEMA: Final = "hfx-effects"
@@ -82,13 +85,32 @@ class VolumeRecipe:
 
 
 @dataclass(frozen=True)
+class SpotRecipe:
+    """A point on the skin: its disc, its path, and where on it the point is when."""
+
+    path: PathRecipe
+    radius_m: float = 0.03
+    falloff: str = "none"
+    falloff_share: float = 1.0
+    position: float = 0.0
+
+
+@dataclass(frozen=True)
+class ActuatorsRecipe:
+    """A vector sensation: (seconds, value) for each actuator of a device."""
+
+    device: str
+    curves: tuple[tuple[str, tuple[tuple[float, float], ...]], ...]
+
+
+@dataclass(frozen=True)
 class EffectRecipe:
     """One unitary effect."""
 
     name: str
     modality: str
     parameters: dict[str, float]  # by name, in the modality's units; those of its direction not
-    where: PartsArea | VertexArea | VolumeRecipe
+    where: PartsArea | VertexArea | VolumeRecipe | SpotRecipe | ActuatorsRecipe
     intensity: float = 1.0
     temperature_reference: str = "AMBIENT"
     clips: tuple[ClipRecipe, ...] = ()
@@ -144,11 +166,13 @@ def parameter_names(modality: str) -> tuple[str, ...]:
 def _effect(node: Node) -> EffectRecipe:
     members = node.members(
         required=("name", "modality", "parameters"),
-        optional=("area", "volume", "intensity", "temperature_reference", "clips"),
+        optional=(*_WHERES, "intensity", "temperature_reference", "clips"),
     )
     modality = members["modality"].choice(tuple(MODALITIES))
-    if ("area" in members) == ("volume" in members):
-        node.fail("an effect with either an 'area' or a 'volume'")
+    places = [name for name in _WHERES if name in members]
+    if len(places) != 1:
+        node.fail("an effect with either an 'area' or a 'volume', or a 'spot', or 'actuators'")
+    (kind,) = places
     reference = "AMBIENT"
     if "temperature_reference" in members:
         reference = members["temperature_reference"].choice(_REFERENCES)
@@ -157,7 +181,7 @@ def _effect(node: Node) -> EffectRecipe:
         name=members["name"].text(),
         modality=modality,
         parameters=_parameters(modality, members["parameters"]),
-        where=_area(members["area"]) if "area" in members else _volume(members["volume"]),
+        where=_WHERES[kind](members[kind]),
         intensity=members["intensity"].number(0.0, 1.0) if "intensity" in members else 1.0,
         temperature_reference=reference,
         clips=tuple(_clip(each) for each in clips),
@@ -228,6 +252,45 @@ def _volume(node: Node) -> VolumeRecipe:
     return VolumeRecipe(name, **found)
 
 
+def _spot(node: Node) -> SpotRecipe:
+    members = node.members(
+        required=("points_m", "path", "radius_m"),
+        optional=("closed", "motion", "falloff", "falloff_share", "position"),
+    )
+    points = members["points_m"].items(least=1, most=path_file.MAX_POINTS)
+    share = members["falloff_share"].number(0.0, 1.0) if "falloff_share" in members else 1.0
+    return SpotRecipe(
+        PathRecipe(
+            name="",
+            points_m=tuple(path_file.place_of(each) for each in points),
+            kind=members["path"].choice(path_file.KINDS),
+            is_closed="closed" in members and members["closed"].integer(0, 1) == 1,
+            motion=path_file.motion_of(members["motion"]) if "motion" in members else (),
+        ),
+        radius_m=members["radius_m"].number(0.0, 10.0, "m"),
+        falloff=members["falloff"].choice(_FALLOFFS) if "falloff" in members else "none",
+        falloff_share=share,
+        position=members["position"].number(0.0, 1.0) if "position" in members else 0.0,
+    )
+
+
+def _actuators(node: Node) -> ActuatorsRecipe:
+    members = node.members(required=("device", "curves"))
+    curves = []
+    for each in members["curves"].items(least=1, most=4096):
+        curve = each.members(required=("actuator", "keys"))
+        curves.append((curve["actuator"].text(), path_file.motion_of(curve["keys"])))
+    return ActuatorsRecipe(members["device"].text(), tuple(curves))
+
+
+_WHERES: Final[dict[str, Callable[[Node], Any]]] = {
+    "area": _area,
+    "volume": _volume,
+    "spot": _spot,
+    "actuators": _actuators,
+}
+
+
 def _triple(node: Node, most: float, unit: str) -> Number3:
     x, y, z = (item.number(-most, most, unit) for item in node.items(least=3, most=3))
     return x, y, z
@@ -280,6 +343,25 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             "parts": list(where.parts),
             "side": where.side,
             "smooth": where.smooth,
+        }
+    elif isinstance(where, SpotRecipe):
+        document["spot"] = {
+            "points_m": [list(point) for point in where.path.points_m],
+            "path": where.path.kind,
+            "closed": int(where.path.is_closed),
+            "radius_m": where.radius_m,
+            "falloff": where.falloff,
+            "falloff_share": where.falloff_share,
+            "position": where.position,
+            **({"motion": [list(key) for key in where.path.motion]} if where.path.motion else {}),
+        }
+    elif isinstance(where, ActuatorsRecipe):
+        document["actuators"] = {
+            "device": where.device,
+            "curves": [
+                {"actuator": actuator, "keys": [list(key) for key in keys]}
+                for actuator, keys in where.curves
+            ],
         }
     elif isinstance(where, VertexArea):
         document["area"] = {

@@ -10,7 +10,6 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.body.model import load_model
 from ..engine.modality import MODALITIES
 from ..errors import InputError
 from . import volumes
@@ -50,7 +49,7 @@ def add_volume(
     scene: bpy.types.Scene, modality: str, shape: str, name: str | None = None
 ) -> bpy.types.Object:
     """An allocentric effect at the origin: a wire frame that is never rendered."""
-    title = name or f"{modality.title()} {shape.title()}"
+    title = name or f"{modality.title()} {volumes.SHAPE_LABELS[shape]}"
     obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
     effect = _make_effect(scene, obj, modality, shape)
     effect.display_type = "WIRE"
@@ -84,14 +83,22 @@ def add_painted(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
     """An egocentric effect on a body; its area is empty until it is painted."""
+    effect = add_on_body(scene, modality, body, "PAINTED", name or f"Painted {modality.title()}")
+    set_area(effect, [], [])
+    return effect
+
+
+def add_on_body(
+    scene: bpy.types.Scene, modality: str, body: bpy.types.Object, kind: str, name: str
+) -> bpy.types.Object:
+    """An effect that belongs to a body, as an empty object."""
     if body.hfx.role != "BODY":
         raise InputError(f"'{body.name}' is not a haptic body.")
-    obj = bpy.data.objects.new(name or f"Painted {modality.title()}", None)
-    effect = _make_effect(scene, obj, modality, None)
+    effect = _make_effect(scene, bpy.data.objects.new(name, None), modality, None)
+    effect.hfx.kind = kind
     effect.empty_display_type = "SINGLE_ARROW"
     effect.empty_display_size = 0.2
     effect.hfx.body = body
-    set_area(effect, [], [])
     return effect
 
 
@@ -144,6 +151,8 @@ def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterabl
     InputError
         An id is not of the model, or a weight is not in 0..1; the old area is kept.
     """
+    from ..engine.body.model import load_model
+
     model = load_model(model_id_for(effect.hfx.modality))
     ids, strengths = checked_area(effect.name, list(vertices), list(weights), len(model))
     effect[VERTICES] = ids.tolist()

@@ -5,21 +5,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import bmesh
 import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..avatars import model_mesh, retargeting
-from ..engine.body.model import PerceptualModel, load_model
 from ..engine.body.parts import PARTS, SIDES
 from ..errors import InputError
 from . import effects
 
+if TYPE_CHECKING:
+    from ..engine.body.model import PerceptualModel
+
 GROUP = "hfx"
 PAINTED_EFFECT = "hfx_painted_effect"
 """On the mesh that is painted on: the effect whose area it shows."""
+
+_BRUSH_SPACINGS = 1.5
+_SMALLEST_BRUSH_M = 0.03
 
 F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -27,6 +32,8 @@ Bool = npt.NDArray[np.bool_]
 
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
     """Show the effect's perceptual model in place of the avatar, ready to be painted on."""
+    from ..avatars import model_mesh, retargeting
+
     if painted_mesh(effect) is not None:
         raise InputError(f"'{effect.name}' is being painted already.")
     body = effect.hfx.body
@@ -42,6 +49,19 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     return canvas
 
 
+def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
+    """A brush that reaches the vertices next to the one under it, Blender's units."""
+    from ..engine.body.model import load_model
+
+    model = load_model(effects.model_id_for(effect.hfx.modality))
+    # Vertices stand about as far apart as the sides of their equal triangles are long.
+    spacing_m = float(np.sqrt(np.median(model.areas_m2) * (2.0 / np.sqrt(3.0))))
+    size_m = float(np.ptp(model.vertices, axis=0).max())
+    size = float(np.ptp(np.array(canvas.bound_box), axis=0).max())
+    scale = size / size_m * abs(effect.hfx.body.matrix_world.determinant()) ** (1 / 3)
+    return scale * max(_BRUSH_SPACINGS * spacing_m, _SMALLEST_BRUSH_M)
+
+
 def weights_of(effect: bpy.types.Object) -> F64:
     """The effect's area as it is now, painted or stored, as a weight for each vertex (V,).
 
@@ -52,6 +72,8 @@ def weights_of(effect: bpy.types.Object) -> F64:
     InputError
         The mesh that is being painted on was edited.
     """
+    from ..engine.body.model import load_model
+
     canvas = painted_mesh(effect)
     if canvas is not None:
         return _read_group(effect, canvas)
@@ -76,6 +98,8 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
 
 def selected_vertices(effect: bpy.types.Object) -> Bool:
     """Which vertices of the mesh that is being painted on are selected, (V,)."""
+    from ..engine.body.model import load_model
+
     canvas = painted_mesh(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
@@ -130,6 +154,8 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
         Names of ``engine.body.parts.PARTS``; empty: the whole body.
     side : "left", "right" or "both"
     """
+    from ..engine.body.model import load_model
+
     model = load_model(effects.model_id_for(effect.hfx.modality))
     return set_weights(effect, np.where(part_flags(model, parts, side), 1.0, weights_of(effect)))
 
@@ -152,6 +178,8 @@ def _edited(canvas: bpy.types.Object, size: int) -> str:
 
 def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
     """The painted weights, (V,) in 0..1."""
+    from ..engine.body.model import load_model
+
     size = len(load_model(effects.model_id_for(effect.hfx.modality)))
     canvas.update_from_editmode()
     if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from math import cos, pi, sin
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -11,13 +12,23 @@ import numpy.typing as npt
 
 from ..engine.colouring import COLOURS
 from ..engine.modality import MODALITIES
-from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
-from ..engine.volume.shape import Shape
+
+if TYPE_CHECKING:
+    from ..engine.volume.shape import Shape
 
 _SEGMENTS = 32
 
 MODALITY_COLOURS = {name: (*COLOURS[name], 1.0) for name in MODALITIES}
 """Of the wires in the viewport: those of what is felt."""
+
+SHAPE_LABELS = {
+    "CUBOID": "Box",
+    "SPHERE": "Sphere",
+    "CYLINDER": "Cylinder",
+    "CAPSULE": "Capsule",
+    "MESH": "Mesh",
+}
+"""What a user reads; the others are what files hold."""
 
 _Point = tuple[float, float, float]
 _Edge = tuple[int, int]
@@ -25,6 +36,8 @@ _Edge = tuple[int, int]
 
 def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
     """The unit shape of an effect that is not a mesh; its size is in the matrix."""
+    from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+
     if hfx.shape == "CUBOID":
         return Cuboid()
     if hfx.shape == "SPHERE":
@@ -49,10 +62,13 @@ def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
 def refresh_display(effect: bpy.types.Object) -> None:
     """Redraw a volume's wire frame after its shape or size was edited."""
     hfx = effect.hfx
+    if hfx.kind == "SURFACE":
+        return  # an object of the scene's own: how it is shown is none of our business
     effect.color = MODALITY_COLOURS[hfx.modality]
     if effect.data is None or hfx.kind != "VOLUME" or hfx.shape == "MESH":
         return
-    if effect.data.users > 1:  # linked duplicates share the mesh, not the size
+    if effect.data.users > 1 or effect.data.library is not None:
+        # Linked duplicates and library overrides share the mesh, not the size.
         effect.data = effect.data.copy()
     points, edges = _wires(hfx)
     effect.data.clear_geometry()

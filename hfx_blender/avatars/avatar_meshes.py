@@ -9,15 +9,17 @@ are numbered mesh after mesh in that order.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
-from ..engine.body.model import SkinWeights, load_avatar
-from ..engine.body.retargeting import skin_parts
-from ..engine.body.retargeting.target import TargetAvatar
-from ..engine.body.rigs.mapping import BoneMapping, RigBone
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..engine.body.model import SkinWeights
+    from ..engine.body.retargeting.target import TargetAvatar
+    from ..engine.body.rigs.mapping import BoneMapping, RigBone
 
 
 def meshes_of(body: bpy.types.Object) -> list[bpy.types.Object]:
@@ -68,6 +70,9 @@ def skin_among(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> list[bpy.types.Object]:
     """Those of an armature's meshes that together form its skin."""
+    from ..engine.body.model import load_avatar
+    from ..engine.body.retargeting import skin_parts
+
     if len(meshes) < 2:
         return list(meshes)
     targets = [read_mesh(armature, mesh) for mesh in meshes]
@@ -103,6 +108,8 @@ def read_meshes(
 
 def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
     """The bones of an armature at rest."""
+    from ..engine.body.rigs.mapping import RigBone
+
     return tuple(
         RigBone(
             bone.name,
@@ -117,6 +124,8 @@ def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
 
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
     """One mesh in the rest space of its armature."""
+    from ..engine.body.retargeting.target import TargetAvatar
+
     if mesh_object.type != "MESH":
         raise InputError(
             f"Avatar '{mesh_object.name}' is a {mesh_object.type.lower()}, not a mesh."
@@ -170,6 +179,8 @@ def _check_scale(obj: bpy.types.Object) -> None:
 
 
 def _weights(mesh_object: bpy.types.Object, names: tuple[str, ...]) -> SkinWeights:
+    from ..engine.body.model import SkinWeights
+
     column = {mesh_object.vertex_groups[name].index: number for number, name in enumerate(names)}
     counts, bones, values = [0], [], []
     for vertex in mesh_object.data.vertices:

@@ -17,6 +17,11 @@ from ..engine.body.rigs.mapping import BoneMapping
 from ..errors import InputError
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
+_LARGE_BONES = (
+    *("root", "pelvis", "spine", "neck", "head", "breast", "clavicle", "shoulder"),
+    *("upperarm", "lowerarm", "wrist", "upperleg", "lowerleg", "foot"),
+)
+
 
 def add_avatar(
     context: bpy.types.Context, name: str = "Avatar", avatar_id: str = AVATAR_ID
@@ -167,7 +172,17 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
         made.append(bone)
     bpy.ops.object.mode_set(mode="OBJECT")
     armature.data.display_type = "STICK"
+    _hide_small_bones(armature.data)
     return armature
+
+
+def _hide_small_bones(armature: bpy.types.Armature) -> None:
+    """Sort the bones, and hide those of face, fingers and toes: dots that cover the skin."""
+    large = armature.collections.new("Body")
+    small = armature.collections.new("Small Bones")
+    for bone in armature.bones:
+        (large if bone.name.startswith(_LARGE_BONES) else small).assign(bone)
+    small.is_visible = False
 
 
 def _skin(

@@ -13,7 +13,7 @@ from .. import blender_session
 from ..console import Console
 from ..errors import OutputError, UsageError
 
-NAMES = ("export", "trade", "volumes", "economy", "naive")
+NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture")
 
 _DESCRIPTION = """\
 Measure on this machine. Every measurement names the machine, versions and sizes.
@@ -23,8 +23,11 @@ Measure on this machine. Every measurement names the machine, versions and sizes
   volumes   inside tests: speed against trimesh and embree, exactness
   economy   what costs that touches nothing; one live evaluation
   naive     what a user would write today, side by side
+  batch     two workers against one, writing against evaluating, memory over scenes and frames
+  texture   haptic surfaces: roughness, identification, maps, contacts
   safety    how long until a device is silent, whoever fails; 1,000 times each, about an hour
-  all       all of them but safety (the default)
+  live      what devices cost Blender each frame, and how soon a frame is at the port
+  all       all of them but safety and live (the default)
 """
 
 
@@ -36,7 +39,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "name", nargs="?", default="all", metavar="NAME", choices=(*NAMES, "safety", "all")
+        "name", nargs="?", default="all", metavar="NAME", choices=(*NAMES, "safety", "live", "all")
     )
     parser.add_argument(
         "scene",
@@ -173,6 +176,20 @@ def _naive(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     return result, naive.as_text(result)
 
 
+def _batch(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
+    from ..bench import throughput
+
+    result = throughput.measure(short=options.short, rounds=options.rounds or 3, progress=progress)
+    return result, throughput.as_text(result)
+
+
+def _texture(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
+    from ..bench import texture
+
+    result = texture.measure(short=options.short, progress=progress)
+    return result, texture.as_text(result)
+
+
 def _safety(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     from ..bench import safety
 
@@ -183,13 +200,24 @@ def _safety(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]
     return result, safety.as_text(result)
 
 
+def _live(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
+    from ..bench import live_cost
+
+    frames = options.rounds or 1000
+    result = live_cost.measure(short=options.short, frames=frames, progress=progress)
+    return result, live_cost.as_text(result)
+
+
 _MEASURES: dict[str, Callable[[argparse.Namespace, _Progress], tuple[Any, str]]] = {
     "export": _export,
     "trade": _trade,
     "volumes": _volumes,
     "economy": _economy,
     "naive": _naive,
+    "batch": _batch,
+    "texture": _texture,
     "safety": _safety,
+    "live": _live,
 }
 
 

@@ -23,10 +23,16 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "demo",
         help="build, export and draw the garage scene",
-        description="Build the garage scene (tasks T1 to T4 of HFX Studio's study), save it, "
-        "export it like any other scene, and draw what was felt.",
+        description="Build a scene (tasks T1 to T4 of HFX Studio's study, or the belt's), save "
+        "it, export it like any other scene, and draw what was felt.",
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("hfx_demo"), metavar="DIR")
+    parser.add_argument(
+        "--scene",
+        choices=("garage", "belt"),
+        default="garage",
+        help="belt: particles that fly round a walker with a belt of 8 motors, and their sound",
+    )
     parser.add_argument("--no-pictures", action="store_true", help="leave out the pictures")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
@@ -34,6 +40,10 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Build, save, open again, export, draw, and say what happened."""
+    if options.scene == "belt":
+        from .demo_belt import run as run_belt
+
+        return run_belt(options, console)
     bpy = blender_session.start()
 
     from ..demo import garage
@@ -52,7 +62,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     scene_file = folder / "garage.blend"
     with blender_session.interrupts_held():
         garage.build()
-        _save(bpy, scene_file)
+        save(bpy, scene_file)
 
     # From here on it is a scene like any other: the saved file is opened and exported.
     blender_session.open_blend(scene_file)
@@ -77,7 +87,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _save(bpy: Any, path: Path) -> None:
+def save(bpy: Any, path: Path) -> None:
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
     except RuntimeError as error:

@@ -56,7 +56,7 @@ def _blend(path: Path) -> dict[str, Any]:
     blender_session.open_blend(path)
     import bpy
 
-    from ..authoring.effects import area, bodies_of, effects_of
+    from ..authoring.effects import bodies_of, effects_of
     from ..reading.activation import activation_of
 
     return {
@@ -73,11 +73,7 @@ def _blend(path: Path) -> dict[str, Any]:
                         "modality": effect.hfx.modality,
                         "kind": effect.hfx.kind.lower(),
                         "clips": len(activation_of(effect).clips),
-                        **(
-                            {"shape": effect.hfx.shape.lower()}
-                            if effect.hfx.kind == "VOLUME"
-                            else {"painted_vertices": len(area(effect)[0])}
-                        ),
+                        **_where(effect),
                     }
                     for effect in effects_of(scene)
                 ],
@@ -86,6 +82,21 @@ def _blend(path: Path) -> dict[str, Any]:
             for scene in bpy.data.scenes
         ],
     }
+
+
+def _where(effect: Any) -> dict[str, Any]:
+    """What there is to say about where an effect is felt."""
+    from ..authoring import paths
+    from ..authoring.effects import area
+
+    hfx = effect.hfx
+    if hfx.kind == "PAINTED":
+        return {"painted_vertices": len(area(effect)[0])}
+    if hfx.kind == "SPOT":
+        return {"path_m": round(paths.length_m(effect), 3), "radius": round(hfx.radius, 4)}
+    if hfx.kind == "ACTUATORS":
+        return {"device": hfx.device, "actuators": len(hfx.drive)}
+    return {"shape": hfx.shape.lower()}
 
 
 def _track(path: Path) -> dict[str, Any]:

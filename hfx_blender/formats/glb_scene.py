@@ -8,7 +8,7 @@ are played. The extensions are used, never required: any reader sees bodies and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -81,6 +81,34 @@ class VolumeRecorder:
             volume.shape = volume.shape or shape
             volume.indices.append(block.indices[rows][finite])
             volume.matrices.append(effect.matrices[rows][finite])
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Where the volumes were, as arrays that one process can hand on to another."""
+        found: dict[str, npt.NDArray[Any]] = {}
+        for k, volume in self._volumes.items():
+            if volume.shape is not None:
+                found[f"{k}.indices"] = np.concatenate(volume.indices)
+                found[f"{k}.matrices"] = np.concatenate(volume.matrices)
+                found[f"{k}.changes"] = np.array(volume.changes_shape)
+                found[f"{k}.shape"] = np.array(type(volume.shape).__name__)
+        return found
+
+    def first_samples(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> list[int]:
+        """The first sample of each volume in :meth:`arrays` of others, in the order of time."""
+        firsts = (
+            next((int(part[f"{k}.indices"][0]) for part in parts if f"{k}.indices" in part), None)
+            for k in self._volumes
+        )
+        return sorted({first for first in firsts if first is not None})
+
+    def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
+        """Hold what others saw, given in the order of time; only the shapes are kept."""
+        for k, volume in self._volumes.items():
+            mine = [part for part in parts if f"{k}.indices" in part]
+            volume.indices = [part[f"{k}.indices"] for part in mine]
+            volume.matrices = [part[f"{k}.matrices"] for part in mine]
+            shapes = {str(part[f"{k}.shape"]) for part in mine}
+            volume.changes_shape = len(shapes) > 1 or any(part[f"{k}.changes"] for part in mine)
 
     def write(
         self, models: Sequence[PerceptualModel], stem: Path, hjif_name: str | None = None

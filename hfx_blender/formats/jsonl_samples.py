@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ..atomic_files import atomic_file
 from ..engine.modality import MODALITIES
@@ -43,7 +45,8 @@ SUFFIX: Final = ".samples.jsonl"
 FORMAT: Final = "hfx-samples"
 
 _WEIGHT_STEPS: Final = 10_000
-_WEIGHTS: Final = [repr(step / _WEIGHT_STEPS) for step in range(_WEIGHT_STEPS + 1)]
+_LARGEST_TABLE: Final = 2**20
+"""Vertex ids from here on are written one by one, not looked up."""
 
 _TEXT = Text()
 _SHARE = Number(0.0, 1.0)
@@ -73,7 +76,7 @@ _LINES: Final[dict[str, Shape]] = {
                         "id": _TEXT,
                         "name": _TEXT,
                         "modality": Text(tuple(MODALITIES)),
-                        "kind": Text(("painted", "volume")),
+                        "kind": Text(("painted", "volume", "spot", "actuators")),
                         "model": _TEXT,
                         "is_contact": Flag(),
                     },
@@ -194,11 +197,38 @@ def _set(run: SampleRun, k: int) -> tuple[Any, Any]:
 
 
 def _set_line(number: int, vertices: Any, weights: Any) -> bytes:
-    """A set as a line; most of a file, so it does without the json module."""
-    steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64).tolist()
-    ids = ",".join(map(str, vertices.tolist()))
-    shares = ",".join([_WEIGHTS[step] for step in steps])
-    return f'{{"type":"set","set":{number},"vertices":[{ids}],"weights":[{shares}]}}\n'.encode()
+    """A set as a line; most of a file, so its numbers are looked up as text, all at once."""
+    steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
+    highest = int(vertices[-1]) if len(vertices) else 0
+    if highest < _LARGEST_TABLE:
+        ids = _joined(_texts_of_ids(1 << highest.bit_length()), vertices)
+    else:
+        ids = ",".join(map(str, vertices.tolist())).encode()
+    shares = _joined(_texts_of_weights(), steps)
+    head = f'{{"type":"set","set":{number},"vertices":['.encode()
+    return head + ids + b'],"weights":[' + shares + b"]}\n"
+
+
+def _joined(texts: npt.NDArray[np.uint8], chosen: npt.NDArray[Any]) -> bytes:
+    """Rows of a table of texts, one after another, without the comma at the end."""
+    found = texts[chosen]
+    return found[found != 0].tobytes()[:-1]
+
+
+@lru_cache(maxsize=4)
+def _texts_of_ids(count: int) -> npt.NDArray[np.uint8]:
+    """The numbers below ``count`` with a comma behind each, a row of bytes each, 0 behind."""
+    return _table([f"{number}," for number in range(count)])
+
+
+@lru_cache(maxsize=1)
+def _texts_of_weights() -> npt.NDArray[np.uint8]:
+    return _table([f"{step / _WEIGHT_STEPS!r}," for step in range(_WEIGHT_STEPS + 1)])
+
+
+def _table(texts: list[str]) -> npt.NDArray[np.uint8]:
+    packed = np.array(texts, np.bytes_)
+    return packed.view(np.uint8).reshape(len(texts), packed.itemsize)
 
 
 def _line(value: dict[str, Any]) -> bytes:

@@ -58,7 +58,7 @@ _DOCUMENT = Record(
                     "effect_id": _TEXT,
                     "body_id": _TEXT,
                     "modality": _TEXT,
-                    "reason": Text(("modality", "place", "frequency", "limit")),
+                    "reason": Text(("modality", "place", "device", "frequency", "limit")),
                     "samples": Number(0, is_whole=True),
                     "share": Number(),
                     "seconds": Number(),

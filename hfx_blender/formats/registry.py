@@ -103,7 +103,7 @@ def _simplified(
     def write_signals(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
     ) -> Written:
-        few = simplified_signals(signals, tolerance, frequency_hz=_pitch_tolerance(frequencies))
+        few = simplified_signals(signals, tolerance, frequency_hz=pitch_tolerance(frequencies))
         written = write_few(few.signals, frequencies, stem)
         note = (
             f"keyframes are within {few.amplitude_error:.2%} of full scale and "
@@ -114,7 +114,7 @@ def _simplified(
     return write_signals
 
 
-def _pitch_tolerance(frequencies: FrequencyRange) -> float:
+def pitch_tolerance(frequencies: FrequencyRange) -> float:
     """Hertz that a simplified frequency may be off: a hundredth of the range, 1 Hz at least."""
     return max(1.0, (frequencies.highest_hz - frequencies.lowest_hz) / 100.0)
 

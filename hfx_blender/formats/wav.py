@@ -3,7 +3,8 @@
 
 For actuators that are driven as sound. Each channel is a sine whose amplitude and frequency
 go linearly from one raster row to the next; its phase is the exact integral of the
-frequency, so it never jumps. A file ends in silence, faded over the last row.
+frequency, so it never jumps. An actuator that takes a waveform plays the sum of such sines, one
+for each effect. A file ends in silence, faded over the last row.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ class _Drive:
     last_hz: F64  # (T, C) and at its end
     cycles: F64  # (T, C) whole and broken cycles played before each row, modulo 1
     full_scale: float  # m/s^2
+    first_row: int = 0  # of the raster, at which it begins
 
 
 def write(
@@ -91,7 +93,7 @@ def write(
         raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
     if not 8_000 <= rate_hz <= 384_000:
         raise ValueError(f"rate_hz: expected 8000 to 384000, got {rate_hz}")
-    drive = _drive(raster, device)
+    drive, *others = _drives(raster, device)
     channel_count = len(drive.actuators)
     # A row lasts rate_hz / raster rate samples; the last one is played to its end.
     sample_count = int(-(-len(raster.values) * rate_hz // raster.rate_hz))
@@ -109,7 +111,10 @@ def write(
     with atomic_file(path) as file:
         file.write(_head(sample_format, channel_count, rate_hz, sample_count))
         for first, stop in _blocks(sample_count, max(1, _BLOCK_SAMPLES // channel_count)):
-            file.write(_encoded(_waveform(drive, raster, rate_hz, first, stop), sample_format))
+            played = _waveform(drive, raster, rate_hz, first, stop)
+            for each in others:
+                played += _waveform(each, raster, rate_hz, first, stop)
+            file.write(_encoded(played, sample_format))
         file.write(b"\0" * (data_bytes % 2))  # RIFF chunks have even sizes
 
 
@@ -118,7 +123,8 @@ def _blocks(count: int, size: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + size, count)
 
 
-def _drive(raster: Raster, device: DeviceConfig) -> _Drive:
+def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
+    """The raster's own sines, and a set of sines for each effect on actuators that take waves."""
     vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
     full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
     if not vibrating or full_scale == 0.0:
@@ -129,9 +135,27 @@ def _drive(raster: Raster, device: DeviceConfig) -> _Drive:
     column = {(each.actuator, each.parameter): i for i, each in enumerate(raster.columns)}
     amplitude_columns = [column[each.id, "amplitude_m_s2"] for each in vibrating]
     frequency_columns = [column[each.id, "frequency_hz"] for each in vibrating]
-    silence = np.zeros((1, len(vibrating)))
     pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
+    names = tuple(each.id for each in vibrating)
+    sums = [names.index(each) for each in raster.waveform_actuators]
+    pairs[:, sums, 0] = 0.0
+    found = [_drive(pairs, names, full_scale, raster, 0)]
+    for partial in raster.partials:
+        first = max(partial.first_row - 1, 0)  # it begins from silence
+        lead = partial.first_row - first
+        pairs = np.zeros((lead + len(partial.amplitudes), len(names), 2))
+        pairs[lead:, sums, 0] = partial.amplitudes
+        pairs[lead:, sums, 1] = partial.frequencies_hz
+        found.append(_drive(pairs, names, full_scale, raster, first))
+    return found
+
+
+def _drive(
+    pairs: F64, actuators: tuple[str, ...], full_scale: float, raster: Raster, first_row: int
+) -> _Drive:
+    """Sines of amplitudes and frequencies (T, C, 2)."""
     safe = limited(pairs, 0.0, [full_scale, MAX_FREQUENCY_HZ], 0.0)
+    silence = np.zeros((1, len(actuators)))
     amplitudes = np.vstack([safe[..., 0], silence])
     frequencies = np.vstack([safe[..., 1], safe[-1:, :, 1]])
     # A silent row's frequency means nothing: sound that begins or ends there keeps its own.
@@ -139,13 +163,16 @@ def _drive(raster: Raster, device: DeviceConfig) -> _Drive:
     first_hz = np.where(is_silent[:-1], frequencies[1:], frequencies[:-1])
     last_hz = np.where(is_silent[1:], frequencies[:-1], frequencies[1:])
     cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
+    # As if it had sounded from the beginning: effects of one frequency are in phase and add.
+    begun = first_hz[:1] * first_row / float(raster.rate_hz)
     return _Drive(
-        actuators=tuple(each.id for each in vibrating),
+        actuators=actuators,
         amplitudes=amplitudes / full_scale,
         first_hz=first_hz,
         last_hz=last_hz,
-        cycles=np.vstack([silence, cycles[:-1]]) % 1.0,
+        cycles=(begun + np.vstack([silence, cycles[:-1]])) % 1.0,
         full_scale=full_scale,
+        first_row=first_row,
     )
 
 
@@ -153,12 +180,17 @@ def _waveform(drive: _Drive, raster: Raster, rate_hz: int, first: int, stop: int
     """Audio samples ``first`` to ``stop``, (n, C) in -1..1; alike however they are split."""
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
     position = np.arange(first, stop, dtype=np.int64) * numerator
-    row, rest = position // denominator, position % denominator
-    x = (rest / denominator)[:, None]  # how far into the row, 0..1
+    row, rest = position // denominator - drive.first_row, position % denominator
+    played = np.zeros((len(row), len(drive.actuators)))
+    begin, end = np.searchsorted(row, [0, len(drive.cycles)])
+    if begin == end:
+        return played
+    row, x = row[begin:end], (rest[begin:end] / denominator)[:, None]  # how far into it, 0..1
     first_hz, last_hz = drive.first_hz[row], drive.last_hz[row]
     amplitude = drive.amplitudes[row] * (1.0 - x) + drive.amplitudes[row + 1] * x
     cycles = x * (first_hz + (last_hz - first_hz) * (x / 2.0)) / float(raster.rate_hz)
-    return np.asarray(amplitude * np.sin(2.0 * np.pi * (drive.cycles[row] + cycles)))
+    played[begin:end] = amplitude * np.sin(2.0 * np.pi * (drive.cycles[row] + cycles))
+    return played
 
 
 def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:

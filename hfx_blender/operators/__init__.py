@@ -14,14 +14,23 @@ def _modules() -> tuple[ModuleType, ...]:
         body,
         bones,
         clips,
+        dropped,
         effects,
         export,
         global_tools,
         hjif_import,
         library,
         live,
+        media,
         paint,
         paint_status,
+        path_drawing,
+        paths,
+        response,
+        stroke_pad,
+        surfaces,
+        values,
+        vector_sensations,
     )
 
     return (
@@ -33,10 +42,19 @@ def _modules() -> tuple[ModuleType, ...]:
         area,
         clips,
         library,
+        dropped,
         hjif_import,
         global_tools,
         export,
         live,
+        media,
+        surfaces,
+        stroke_pad,
+        values,
+        response,
+        paths,
+        path_drawing,
+        vector_sensations,
     )
 
 

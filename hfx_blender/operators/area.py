@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
-from ..authoring import effects, painting, picture_areas
-from ..engine.body import areas
-from ..engine.body.model import PerceptualModel, load_model
+from ..authoring import effects, painting
 from ..engine.body.parts import SIDES
 from ..errors import InputError
 from .shared import HfxOperator, painted_effect
+
+if TYPE_CHECKING:
+    from ..engine.body.model import PerceptualModel
 
 BLENDS = (
     ("replace", "Replace", "The new area only"),
@@ -31,6 +34,8 @@ class _AreaOperator(HfxOperator):
 
     @staticmethod
     def model(effect: bpy.types.Object) -> PerceptualModel:
+        from ..engine.body.model import load_model
+
         return load_model(effects.model_id_for(effect.hfx.modality))
 
     @staticmethod
@@ -57,6 +62,8 @@ class HFX_OT_area_filter(_AreaOperator):
     steps: IntProperty(name="Steps", description="How many vertices far", default=1, min=1, max=50)
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..engine.body import areas
+
         effect = painted_effect(context)
         weights = painting.weights_of(effect)
         if self.action == "invert":
@@ -85,6 +92,8 @@ class HFX_OT_area_mirror(_AreaOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..engine.body import areas
+
         effect = painted_effect(context)
         model, weights = self.model(effect), painting.weights_of(effect)
         if self.action == "flip":
@@ -124,6 +133,9 @@ class HFX_OT_area_from_image(_AreaOperator):
         layout.prop(self, "uv_map")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import picture_areas
+        from ..engine.body import areas
+
         effect = painted_effect(context)
         picture = bpy.data.images.get(self.image)
         if picture is None:
@@ -143,6 +155,9 @@ class HFX_OT_area_from_selection(_AreaOperator):
     blend: EnumProperty(name="Blend", items=BLENDS, default="add")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import picture_areas
+        from ..engine.body import areas
+
         effect = painted_effect(context)
         if painting.painted_mesh(effect) is not None:
             found = painting.selected_vertices(effect).astype(np.float64)
@@ -163,6 +178,8 @@ class HFX_OT_area_copy(_AreaOperator):
     blend: EnumProperty(name="Blend", items=BLENDS)
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..engine.body import areas
+
         source = painted_effect(context)
         others = [
             obj
@@ -186,6 +203,8 @@ class HFX_OT_effect_mirrored(_AreaOperator):
     bl_label = "Mirrored Copy"
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..engine.body import areas
+
         effect = painted_effect(context)
         if painting.painted_mesh(effect) is not None:
             raise InputError("Finish painting first.")

@@ -7,9 +7,7 @@ import bpy
 from bpy.props import CollectionProperty, EnumProperty, IntProperty
 
 from ..authoring import effects
-from ..avatars import avatar_meshes, bodies, model_mesh, retargeting
-from ..engine.body import variants
-from ..engine.body.model import AVATAR_ID
+from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES
 from .shared import HfxOperator, active_armature, active_body, select_only
 
@@ -17,6 +15,9 @@ _shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the stri
 
 
 def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
+    from ..engine.body import variants
+    from ..engine.body.model import AVATAR_ID
+
     own = [
         (each.id, each.folder.name, f"{each.facts.get('height_m', '?')} m tall, {each.id}")
         for each in variants.people()
@@ -40,6 +41,9 @@ class HFX_OT_add_avatar(HfxOperator):
         return cls.needs(context.mode == "OBJECT", "Go to Object Mode first")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..avatars import bodies
+        from ..engine.body.model import AVATAR_ID
+
         armature, _ = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
         armature.location = context.scene.cursor.location
         return f"'{armature.name}' is a haptic body"
@@ -57,6 +61,8 @@ those that cover its skin"""
         return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..avatars import bodies
+
         body = _armature_for(context)
         context.view_layer.update()
         meshes = bodies.meshes_for(context, body)
@@ -78,6 +84,8 @@ def _add(
     avatar: bpy.types.Object | None,
     parts: list[bpy.types.Object],
 ) -> str:
+    from ..avatars import bodies
+
     for warning in bodies.add_body(body, avatar, parts=parts):
         operator.report({"WARNING"}, f"{body.name}: {warning}")
     meshes = [f"'{mesh.name}'" for mesh in avatar_meshes.meshes_of(body)]
@@ -94,12 +102,16 @@ what is painted on it stay"""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
+        from ..avatars import retargeting
+
         body = active_body(context)
         if not cls.needs(body, "Select a haptic body"):
             return False
         return cls.needs(retargeting.is_fitted(body), "The built-in avatar needs no fit")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..avatars import model_mesh
+
         body = active_body(context)
         context.view_layer.update()
         meshes = avatar_meshes.meshes_of(body)
@@ -133,6 +145,8 @@ it again"""
         return cls.needs(active_body(context), "Select a haptic body")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..avatars import model_mesh
+
         body = active_body(context)
         model_id = effects.model_id_for(self.model)
         removed = model_mesh.hide(body)
@@ -167,6 +181,8 @@ class HFX_OT_add_walk(HfxOperator):
         )
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..avatars import bodies
+
         way = [tuple(place.location) for place in self.places]
         bodies.add_walk(context.object, way, self.frame_start, self.frame_end)
         return ""

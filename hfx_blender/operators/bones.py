@@ -8,7 +8,6 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from ..avatars import bodies, bone_table
 from ..errors import InputError
 from .shared import HfxOperator, active_armature
 
@@ -21,6 +20,8 @@ class _BonesOperator(HfxOperator):
         return cls.needs(active_armature(context), "Select an armature, or a mesh that has one")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..avatars import bodies
+
         armature = active_armature(context)
         bodies.check_armature(armature)
         return self.work_on(armature)
@@ -50,6 +51,8 @@ class HFX_OT_reset_bones(_BonesOperator):
 
 
 def _fill(operator: HfxOperator, armature: bpy.types.Object, *, keep_corrections: bool) -> str:
+    from ..avatars import bone_table
+
     try:
         bone_table.fill(armature, keep_corrections=keep_corrections)
     except InputError as error:
@@ -84,6 +87,8 @@ class HFX_OT_save_bones(_FileOperator):
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
 
     def work_on(self, armature: bpy.types.Object) -> str:
+        from ..avatars import bone_table
+
         path = self._path()
         if not path.suffix:
             path = path.with_suffix(".json")
@@ -98,6 +103,8 @@ class HFX_OT_load_bones(_FileOperator):
     bl_label = "Load Bone Mapping"
 
     def work_on(self, armature: bpy.types.Object) -> str:
+        from ..avatars import bone_table
+
         for warning in bone_table.load(armature, self._path()):
             self.report({"WARNING"}, warning)
         count = sum(1 for row in armature.hfx.bone_map if row.bone)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty
 
-from ..authoring import effects, global_tools, rain
+from ..authoring import effects, global_tools
 from ..errors import InputError
 from .shared import HfxOperator, active_body, select_only
 
@@ -96,6 +96,8 @@ class HFX_OT_add_rain(HfxOperator):
         return cls.needs(effects.bodies_of(context.scene), "Add a haptic body first")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import rain
+
         bodies = effects.bodies_of(context.scene)
         body = active_body(context)
         if body not in bodies:

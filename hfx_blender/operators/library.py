@@ -4,15 +4,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from ..authoring import effect_exchange, effect_file, effects
-from ..authoring.effect_file import SUFFIX, Sensation
+from ..authoring import effects
 from ..errors import InputError
 from .shared import HfxOperator, active_body, select_only
+
+if TYPE_CHECKING:
+    from ..authoring.effect_file import Sensation
+
+# Reading and making sensations is imported where it is done: Blender's start would wait for it.
+SUFFIX = ".hfxeffect"
 
 
 def _body(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -31,6 +37,8 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> str:
         raise InputError("Leave painting or editing first.")
     body = _body(context)
     origin = body.matrix_world.translation if body is not None else context.scene.cursor.location
+    from ..authoring import effect_exchange
+
     made = effect_exchange.place(
         context.scene,
         sensation,
@@ -48,6 +56,8 @@ def _names(_self: object, _context: object) -> list[tuple[str, str, str]]:
     # Blender does not keep the strings of a dynamic enum alive by itself.
     global _kept
     if not _kept:
+        from ..authoring import effect_exchange, effect_file
+
         _kept = [
             (stem, sensation.name, sensation.description)
             for stem, path in effect_exchange.library().items()
@@ -68,6 +78,8 @@ class HFX_OT_add_from_library(HfxOperator):
     name: EnumProperty(name="Sensation", items=_names)
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import effect_exchange
+
         return _place(context, effect_exchange.load_library(self.name))
 
 
@@ -81,6 +93,8 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
     filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import effect_file
+
         return _place(context, effect_file.load(Path(self.filepath)))
 
 
@@ -95,6 +109,8 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
     name: StringProperty(name="Name", description="Empty: that of the file")
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import effect_exchange, effect_file
+
         chosen = sorted(
             (obj for obj in context.selected_objects if obj.hfx.role == "EFFECT"),
             key=lambda obj: obj.name,

@@ -7,6 +7,8 @@ import json
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Vector
 
 from .. import compat
 from ..authoring import effects, painting
@@ -14,6 +16,8 @@ from ..avatars import avatar_meshes
 from ..engine.body.parts import PARTS
 from ..errors import InputError
 from .shared import HfxOperator, painted_effect, select_only
+
+_LEAST_PIXELS, _BRUSH_PIXELS, _MOST_PIXELS = 6.0, 30.0, 200.0
 
 
 class _PaintedOperator(HfxOperator):
@@ -35,7 +39,8 @@ class HFX_OT_paint_begin(_PaintedOperator):
         select_only(context, canvas)
         if not bpy.app.background:
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
-            compat.set_paint_strength(context, 1.0)
+            radius = _pixels(context, canvas, painting.brush_radius(canvas, effect))
+            compat.fit_brush(context, 1.0, radius)
             # Where nothing is painted is blue; black, the default, would hide the body's shape.
             context.tool_settings.vertex_group_user = "NONE"
             bpy.ops.hfx.paint_status("INVOKE_DEFAULT")
@@ -62,6 +67,25 @@ class HFX_OT_paint_end(HfxOperator):
         _show_avatar(effect, True)
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"
+
+
+def _pixels(context: bpy.types.Context, canvas: bpy.types.Object, length: float) -> float:
+    """How long a length at the middle of a mesh is seen in the 3D viewport; brushes ask that."""
+    area = context.area
+    if area is None or area.type != "VIEW_3D":
+        return _BRUSH_PIXELS
+    region = next(each for each in area.regions if each.type == "WINDOW")
+    view = area.spaces.active.region_3d
+    corners = [canvas.matrix_world @ Vector(corner) for corner in canvas.bound_box]
+    middle = sum(corners, Vector()) / len(corners)
+    across = view.view_rotation @ Vector((1.0, 0.0, 0.0))
+    ends = [
+        location_3d_to_region_2d(region, view, place)
+        for place in (middle, middle + across * length)
+    ]
+    if None in ends:
+        return _BRUSH_PIXELS
+    return float(min(max((ends[1] - ends[0]).length, _LEAST_PIXELS), _MOST_PIXELS))
 
 
 def _show_avatar(effect: bpy.types.Object, is_shown: bool) -> None:

@@ -9,7 +9,6 @@ import bpy
 from bpy_extras import view3d_utils
 
 from ..authoring import effects, painting
-from ..engine.body.model import load_model
 from ..engine.body.parts import CENTRE, PARTS, SIDES
 
 
@@ -64,6 +63,8 @@ def _part_under(
 
 def part_name(canvas: bpy.types.Object, vertex: int) -> str:
     """ "Left Forearm" for a vertex of a mesh that is painted on."""
+    from ..engine.body.model import load_model
+
     effect = canvas[painting.PAINTED_EFFECT]
     model = load_model(effects.model_id_for(effect.hfx.modality))
     if vertex >= len(model):

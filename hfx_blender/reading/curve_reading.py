@@ -9,12 +9,15 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ..authoring import responses
 from ..engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ..engine.volume.shape import Shape
-from . import effect_values
+from ..response_properties import HfxResponseFilter
+from . import effect_values, response_values, skin_values
 from .activation import Activation, Source
 from .animation_curves import NotModelledError
 from .own_kinematics import PlainObject, PlainRig, rest_value
+from .surface_reading import SurfaceVertices
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -44,7 +47,11 @@ class CurveEffect:
         self._place = PlainObject(effect, self._default)
         self._names = effect_values.PARAMETER_PROPERTIES[effect.hfx.modality]
         animated = {path for path, _ in self._place.values.columns}
-        known = {f"hfx.{name}" for name in (*self._names, "activation", "intensity")}
+        known = {f"hfx.{name}" for name in (*self._names, "activation", "intensity", "envelope")}
+        animated = {p for p in animated if response_values.place_of(p) is None}
+        animated = {p for p in animated if not skin_values.is_drive(p)}
+        if effect.hfx.kind == "SPOT":
+            known |= {f"hfx.{name}" for name in skin_values.PLACE}
         other = sorted(p for p in animated - known if p.startswith("hfx.") or p in _STEADY)
         if other:
             raise NotModelledError(f"'{other[0]}' of '{effect.name}' is animated")
@@ -52,8 +59,17 @@ class CurveEffect:
             raise NotModelledError(f"the activation of '{effect.name}' is animated otherwise")
         if effect.hfx.kind == "VOLUME" and effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
+        self._vertices: F64 | None = None
+        if effect.hfx.kind == "SURFACE":
+            _refuse_deformed(effect)
+            self._vertices = SurfaceVertices().of(effect, effect)[None]
 
     def _default(self, path: str, index: int) -> float:
+        found = response_values.place_of(path)
+        if found is not None:
+            return float(HfxResponseFilter.bl_rna.properties[found[1]].default)
+        if skin_values.is_drive(path):
+            return 0.0
         if path.startswith("hfx."):
             return float(self._hfx.bl_rna.properties[path[4:]].default)
         return rest_value(path, index)
@@ -64,15 +80,50 @@ class CurveEffect:
         parameters = [self._value(name, sampled) for name in self._names]
         is_volume = self._hfx.kind == "VOLUME"
         world: F64 | None = None
-        if is_volume or self._hfx.modality == "wind":
+        if is_volume or self._vertices is not None or self._hfx.modality == "wind":
             world = self._place.world(frames, sampled)
         if self._hfx.modality == "wind" and world is not None:
             parameters += list(effect_values.directions(world).T)
         levels = self._level(sampled)
+        if self._vertices is not None and world is not None:
+            return EffectBlock(
+                levels,
+                np.stack(parameters, axis=1),
+                matrices=effect_values.to_metres(world, self._unit_m),
+                vertices=self._vertices,
+            )
         if not is_volume or world is None or self._shape is None:
-            return EffectBlock(levels, np.stack(parameters, axis=1))
-        matrices = effect_values.shape_matrices(world, self._unit_m, self._hfx)
-        return EffectBlock(levels, np.stack(parameters, axis=1), matrices, (self._shape,))
+            return EffectBlock(
+                levels,
+                np.stack(parameters, axis=1),
+                place=skin_values.places(
+                    self._hfx, self._unit_m, lambda name: self._value(name, sampled)
+                ),
+                drive=skin_values.drives(self._hfx, lambda name: self._value(name, sampled)),
+            )
+        return EffectBlock(
+            levels,
+            np.stack(parameters, axis=1),
+            matrices=effect_values.shape_matrices(world, self._unit_m, self._hfx),
+            shapes=(self._shape,),
+            response=self._response(sampled),
+        )
+
+    def _response(self, sampled: F64) -> F64 | None:
+        """Controls of its filters, (T, F, WIDTH)."""
+        still = response_values.controls(self._hfx, self._unit_m)
+        if still is None:
+            return None
+        values = np.repeat(still[None], len(sampled), axis=0)
+        for f, (place, each) in enumerate(responses.active(self._hfx)):
+            for c, name in enumerate(responses.properties_of(each)):
+                column = self._place.values.columns.get((f"hfx.response[{place}].{name}", 0))
+                if column is not None:
+                    limits = each.bl_rna.properties[name]
+                    clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
+                    unit = self._unit_m if name in responses.LENGTHS else 1.0
+                    values[:, f, c] = clipped.astype(np.float32).astype(np.float64) * unit
+        return values
 
     def _level(self, sampled: F64) -> F64:
         if self._state.source is Source.OFF:
@@ -85,8 +136,11 @@ class CurveEffect:
     def _value(self, name: str, sampled: F64) -> F64:
         column = self._place.values.columns.get((f"hfx.{name}", 0))
         if column is None:
-            return np.full(len(sampled), getattr(self._hfx, name), np.float64)
-        limits = self._hfx.bl_rna.properties[name]  # Blender keeps to them, and to 32 bits
+            return np.full(len(sampled), self._hfx.path_resolve(name), np.float64)
+        owner = self._hfx
+        if skin_values.is_drive(f"hfx.{name}"):
+            owner, name = self._hfx.drive[0], "value"
+        limits = owner.bl_rna.properties[name]  # Blender keeps to them, and to 32 bits
         clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
         return clipped.astype(np.float32).astype(np.float64)
 
@@ -129,17 +183,32 @@ class EffectChunks:
 
 
 def _rows_of(block: EffectBlock, rows: I64) -> EffectBlock:
-    matrices = None if block.matrices is None else block.matrices[rows]
-    return EffectBlock(block.levels[rows], block.parameters[rows], matrices, block.shapes)
+    return EffectBlock(
+        block.levels[rows],
+        block.parameters[rows],
+        matrices=None if block.matrices is None else block.matrices[rows],
+        vertices=block.vertices,
+        shapes=block.shapes,
+        response=None if block.response is None else block.response[rows],
+        place=None if block.place is None else block.place[rows],
+        drive=None if block.drive is None else block.drive[rows],
+    )
 
 
 def _joined(parts: list[EffectBlock]) -> EffectBlock:
     matrices = [part.matrices for part in parts if part.matrices is not None]
+    controls = [part.response for part in parts if part.response is not None]
+    places = [part.place for part in parts if part.place is not None]
+    drives = [part.drive for part in parts if part.drive is not None]
     return EffectBlock(
         np.concatenate([part.levels for part in parts]),
         np.concatenate([part.parameters for part in parts]),
-        np.concatenate(matrices) if matrices else None,
-        parts[0].shapes,
+        matrices=np.concatenate(matrices) if matrices else None,
+        vertices=parts[0].vertices,
+        shapes=parts[0].shapes,
+        response=np.concatenate(controls) if controls else None,
+        place=np.concatenate(places) if places else None,
+        drive=np.concatenate(drives) if drives else None,
     )
 
 

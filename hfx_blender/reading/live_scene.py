@@ -7,22 +7,31 @@ already instead of stepping through time. An effect that could not be exported i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 import bpy
 import numpy as np
 
-from ..authoring import effects
+from ..authoring import effects, responses, surfaces
 from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
-from ..engine.scene import AnimationBlock, SceneDescription
+from ..engine.scene import (
+    AnimationBlock,
+    EffectDescription,
+    HapticVolume,
+    SceneDescription,
+)
 from ..engine.tolerance import Tolerance
 from ..errors import InputError
-from . import scene_description
+from . import scene_description, skin_areas
 from .effect_values import Shapes
+from .live_clock import LiveClock
+from .live_instances import LiveInstances
 from .scene_description import HapticObjects
 from .scene_reader import time_base
-from .scene_rows import effect_block, pose_block
+from .scene_rows import EffectRow, PoseRow, effect_block, pose_block
 from .stepped_reading import SteppedReading
 from .stepping import Stepper
 
@@ -36,6 +45,8 @@ class LiveScene:
     layer : bpy.types.ViewLayer
         Whose evaluated objects are read.
     tolerance : Tolerance
+    with_positions : bool
+        Samples tell where they are, for devices that stand in the room.
 
     Raises
     ------
@@ -44,30 +55,83 @@ class LiveScene:
     """
 
     def __init__(
-        self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer, tolerance: Tolerance
+        self,
+        scene: bpy.types.Scene,
+        layer: bpy.types.ViewLayer,
+        tolerance: Tolerance,
+        *,
+        with_positions: bool = False,
     ) -> None:
         self.signature = signature_of(scene)
         found = scene_description.find(scene, layer)
-        self.objects, self.description, self.faults = _without_faults(found)
-        self.engine = Engine(self.description, tolerance=tolerance)
-        self._reading = SteppedReading(self.objects, self.description, Shapes())
+        shapes = Shapes()
+        self._instances = LiveInstances(scene, layer, shapes)
+        more = self._instances.descriptions
+        self.objects, self.description, self.faults = _without_faults(found, more)
+        self.tolerance = tolerance
+        self.record = ("positions",) if with_positions else ()
+        self.engine = Engine(self.description, record=self.record, tolerance=tolerance)
+        self._reading = SteppedReading(self.objects, self.description, shapes)
         self._now = _AsItStands(scene, layer)
-        self._volumes = [k for k, e in enumerate(self.description.effects) if e.kind == "volume"]
+        self._index = 0  # goes on where strokes over surfaces are to be followed
+        self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in self.objects.effects)
+        own = self.description.effects[: len(self.objects.effects)]
+        self._volumes = [k for k, e in enumerate(own) if e.kind == "volume"]
+        self._answers = any(
+            isinstance(e.area, HapticVolume) and e.area.response for e in self.description.effects
+        )
+        self._clock = LiveClock(scene)
+        self._before: tuple[list[EffectRow], dict[int, PoseRow]] | None = None
+
+    @property
+    def rings(self) -> bool:
+        """Whether something that was touched is still felt, though nothing may move any more."""
+        return self._answers and self.engine.responses.settling.any_rings(self._clock.ahead_s())
 
     def runs(self) -> list[SampleRun]:
         """What is felt now: at most one sample for each effect and body."""
         count = range(len(self.objects.effects))
         row = self._reading.read(0, self._now, count, ())
-        if any(row.effects[k].level > 0.0 for k in self._volumes):
+        many, stays = self._instances.rows()
+        felt = any(row.effects[k].level > 0.0 for k in self._volumes)
+        if self.record or felt or any(each.level > 0.0 for each in many):
             self._reading.add_poses(row, self._now, range(len(self.objects.bodies)))
-        block = AnimationBlock(
-            indices=np.zeros(1, np.int64),
+        self._index += self._has_surfaces or self._answers
+        block = self._block([row.effects[k] for k in count] + many, row.poses, stays)
+        runs = self.engine.evaluate(block)
+        # Whoever shows this moment knows of no other.
+        return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
+
+    def _block(
+        self, effects: list[EffectRow], poses: dict[int, PoseRow], stays: list[bool]
+    ) -> AnimationBlock:
+        """This moment; where responses ask how it came to it, with the one before it."""
+        rows, posed = [[each] for each in effects], [poses]
+        now_s, step_s = self._clock.tick()
+        has_history = self._answers and step_s is not None and self._before is not None
+        if not has_history and step_s is None:
+            self.engine.responses.settling.memories.clear()
+        if has_history and self._before is not None:
+            before, before_poses = self._before
+            own = len(effects) - len(stays)
+            for k, row in enumerate(rows):
+                is_same = k < own or stays[k - own]
+                row.insert(0, before[k] if is_same else EffectRow())
+            posed.insert(0, before_poses)
+        self._before = (effects, poses) if self._answers else None
+        count = len(posed)
+        return AnimationBlock(
+            indices=np.arange(self._index - count + 1, self._index + 1),
             effects=tuple(
-                effect_block([row.effects[k]], self.description.effects[k].modality) for k in count
+                effect_block(row, each.modality)
+                for row, each in zip(rows, self.description.effects, strict=True)
             ),
-            poses=tuple(pose_block([row.poses.get(k)]) for k in range(len(self.objects.bodies))),
+            poses=tuple(
+                pose_block([each.get(k) for each in posed]) for k in range(len(self.objects.bodies))
+            ),
+            history=count - 1,
+            live_s=np.array([now_s - (step_s or 0.0), now_s])[-count:] if self._answers else None,
         )
-        return self.engine.evaluate(block)
 
 
 class _AsItStands(Stepper):
@@ -103,6 +167,9 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 obj.hide_viewport,
                 hfx.is_muted,
                 hfx.is_solo,
+                responses.signature(hfx),
+                surfaces.signature(obj) if hfx.kind == "SURFACE" else (),
+                skin_areas.signature(obj),
                 strips,
             )
         )
@@ -123,12 +190,15 @@ def _strips(data: bpy.types.AnimData) -> list[object]:
 
 
 def _without_faults(
-    found: HapticObjects,
+    found: HapticObjects, more: Sequence[EffectDescription]
 ) -> tuple[HapticObjects, SceneDescription, tuple[str, ...]]:
     """The objects and description of what can be felt, and why the rest cannot."""
+    # An update is a frame while Blender plays: what moves over surfaces so has its speed.
+    is_stroked = any(obj.hfx.kind == "SURFACE" for obj in found.effects)
     time = time_base(found.scene)
+    time = replace(time, rate_hz=time.fps) if is_stroked else time
     try:
-        return found, scene_description.describe(found, time, always_posed=False), ()
+        return found, scene_description.describe(found, time, always_posed=False, more=more), ()
     except InputError:
         pass
     kept, faults = [], []
@@ -139,10 +209,11 @@ def _without_faults(
             kept.append(k)
         except InputError as error:
             faults.append(str(error))
-    if not kept:
-        raise InputError(faults[0])
+    if not kept and not (more and faults):
+        raise InputError(faults[0] if faults else "Nothing can be felt in this scene.")
     some = _only(found, kept)
-    return some, scene_description.describe(some, time, always_posed=False), tuple(faults)
+    described = scene_description.describe(some, time, always_posed=False, more=more)
+    return some, described, tuple(faults)
 
 
 def _only(found: HapticObjects, which: list[int]) -> HapticObjects:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -20,17 +20,18 @@ from ..engine.body.model import load_model
 from ..engine.scene import (
     AnimationBlock,
     EffectBlock,
+    HapticSurface,
     PoseBlock,
     SceneDescription,
     SurfaceBinding,
 )
 from ..engine.tolerance import Tolerance
 from ..engine.volume.placement import world_bounds
-from . import effect_values, stepping
+from . import effect_values, response_values, stepping
 from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
 from .animation_curves import NotModelledError
 from .curve_reading import CurveBody, CurveEffect, EffectChunks
-from .scene_description import HapticObjects, sample_frames
+from .scene_description import IN_SCENE, HapticObjects, sample_frames
 from .scene_rows import Row, effect_block, pose_block
 from .stepped_reading import SteppedReading
 
@@ -101,12 +102,13 @@ class Pass:
         stack: ExitStack,
     ) -> None:
         self._plan = plan
+        self._found = found
         self._scene = scene
         self._reading = reading
         self._always_posed = always_posed
         self._effects = [k for k in range(len(found.effects)) if k not in plan.effects]
         self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
-        self._volumes = [k for k, e in enumerate(found.effects) if e.hfx.kind == "VOLUME"]
+        self._volumes = [k for k, e in enumerate(found.effects) if e.hfx.kind in IN_SCENE]
         self._chunks = EffectChunks(plan.effects, self._frames)
         self._last: Row | None = None
         self._cell = (0, -1)
@@ -136,6 +138,8 @@ class Pass:
         self, tolerance: Tolerance, stretch_of: Callable[[int], tuple[int, int]]
     ) -> AdaptivePoses | None:
         """None where every sample is to be read."""
+        if any(isinstance(e.area, HapticSurface) for e in self._scene.effects):
+            return None  # a stroke is its speed: nothing of it may be interpolated
         step = grid_step(self._scene.time.rate_hz)
         joint = self._effects and self._plan.in_own_scene
         if not self._bodies or self._plan.is_exact or joint or step == 1:
@@ -212,6 +216,18 @@ class Pass:
         effects: dict[int, EffectBlock] = {
             k: self._chunks.read(k, indices) for k in self._plan.effects
         }
+        for k, effect in effects.items():
+            if effect.response is not None:
+                effects[k] = replace(
+                    effect,
+                    response=response_values.with_even_phase(
+                        self._found.effects[k],
+                        effect.response,
+                        frames,
+                        self._scene.time.scene_start,
+                        float(self._scene.time.fps),
+                    ),
+                )
         wanted = np.full(len(indices), self._always_posed)
         for k in self._volumes:
             if k in effects:

@@ -7,6 +7,7 @@ Faults that make an export impossible are told here, before any time is evaluate
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,17 +20,23 @@ from ..authoring import effects
 from ..avatars import avatar_meshes, body_binding
 from ..engine.body.model import load_model
 from ..engine.scene import (
+    ActuatorArea,
     BodyDescription,
     EffectDescription,
+    HapticSurface,
     HapticVolume,
     PaintedArea,
     SceneDescription,
+    SpotArea,
     TimeBase,
 )
 from ..engine.volume.shape import Falloff, FalloffKind
 from ..errors import InputError
-from . import activation
+from . import activation, instances, response_values, skin_areas, surface_reading
 from .broken_keys import refuse_broken_keys
+
+IN_SCENE = ("VOLUME", "SURFACE")
+"""Kinds of effects that the skin meets in the scene, so that its pose is needed."""
 
 
 @dataclass(frozen=True)
@@ -98,10 +105,11 @@ def _find_effects(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
     found = effects.effects_of(scene)
-    if not found:
+    has_instances = instances.may_be(scene)  # perhaps of volumes that are not in the scene
+    if not found and not has_instances:
         raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
     kept = [effect for effect in found if _is_evaluated(effect, layer, enabled)]
-    if not kept:
+    if not kept and not has_instances:
         raise InputError(
             f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
         )
@@ -131,13 +139,21 @@ def _is_evaluated(
     return is_enabled and obj.evaluated_get(layer.depsgraph).is_evaluated
 
 
-def describe(found: HapticObjects, time: TimeBase, *, always_posed: bool) -> SceneDescription:
+def describe(
+    found: HapticObjects,
+    time: TimeBase,
+    *,
+    always_posed: bool,
+    more: Sequence[EffectDescription] = (),
+) -> SceneDescription:
     """Describe the haptic objects of a scene for the engine.
 
     Parameters
     ----------
     always_posed : bool
         Whether bodies are posed for painted effects, too.
+    more : sequence of EffectDescription
+        Volumes that are no objects of the scene: instances. They come after its own effects.
 
     Raises
     ------
@@ -155,6 +171,9 @@ def describe(found: HapticObjects, time: TimeBase, *, always_posed: bool) -> Sce
         for effect, state in zip(described, found.activations, strict=True)
         if (effect.kind == "volume" or always_posed) and state.may_be_on(frames).any()
     }
+    posed |= {effect.model_id for effect in more}
+    if not described and not more:
+        raise InputError(f"Scene '{found.scene.name}' has no haptic effects to export.")
     bindings = [body_binding.binding_of(body, posed) for body in found.bodies]
     warnings = list(found.warnings)
     warnings += filter(None, map(body_binding.warning_of, found.bodies))
@@ -169,7 +188,7 @@ def describe(found: HapticObjects, time: TimeBase, *, always_posed: bool) -> Sce
             BodyDescription(ids[body.name], body.name, binding)
             for body, binding in zip(found.bodies, bindings, strict=True)
         ),
-        effects=described,
+        effects=(*described, *more),
         source=_source(found.scene),
         warnings=tuple(warnings),
     )
@@ -188,11 +207,19 @@ def _describe_effect(
     ids: dict[str, str],
 ) -> EffectDescription:
     hfx = effect.hfx
-    area: PaintedArea | HapticVolume
+    area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
     if hfx.kind == "PAINTED":
         area = _painted_area(effect, found, ids)
+    elif hfx.kind == "SURFACE":
+        evaluated = effect.evaluated_get(found.layer.depsgraph)
+        area = surface_reading.describe(effect, evaluated, found.unit_m)
+    elif hfx.kind == "SPOT":
+        area = skin_areas.spot_area(effect, ids[_body_of(effect, found).name])
+    elif hfx.kind == "ACTUATORS":
+        area = skin_areas.actuator_area(effect, ids[_body_of(effect, found).name])
     else:
-        area = HapticVolume(Falloff(FalloffKind(hfx.falloff), hfx.falloff_share))
+        falloff = Falloff(FalloffKind(hfx.falloff), hfx.falloff_share)
+        area = HapticVolume(falloff, response_values.filters_of(effect))
     return EffectDescription(
         id=ids[effect.name],
         name=effect.name,
@@ -204,16 +231,21 @@ def _describe_effect(
     )
 
 
-def _painted_area(
-    effect: bpy.types.Object, found: HapticObjects, ids: dict[str, str]
-) -> PaintedArea:
-    hfx, bodies = effect.hfx, found.bodies
-    body = hfx.body or (bodies[0] if len(bodies) == 1 else None)
+def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object:
+    bodies = found.bodies
+    body = effect.hfx.body or (bodies[0] if len(bodies) == 1 else None)
     if body not in bodies:
         raise InputError(
             f"Effect '{effect.name}' is painted on no body of scene '{found.scene.name}'; "
             "choose one of: " + ", ".join(body.name for body in bodies) + "."
         )
+    return body
+
+
+def _painted_area(
+    effect: bpy.types.Object, found: HapticObjects, ids: dict[str, str]
+) -> PaintedArea:
+    hfx, body = effect.hfx, _body_of(effect, found)
     vertices, weights = effects.area(effect)
     wanted = effects.model_id_for(hfx.modality)
     if hfx.model_id != wanted:

@@ -10,16 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
-from . import scene_description, stepping
+from . import instances, play_space, scene_description, stepping
 from .effect_values import Shapes
 from .reading_plan import Pass, Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
@@ -90,19 +93,25 @@ class SceneReader:
         layer = scene.view_layers[0]
         if scene == bpy.context.scene:
             layer = bpy.context.view_layer
-        self._always_posed = with_positions or with_velocities
+        self._shapes = Shapes()
         self._with_velocities = with_velocities
         self._found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
+        self._instances = instances.read(scene, layer, self.time, self._shapes)
+        more = () if self._instances is None else self._instances.descriptions
+        self._always_posed = with_positions or with_velocities or bool(more)
         self.description = scene_description.describe(
-            self._found, self.time, always_posed=self._always_posed
+            self._found, self.time, always_posed=self._always_posed, more=more
         )
-        self._shapes = Shapes()
+        # What is read of objects; instances are read apart.
+        own = self.description.effects[: len(self._found.effects)]
+        self._described = replace(self.description, effects=own)
         for effect in self._found.effects:
             if effect.hfx.kind == "VOLUME":  # a bad mesh is told at once
                 self._shapes.shape_of(effect, effect.evaluated_get(layer.depsgraph))
-        self._reading = SteppedReading(self._found, self.description, self._shapes)
+        self._reading = SteppedReading(self._found, self._described, self._shapes)
         self.stepping_note = ""
+        self._plan: Plan | None = None
 
     @property
     def times_stepped(self) -> int:
@@ -110,24 +119,35 @@ class SceneReader:
         return self._reading.times_stepped
 
     @property
+    def faults(self) -> dict[str, set[int]]:
+        """What went wrong while the scene was read, and at which samples."""
+        return self._reading.faults
+
+    @property
     def warnings(self) -> dict[str, int]:
         """What went wrong while the scene was read, and at how many samples."""
-        return {text: len(samples) for text, samples in self._reading.faults.items()}
+        return {text: len(samples) for text, samples in self.faults.items()}
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was mended, and a user should know."""
         return tuple(self._shapes.notes)
 
+    def play_space_setting(self) -> dict[str, Any]:
+        """Where devices of the room stand at all samples, as a track keeps it; or nothing."""
+        poses = play_space.poses(self._found.scene, self.time, self._found.unit_m)
+        return {} if poses is None else {SETTING: PlaySpace.as_setting(poses)}
+
     def steps(self) -> bool:
         """Whether scenes have to be set to other frames, as not all follows from F-curves."""
-        return bool(plan_of(self._found, self.description, self._shapes).reason)
+        return bool(plan_of(self._found, self._described, self._shapes).reason)
 
     @property
     def sample_indices(self) -> I64:
         """Samples at which something can be felt; nothing can at all others."""
         indices = np.arange(self.time.sample_count, dtype=np.int64)
-        return np.flatnonzero(self._may_be_on(indices, ("PAINTED", "VOLUME")))
+        every = ("PAINTED", "SPOT", "ACTUATORS", *scene_description.IN_SCENE)
+        return np.flatnonzero(self._may_be_on(indices, every))
 
     def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
         """Whether an effect of these kinds can be on, for some samples."""
@@ -136,32 +156,60 @@ class SceneReader:
         for effect, state in zip(self._found.effects, self._found.activations, strict=True):
             if effect.hfx.kind in kinds:
                 on |= state.may_be_on(frames)
+        if self._instances is not None and "VOLUME" in kinds:
+            on |= self._instances.may_be_on(frames)
         return on
 
-    def blocks(self) -> Iterator[AnimationBlock]:
+    def why_in_one_go(self) -> str | None:
+        """Why this scene's samples must be read one after another, from the first one on.
+
+        None: any part of them, of whole blocks, can be read alone and gives the same.
+        """
+        plan = self._plan_now()
+        return plan.reason if plan.in_own_scene and plan.is_exact else None
+
+    def blocks(self, part: tuple[int, int] | None = None) -> Iterator[AnimationBlock]:
         """Read each of :attr:`sample_indices`; scenes are left as they were.
 
         Where volumes can be felt, a block begins with the sample before its own if that is of
         the same stretch of time, so that what moves between two samples can be followed.
+
+        Parameters
+        ----------
+        part : (first, stop), optional
+            Only samples ``first <= index < stop``, both multiples of the block size or the end.
         """
-        plan = self._checked_plan()
+        plan = self._plan_now()
         self.stepping_note = plan.note
+        wanted = self.sample_indices
+        if part is not None:
+            wanted = wanted[(wanted >= part[0]) & (wanted < part[1])]
         with ExitStack() as stack:
             reading = self._pass(plan, stack, self.tolerance)
-            for indices in _contiguous_blocks(self.sample_indices):
+            for indices in _contiguous_blocks(wanted):
                 first = int(indices[0])
                 history = int(self._has_history(first))
                 if history:
                     indices = np.insert(indices, 0, first - 1)
-                yield reading.block(indices, history)
+                block = reading.block(indices, history)
+                if self._instances is not None:
+                    frames = scene_description.sample_frames(self.time, indices)
+                    block = self._instances.extended(block, frames)
+                yield block
+
+    def _plan_now(self) -> Plan:
+        """The plan for all of the samples, whichever of them are read."""
+        if self._plan is None:
+            self._plan = self._checked_plan()
+        return self._plan
 
     def _pass(self, plan: Plan, stack: ExitStack, tolerance: Tolerance) -> Pass:
         return Pass(
             plan,
             self._found,
-            self.description,
+            self._described,
             self._reading,
-            tolerance=EXACT if self._with_velocities else tolerance,
+            tolerance=EXACT if self._with_velocities or self._instances else tolerance,
             always_posed=self._always_posed,
             stretch_of=self._stretch_of,
             stack=stack,
@@ -172,7 +220,7 @@ class SceneReader:
             return True
         pair = np.array([index - 1, index])
         begins = self.time.frame(index - 1) >= self.time.scene_start
-        return bool(begins and self._may_be_on(pair, ("VOLUME",)).all())
+        return bool(begins and self._may_be_on(pair, scene_description.IN_SCENE).all())
 
     def _stretch_of(self, index: int) -> tuple[int, int]:
         """The samples around one over which volumes can be on, whatever range is exported.
@@ -181,7 +229,7 @@ class SceneReader:
         """
         reach = int(self.time.rate_hz) + 1
         near = np.arange(index - reach, index + reach + 1)
-        off = ~self._may_be_on(near, ("VOLUME",))
+        off = ~self._may_be_on(near, scene_description.IN_SCENE)
         if self._always_posed:
             off[:] = False
         if off[reach]:
@@ -193,7 +241,7 @@ class SceneReader:
 
     def _checked_plan(self) -> Plan:
         """The cheapest plan that gives what the user's own scene gives at a few times."""
-        plan = plan_of(self._found, self.description, self._shapes)
+        plan = plan_of(self._found, self._described, self._shapes)
         indices = self.sample_indices
         if not self._is_probed or not len(indices):
             return plan
@@ -232,7 +280,16 @@ def _same(row: Row, block: AnimationBlock) -> bool:
     """Whether a block of one time holds what was read at that time."""
     for k, effect in enumerate(block.effects):
         matrix = None if effect.matrices is None else effect.matrices[0]
-        other = EffectRow(float(effect.levels[0]), effect.parameters[0].tolist(), matrix)
+        controls = None if effect.response is None else effect.response[0]
+        other = EffectRow(
+            float(effect.levels[0]),
+            effect.parameters[0].tolist(),
+            matrix,
+            response=controls,
+            vertices=None if effect.vertices is None else effect.vertices[0],
+            place=None if effect.place is None else effect.place[0],
+            drive=None if effect.drive is None else effect.drive[0],
+        )
         if not effects_agree(row.effects[k], other):
             return False
     for k, pose in enumerate(block.poses):

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..engine.modality import MODALITIES
 from ..engine.scene import EffectBlock, PoseBlock
 from ..engine.volume.shape import Shape
+from .surface_reading import joined
 
 F64 = npt.NDArray[np.float64]
 
@@ -28,6 +29,10 @@ class EffectRow:
     parameters: list[float] | None = None
     matrix: F64 | None = None
     shape: Shape | None = None
+    response: F64 | None = None  # (F, WIDTH) controls of its filters
+    vertices: F64 | None = None  # (V, 3) of a surface, object space
+    place: F64 | None = None  # (2,) of a point on the skin; see EffectBlock
+    drive: F64 | None = None  # (A,) of a vector sensation
 
 
 @dataclass(eq=False)
@@ -78,7 +83,17 @@ def effects_agree(one: EffectRow, two: EffectRow) -> bool:
         return False
     if not one.level > 0.0:
         return True
-    return _close(one.parameters, two.parameters) and _close(one.matrix, two.matrix)
+    return all(
+        _close(a, b)
+        for a, b in (
+            (one.parameters, two.parameters),
+            (one.matrix, two.matrix),
+            (one.response, two.response),
+            (one.vertices, two.vertices),
+            (one.place, two.place),
+            (one.drive, two.drive),
+        )
+    )
 
 
 def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
@@ -95,20 +110,39 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
     parameters = np.array([row.parameters or blank for row in rows], np.float64)
     levels = np.array([row.level for row in rows], np.float64)
     if not any(row.matrix is not None for row in rows):
-        return EffectBlock(levels, parameters)
+        return EffectBlock(
+            levels,
+            parameters,
+            place=_stacked([row.place for row in rows]),
+            drive=_stacked([row.drive for row in rows]),
+        )
     identity = np.eye(4)
     shapes: dict[Shape, int] = {}
     which = np.zeros(len(rows), np.int32)
     for k, row in enumerate(rows):
         if row.shape is not None:
             which[k] = shapes.setdefault(row.shape, len(shapes))
+    controls = next((row.response for row in rows if row.response is not None), None)
+    response = None
+    if controls is not None:
+        response = np.stack([controls if row.response is None else row.response for row in rows])
     return EffectBlock(
         levels,
         parameters,
-        np.stack([identity if row.matrix is None else row.matrix for row in rows]),
-        tuple(shapes),
-        which,
+        matrices=np.stack([identity if row.matrix is None else row.matrix for row in rows]),
+        shapes=tuple(shapes),
+        shape_index=which,
+        response=response,
+        vertices=joined([row.vertices for row in rows]),
     )
+
+
+def _stacked(values: Sequence[F64 | None]) -> F64 | None:
+    """Rows (T, K); where one was not read, it may hold anything."""
+    known = next((each for each in values if each is not None), None)
+    if known is None:
+        return None
+    return np.stack([known if each is None else each for each in values])
 
 
 def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:

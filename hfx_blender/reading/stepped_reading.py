@@ -11,10 +11,11 @@ import numpy as np
 from ..avatars import body_binding
 from ..engine.scene import SceneDescription, SurfaceBinding
 from ..errors import InputError
-from . import activation, effect_values
+from . import activation, effect_values, response_values, skin_values
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, PoseRow, Row
 from .stepping import Stepper
+from .surface_reading import SurfaceVertices
 
 
 class SteppedReading:
@@ -26,6 +27,7 @@ class SteppedReading:
         self._found = found
         self._scene = scene
         self._shapes = shapes
+        self._vertices = SurfaceVertices()
         self.times_stepped = 0
         self.faults: dict[str, set[int]] = {}
         """Meshes that stopped to be volumes: what is wrong, and the samples at which it was."""
@@ -56,6 +58,15 @@ class SteppedReading:
         values.level = on * hfx.intensity
         matrix = np.array(evaluated.matrix_world, dtype=np.float64)
         values.parameters = effect_values.parameters(hfx, matrix)
+        values.place = skin_values.place(hfx, self._found.unit_m)
+        values.drive = skin_values.drive(hfx)
+        if hfx.kind == "SURFACE":
+            try:
+                values.vertices = self._vertices.of(effect, evaluated)
+            except InputError as error:
+                values.vertices, values.level = self._vertices.last_of(effect), 0.0
+                self.faults.setdefault(str(error), set()).add(index)
+            values.matrix = effect_values.to_metres(matrix, self._found.unit_m)
         if hfx.kind == "VOLUME":
             try:
                 values.shape = self._shapes.shape_of(effect, evaluated)
@@ -66,7 +77,20 @@ class SteppedReading:
                 values.level = 0.0  # silent while its mesh has no inside
                 self.faults.setdefault(str(error), set()).add(index)
             values.matrix = effect_values.shape_matrices(matrix, self._found.unit_m, hfx)
+            values.response = self._response(effect, hfx, index)
         return values
+
+    def _response(
+        self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int
+    ) -> np.ndarray | None:
+        controls = response_values.controls(hfx, self._found.unit_m)
+        if controls is None:
+            return None
+        time = self._scene.time
+        frame = np.array([float(time.frame(index))])
+        return response_values.with_even_phase(
+            effect, controls[None], frame, time.scene_start, float(time.fps)
+        )[0]
 
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow:
         body: bpy.types.Object = self._found.bodies[which]

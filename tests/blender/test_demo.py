@@ -21,6 +21,7 @@ from hfx_blender import cli
 from hfx_blender.authoring import effects
 from hfx_blender.demo import pictures
 from hfx_blender.demo.garage import DEVICES, TASKS, Task
+from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.track import TrackReader
@@ -33,8 +34,10 @@ SAMPLE_S = 0.01  # the demo's devices are rendered at 100 Hz
 class Played:
     """A CSV of the demo."""
 
-    times_s: np.ndarray
+    times_s: np.ndarray  # at which values are given
     values: Mapping[str, np.ndarray]  # by column, frequencies left out
+    latency_s: float  # of the slowest actuator: so much later it is felt
+    update_s: float  # between two values that it takes
 
     @classmethod
     def read(cls, path: Path) -> Played:
@@ -42,7 +45,11 @@ class Played:
             head, *rows = csv.reader(file)
         table = np.array(rows, np.float64)
         strengths = {n: table[:, k] for k, n in enumerate(head) if k and "[Hz]" not in n}
-        return cls(table[:, 0], strengths)
+        device = load_device(path.name.split(".")[1])
+        kinds = [actuator.type for actuator in device.actuators]
+        latency_ms = max(kind.latency_ms for kind in kinds)
+        update_ms = max(kind.update_interval_ms for kind in kinds)
+        return cls(table[:, 0], strengths, latency_ms / 1000.0, update_ms / 1000.0)
 
     @property
     def is_on(self) -> np.ndarray:
@@ -102,8 +109,11 @@ def test_nothing_is_played_between_the_tasks(played: dict[str, Played]) -> None:
     for name, each in played.items():
         within = np.zeros(len(each.times_s), np.bool_)
         for task in TASKS:
-            # A clip includes its last frame, and that is one sample.
-            within |= (each.times_s >= task.start_s) & (each.times_s <= task.end_s + SAMPLE_S / 2)
+            # A clip includes its last frame, and that is one sample. An actuator that answers
+            # late gets its values early, at the update before.
+            begin_s = task.start_s - each.latency_s - each.update_s
+            end_s = task.end_s + SAMPLE_S / 2
+            within |= (each.times_s >= begin_s) & (each.times_s <= end_s)
         assert not each.is_on[~within].any(), name
         assert each.times_s[-1] > TASKS[-1].end_s  # or the end would prove nothing
 
@@ -112,10 +122,11 @@ def test_the_fire_warms_and_the_wind_blows(played: dict[str, Played]) -> None:
     room = played["fan_heater"]
     [warmth] = [values for name, values in room.values.items() if "degC" in name]
     [wind] = [values for name, values in room.values.items() if "m/s" in name]
+    # The heater needs 3 s, and the scene begins by the fire: it cannot be given earlier.
     by_the_fire = room.times_s < 1.9
     assert warmth[-1] == 24.0 and (warmth[by_the_fire] > 24.5).all() and warmth.max() <= 30.0
     assert (wind[by_the_fire] == 0).all()
-    gale = (room.times_s >= 5.5) & (room.times_s < 6.5)
+    gale = (room.times_s >= 5.5 - 0.5) & (room.times_s < 6.5 - 0.5)  # the fan needs 0.5 s
     assert (wind[gale] > 1.0).all() and (warmth[gale] == 24.0).all()
 
 
@@ -139,7 +150,8 @@ def test_the_arrow_is_felt_on_the_back_only(demo: Any, folder: Path) -> None:
 def test_the_heart_beats_twice_a_second_within_its_fades(played: dict[str, Played]) -> None:
     pad = played["back_pad"]
     drive = np.max([v for n, v in pad.values.items() if "amplitude" in n], axis=0)
-    at = dict(zip(np.round(pad.times_s, 3).tolist(), drive.tolist(), strict=True))
+    felt_s = pad.times_s + pad.latency_s
+    at = dict(zip(np.round(felt_s, 3).tolist(), drive.tolist(), strict=True))
     full = at[13.54]  # the second beat's first pulse, after the fade in
     assert full > 1.0
     # Pulses of 1 and 0.6 at 0.04 s and 0.19 s of each half second; fades of 0.5 s at both ends.
@@ -149,7 +161,7 @@ def test_the_heart_beats_twice_a_second_within_its_fades(played: dict[str, Playe
             expected = height * (1.0 if fade is None else fade(t)) * full
             assert at[round(13.0 + t, 3)] == pytest.approx(expected, abs=0.01 * full), t
     rises = np.flatnonzero(np.diff((drive > 0.05 * full).astype(int)) == 1)
-    heartbeat = pad.times_s[rises] >= 12.9
+    heartbeat = felt_s[rises] >= 12.9
     assert np.count_nonzero(heartbeat) == 8  # two pulses each
 
 

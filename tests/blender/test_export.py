@@ -210,10 +210,10 @@ def test_files_are_on_the_disk_before_they_have_their_names(
 
     monkeypatch.setattr(atomic_files.os, "fsync", fsync)
     moved: list[list[str]] = []
-    move = export_module._move
+    move = export_module.place
     monkeypatch.setattr(
         export_module,
-        "_move",
+        "place",
         lambda files, folder: (moved.append(list(synced)), move(files, folder))[1],
     )
     export(small, tmp_path)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,6 +13,7 @@ import hfx_scenes
 import pytest
 
 import hfx_blender
+from hfx_blender import blender_session
 from hfx_blender.ui import blender_command, effects_panel, menus, paint_panel, panels
 
 
@@ -71,6 +74,37 @@ def test_scenes_keep_what_is_stored_while_it_is_off(scene: Any) -> None:
     hfx_blender.unregister()
     hfx_blender.register()
     assert bpy.data.objects["Ball"].hfx.radius == 0.125
+
+
+def test_what_is_not_used_yet_is_not_imported() -> None:
+    """Blender waits for all that is imported when it starts."""
+    heavy = (
+        "hfx_blender.formats",
+        "hfx_blender.engine.body.model",
+        "hfx_blender.engine.evaluate",
+        "hfx_blender.engine.rendering",
+        "hfx_blender.engine.texture",
+        "hfx_blender.engine.track",
+        "hfx_blender.avatars.retargeting",
+        "hfx_blender.devices.live.client",
+        "scipy",
+        "trimesh",
+    )
+    code = (
+        "import os, sys; from hfx_blender import blender_session; blender_session.start(); "
+        f"print('found:', *[name for name in {heavy} if name in sys.modules], flush=True); "
+        "os._exit(0)"
+    )
+    fresh = subprocess.run(
+        [sys.executable, "-c", code],
+        env=blender_session.child_environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert "found:" in fresh.stdout, fresh.stderr
+    found = next(line for line in fresh.stdout.splitlines() if line.startswith("found:"))
+    assert found.split()[1:] == []
 
 
 # Drawing, with a layout that checks what it is given

@@ -65,7 +65,9 @@ def write(
         glb.write_model(model, files[-1])
     with atomic_file(path) as file:
         file.write(encode(document))
+    driven = [each.name for each in track.header.effects if each.kind == "actuators"]
     notes = (
+        *(f"'{clean(each)}' drives single actuators: it is not felt on a body" for each in driven),
         f"curves are within {tolerance.value:.1%} of full scale and {PITCH_HZ:g} Hz",
         f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
     )
@@ -107,7 +109,7 @@ def compose(
         runs[run.stream].append(run)
     groups: dict[tuple[str, str, str], list[Stream]] = {}
     for stream in header.streams:
-        if runs[stream]:
+        if runs[stream] and header.effect(stream).kind != "actuators":  # those have no place
             key = (stream.body_id, stream.model_id, stream.modality)
             groups.setdefault(key, []).append(stream)
     if not groups:
