@@ -8,7 +8,14 @@ import socket
 import sys
 from collections.abc import Iterator
 
+import hypothesis
 import pytest
+
+# How long an example takes is no result: the machine may be busy.
+hypothesis.settings.register_profile(
+    "hfx", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile("hfx")
 
 
 @pytest.fixture(autouse=True)

@@ -83,6 +83,7 @@ def test_another_process_writes_the_same_bytes(demo: Path, tmp_path: Path) -> No
     environment = {**os.environ, "PYTHONPATH": str(HERE.parents[1]), "PYTHONHASHSEED": "7"}
     subprocess.run(
         [sys.executable, "-c", code, str(demo), str(tmp_path / "there")],
+        timeout=300,
         check=True,
         capture_output=True,
         env=environment,

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Making samples: what the runs of all kinds of areas share."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from . import on_demand
+from .body.posing import PosableModel
+from .bound_skins import BoundSkins
+from .counters import Counters
+from .modality import MODALITIES
+from .samples import Impact, SampleRun, Stream
+from .scene import AnimationBlock, EffectBlock, EffectDescription, PoseBlock, SceneDescription
+
+F32 = npt.NDArray[np.float32]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+
+class RunMaker:
+    """Makes runs of one scene's samples.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+    record : frozenset of str
+        What samples carry besides vertices and weights.
+    skins : BoundSkins
+    counters : Counters
+    """
+
+    def __init__(
+        self,
+        scene: SceneDescription,
+        record: frozenset[str],
+        skins: BoundSkins,
+        counters: Counters,
+    ) -> None:
+        self.scene = scene
+        self.record = record
+        self.skins = skins
+        self.counters = counters
+        self.body_index = {body.id: i for i, body in enumerate(scene.bodies)}
+
+    @property
+    def wants_motion(self) -> bool:
+        """Whether samples carry positions or velocities."""
+        return bool(self.record & {"positions", "velocities"})
+
+    def run(
+        self,
+        effect: EffectDescription,
+        body_id: str,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+        *,
+        sets: I64,
+        offsets: I64,
+        vertices: I32,
+        weights: F32,
+        positions: F32 | None,
+        velocities: F32 | None,
+        depth_m: F32 | None = None,
+        surface: F32 | None = None,
+        surface_normals: F32 | None = None,
+        impact: Impact | None = None,
+    ) -> SampleRun:
+        """A run of an effect on a body at some rows of a block; see :class:`SampleRun`."""
+        indices = block.indices[rows]
+        parameters = MODALITIES[effect.modality].parameters
+        return SampleRun(
+            stream=Stream(effect.id, body_id, effect.modality, effect.model_id),
+            indices=indices,
+            times_s=self.scene.time.times_s(indices),
+            levels=np.clip(animated.levels[rows], 0.0, 1.0),
+            parameters=np.clip(
+                animated.parameters[rows],
+                [parameter.minimum for parameter in parameters],
+                [parameter.maximum for parameter in parameters],
+            ),
+            sets=None if self.record else sets,
+            offsets=offsets,
+            vertices=vertices,
+            weights=weights,
+            positions=positions if "positions" in self.record else None,
+            velocities=velocities if "velocities" in self.record else None,
+            depth_m=depth_m,
+            surface=surface,
+            surface_normals=surface_normals,
+            impact=impact,
+        )
+
+    def motion(
+        self,
+        model: PosableModel,
+        pose: PoseBlock,
+        rows: I64,
+        vertices: list[I32],
+        indices: I64,
+    ) -> tuple[F32, F32]:
+        """See :func:`on_demand.motion`."""
+        self.counters.vertices_posed += sum(len(ids) for ids in vertices)
+        return on_demand.motion(
+            model,
+            pose,
+            rows,
+            vertices,
+            indices,
+            1.0 / float(self.scene.time.rate_hz),
+            with_velocities="velocities" in self.record,
+        )
