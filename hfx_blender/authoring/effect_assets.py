@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 from mathutils import Vector
 
 from ..avatars import avatar_meshes
@@ -82,6 +81,8 @@ def nearest_body(
 
 def _distance(obj: bpy.types.Object, place: Sequence[float]) -> float:
     """From a place to an object's bounding box in the world."""
+    import numpy as np
+
     corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
     point = np.array(place, np.float64)
     outside = np.maximum(np.maximum(corners.min(axis=0) - point, point - corners.max(axis=0)), 0.0)

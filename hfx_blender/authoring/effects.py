@@ -5,14 +5,17 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
-import numpy.typing as npt
 
 from ..engine.modality import MODALITIES
 from ..errors import InputError
 from . import volumes
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 COLLECTION = "HFX Effects"
 
@@ -129,7 +132,7 @@ def _make_effect(
     effect.hfx.role = "EFFECT"
     effect.hfx.uid = uuid.uuid4().hex
     effect.hfx.modality = modality
-    effect.color = volumes.MODALITY_COLOURS[modality]
+    effect.color = volumes.modality_colour(modality)
     _collection(scene).objects.link(effect)
     return effect
 
@@ -171,6 +174,8 @@ def checked_area(
     name: str, vertices: list[int], weights: list[float], model_size: int
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
     """Ids (ascending) and weights of the vertices that are painted at all."""
+    import numpy as np
+
     if len(vertices) != len(weights):
         raise InputError(
             f"Effect '{name}': {len(vertices)} painted vertices but {len(weights)} weights."

@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING
 
 import bmesh
 import bpy
-import numpy as np
-import numpy.typing as npt
 
 from ..engine.body.parts import PARTS, SIDES
 from ..errors import InputError
 from . import effects
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from ..engine.body.model import PerceptualModel
+
+    F64 = npt.NDArray[np.float64]
+    Bool = npt.NDArray[np.bool_]
 
 GROUP = "hfx"
 PAINTED_EFFECT = "hfx_painted_effect"
@@ -25,9 +29,6 @@ PAINTED_EFFECT = "hfx_painted_effect"
 
 _BRUSH_SPACINGS = 1.5
 _SMALLEST_BRUSH_M = 0.03
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 
 def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Object:
@@ -51,6 +52,8 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
 def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
     """A brush that reaches the vertices next to the one under it, Blender's units."""
+    import numpy as np
+
     from ..engine.body.model import load_model
 
     model = load_model(effects.model_id_for(effect.hfx.modality))
@@ -72,6 +75,8 @@ def weights_of(effect: bpy.types.Object) -> F64:
     InputError
         The mesh that is being painted on was edited.
     """
+    import numpy as np
+
     from ..engine.body.model import load_model
 
     canvas = painted_mesh(effect)
@@ -87,6 +92,8 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
     """Replace the effect's area, and what is shown while it is being painted; its size."""
+    import numpy as np
+
     vertices = np.flatnonzero(weights > 0.0)
     canvas = painted_mesh(effect)
     if canvas is not None:
@@ -98,6 +105,8 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
 
 def selected_vertices(effect: bpy.types.Object) -> Bool:
     """Which vertices of the mesh that is being painted on are selected, (V,)."""
+    import numpy as np
+
     from ..engine.body.model import load_model
 
     canvas = painted_mesh(effect)
@@ -114,6 +123,8 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
 
 def take_over_all() -> None:
     """Store what is being painted with its effect, so that a saved file or an export has it."""
+    import numpy as np
+
     for obj in bpy.data.objects:
         effect = obj.get(PAINTED_EFFECT)
         if effect is not None and obj.library is None:
@@ -133,6 +144,8 @@ def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
 
 def end(effect: bpy.types.Object) -> int:
     """Take the painted weights over into the effect and remove the mesh; how many vertices."""
+    import numpy as np
+
     canvas = painted_mesh(effect)
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
@@ -154,6 +167,8 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
         Names of ``engine.body.parts.PARTS``; empty: the whole body.
     side : "left", "right" or "both"
     """
+    import numpy as np
+
     from ..engine.body.model import load_model
 
     model = load_model(effects.model_id_for(effect.hfx.modality))
@@ -162,6 +177,8 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
 
 def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:
     """Which vertices (V,) lie on some parts (none: the whole body), on one side or both."""
+    import numpy as np
+
     wanted = [PARTS.index(part) for part in parts] or list(range(len(PARTS)))
     chosen: Bool = np.isin(model.part, wanted)
     if side != "both":
@@ -178,6 +195,8 @@ def _edited(canvas: bpy.types.Object, size: int) -> str:
 
 def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
     """The painted weights, (V,) in 0..1."""
+    import numpy as np
+
     from ..engine.body.model import load_model
 
     size = len(load_model(effects.model_id_for(effect.hfx.modality)))

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
-import numpy.typing as npt
 
 from .. import compat
 from ..errors import InputError
@@ -21,10 +19,13 @@ from . import effects
 from .posed_skin import SKIN_MODEL, Anchors
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from ..engine.body.skin_path import SkinPaths
     from .path_file import PathRecipe
 
-F64 = npt.NDArray[np.float64]
+    F64 = npt.NDArray[np.float64]
 
 PATH = "hfx_path"
 KNOTS = "hfx_path_knots"
@@ -98,6 +99,8 @@ def knots_of(effect: bpy.types.Object) -> F64:
 
 
 def _points(effect: bpy.types.Object, key: str) -> F64:
+    import numpy as np
+
     try:
         flat = np.array(effect.get(key, []), np.float64)
     except (TypeError, ValueError):
@@ -115,6 +118,8 @@ def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> N
     InputError
         The effect is no point on the skin, or a place is not finite or not on the body.
     """
+    import numpy as np
+
     if effect.hfx.kind != "SPOT":
         raise InputError(f"'{effect.name}' is not a point on the skin.")
     path = np.asarray(path, np.float64).reshape(-1, 3)
@@ -163,6 +168,8 @@ def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
     InputError
         A place is not on the body.
     """
+    import numpy as np
+
     knots = skin().on_skin(places)
     if kind == "curve":
         return knots, skin().curve(knots, closed)
@@ -200,6 +207,8 @@ def record(
     InputError
         A place is not on the body, or the times do not ascend.
     """
+    import numpy as np
+
     times = np.asarray(times_s, np.float64)
     if len(times) != len(places) or (np.diff(times) < 0.0).any() or not np.isfinite(times).all():
         raise InputError("A recording needs a time for each place, in order.")
@@ -235,6 +244,8 @@ def reverse(effect: bpy.types.Object) -> None:
 
 def mirror(effect: bpy.types.Object) -> None:
     """Take the path to the other side of the body."""
+    import numpy as np
+
     other = np.array([-1.0, 1.0, 1.0])
     set_path(effect, path_of(effect) * other, knots_of(effect) * other)
 
@@ -247,6 +258,8 @@ def recipe_of(scene: bpy.types.Scene, effect: bpy.types.Object, name: str) -> Pa
     InputError
         It has no path.
     """
+    import numpy as np
+
     from .path_file import PathRecipe
 
     knots = knots_of(effect)
@@ -286,6 +299,8 @@ def apply(
     scene: bpy.types.Scene, effect: bpy.types.Object, recipe: PathRecipe, frame: float
 ) -> float:
     """Draw the path of a file, and move along it from a frame on as the file says; its length."""
+    import numpy as np
+
     places = np.array(recipe.points_m, np.float64)
     length = draw(effect, places, kind=recipe.kind, closed=recipe.is_closed)
     if recipe.motion:

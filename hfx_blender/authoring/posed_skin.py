@@ -8,16 +8,17 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
-import numpy.typing as npt
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from ..engine.body.surface_locator import SurfaceLocator
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+    F64 = npt.NDArray[np.float64]
+    I64 = npt.NDArray[np.int64]
 
 SKIN_MODEL = "hfx-pressure-1"
 """Of the models, the one that samples all of the skin evenly."""
@@ -25,6 +26,8 @@ SKIN_MODEL = "hfx-pressure-1"
 
 @lru_cache(maxsize=1)
 def _locator() -> SurfaceLocator:
+    import numpy as np
+
     from ..engine.body.model import load_model
     from ..engine.body.surface_locator import SurfaceLocator
 
@@ -48,6 +51,8 @@ class Anchors:
 
     def on(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[F64, F64]:
         """World places and unit normals, (n, 3) each, Blender's units."""
+        import numpy as np
+
         ids, places = np.unique(self.corners, return_inverse=True)
         places = places.reshape(-1, 3)
         points, normals = posed(body, depsgraph, ids)
@@ -66,6 +71,8 @@ def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64)
     InputError
         The body models do not fit this body.
     """
+    import numpy as np
+
     from ..avatars import retargeting
     from ..engine.body.model import load_model
 
@@ -105,6 +112,8 @@ class Picker:
     """
 
     def __init__(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
+        import numpy as np
+
         from ..engine.body.model import load_model
 
         model = load_model(SKIN_MODEL)
@@ -115,11 +124,15 @@ class Picker:
 
     def hit(self, origin: Vector, direction: Vector) -> F64 | None:
         """The canonical place (3,) where a ray of the world first meets the skin."""
+        import numpy as np
+
         place, _, triangle, _ = self._tree.ray_cast(origin, direction)
         return None if place is None else self._canonical(np.array(place), triangle)
 
     def nearest(self, point: Vector, reach: float) -> F64 | None:
         """The canonical place (3,) nearest to a point of the world, if it is within reach."""
+        import numpy as np
+
         place, _, triangle, distance = self._tree.find_nearest(point)
         if place is None or distance > reach:
             return None

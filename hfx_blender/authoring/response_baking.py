@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
 
 from .. import compat
 from ..errors import InputError
@@ -40,6 +39,8 @@ def bake(
     InputError
         There is no body, the volume touches nobody, or there is nothing to write to.
     """
+    import numpy as np
+
     from ..engine.evaluate import Engine
     from ..reading.scene_reader import SceneReader
 

@@ -13,11 +13,12 @@ import uuid
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 
 from ..errors import HfxError, InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..engine.texture.device_range import DeviceRange
     from ..engine.texture.haptic_map import HapticMap
     from ..engine.texture.height_field import HeightField
@@ -142,6 +143,8 @@ def _keep_relief(obj: bpy.types.Object, relief: Relief) -> None:
 
 
 def _on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
+    import numpy as np
+
     from ..engine.texture.mcha import MapSettings, make_map
 
     if roughness is None:
@@ -181,6 +184,8 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
     InputError
         There is none.
     """
+    import numpy as np
+
     from ..engine.texture.height_field import HeightField
     from . import image_values, surface_sources
 
@@ -216,6 +221,8 @@ def device_of(obj: bpy.types.Object) -> DeviceRange:
 
 
 def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
+    import numpy as np
+
     from ..engine.texture.device_range import NoticeableSteps
     from ..engine.texture.haptic_map import HapticMap
     from ..engine.texture.mcha import MapSettings, make_map

@@ -7,19 +7,14 @@ from math import cos, pi, sin
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
-import numpy.typing as npt
-
-from ..engine.colouring import COLOURS
-from ..engine.modality import MODALITIES
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from ..engine.volume.shape import Shape
 
 _SEGMENTS = 32
-
-MODALITY_COLOURS = {name: (*COLOURS[name], 1.0) for name in MODALITIES}
-"""Of the wires in the viewport: those of what is felt."""
 
 SHAPE_LABELS = {
     "CUBOID": "Box",
@@ -48,8 +43,18 @@ def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
     return Capsule(max(hfx.height / 2 - hfx.radius, 0.0) / radius)
 
 
+def modality_colour(modality: str) -> tuple[float, float, float, float]:
+    """Of the wires in the viewport: that of what is felt."""
+    from ..engine.colouring import COLOURS
+
+    red, green, blue = COLOURS[modality]
+    return red, green, blue, 1.0
+
+
 def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
     """Scale from shape space to the object's local space, (3,)."""
+    import numpy as np
+
     if hfx.shape == "CUBOID":
         return np.array(hfx.size, np.float64) / 2
     if hfx.shape == "CYLINDER":
@@ -64,7 +69,7 @@ def refresh_display(effect: bpy.types.Object) -> None:
     hfx = effect.hfx
     if hfx.kind == "SURFACE":
         return  # an object of the scene's own: how it is shown is none of our business
-    effect.color = MODALITY_COLOURS[hfx.modality]
+    effect.color = modality_colour(hfx.modality)
     if effect.data is None or hfx.kind != "VOLUME" or hfx.shape == "MESH":
         return
     if effect.data.users > 1 or effect.data.library is not None:

@@ -12,11 +12,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 
 from ..errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..engine.body.model import SkinWeights
     from ..engine.body.retargeting.target import TargetAvatar
     from ..engine.body.rigs.mapping import BoneMapping, RigBone
@@ -124,6 +125,8 @@ def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
 
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
     """One mesh in the rest space of its armature."""
+    import numpy as np
+
     from ..engine.body.retargeting.target import TargetAvatar
 
     if mesh_object.type != "MESH":
@@ -157,6 +160,8 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
 
 def rest_surface(mesh_object: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     """Undeformed vertices (A, 3) and triangles (F, 3) of a mesh, its local space."""
+    import numpy as np
+
     mesh = mesh_object.data
     points = np.zeros(len(mesh.vertices) * 3, np.float32)
     mesh.vertices.foreach_get("co", points)
@@ -167,6 +172,8 @@ def rest_surface(mesh_object: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]
 
 
 def _check_scale(obj: bpy.types.Object) -> None:
+    import numpy as np
+
     matrix = np.array(obj.matrix_world, np.float64)[:3, :3]
     lengths = np.linalg.norm(matrix, axis=0)
     if not np.isfinite(matrix).all() or lengths.min() < 1e-9:
@@ -179,6 +186,8 @@ def _check_scale(obj: bpy.types.Object) -> None:
 
 
 def _weights(mesh_object: bpy.types.Object, names: tuple[str, ...]) -> SkinWeights:
+    import numpy as np
+
     from ..engine.body.model import SkinWeights
 
     column = {mesh_object.vertex_groups[name].index: number for number, name in enumerate(names)}

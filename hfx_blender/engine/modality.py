@@ -9,12 +9,13 @@ temperature that product scales the deviation from a neutral temperature.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+    F64 = npt.NDArray[np.float64]
 
 AMBIENT_NEUTRAL_C: Final = 24.0
 """Air that neither warms nor cools a clothed person at rest: neutral for ambient effects."""
@@ -120,6 +121,8 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
     frequency_hz : (...) float64
         The lowest of the strongest group; 0 where nothing vibrates.
     """
+    import numpy as np
+
     frequencies = np.where(np.asarray(amplitudes) == 0.0, np.inf, frequencies_hz)  # silent: last
     order = np.argsort(frequencies, axis=0, kind="stable")
     frequencies = np.take_along_axis(frequencies, order, axis=0)
@@ -138,6 +141,8 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
 
 def combine_pressure(pressures_kpa: F64) -> F64:
     """Pressures at one place add: (n, ...) kPa of n effects to (...) kPa."""
+    import numpy as np
+
     return np.asarray(np.sum(pressures_kpa, axis=0))
 
 
@@ -156,6 +161,8 @@ def combine_wind(speeds_m_s: F64, directions: F64) -> tuple[F64, F64]:
     direction : (..., 3) float64
         Zero where the winds cancel.
     """
+    import numpy as np
+
     velocity = np.sum(np.asarray(speeds_m_s)[..., None] * np.asarray(directions), axis=0)
     speed = np.linalg.norm(velocity, axis=-1)
     return speed, velocity / np.where(speed > 0.0, speed, 1.0)[..., None]
@@ -168,4 +175,6 @@ def combine_temperature(temperatures_c: F64, strengths: F64, neutrals_c: F64) ->
     ``strength * (temperature - its own neutral)``; the sum (...) is the deviation that
     a device adds to its own neutral temperature.
     """
+    import numpy as np
+
     return np.asarray(np.sum(strengths * (temperatures_c - neutrals_c), axis=0))

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .body.model import PerceptualModel, SkinWeights
-from .response.filters import Filter
+from .response.controls import Filter
 from .texture.surface_texture import SurfaceTexture
 from .volume.shape import Falloff, Shape
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
 from ..authoring import effects, painting
@@ -62,6 +61,8 @@ class HFX_OT_area_filter(_AreaOperator):
     steps: IntProperty(name="Steps", description="How many vertices far", default=1, min=1, max=50)
 
     def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
         from ..engine.body import areas
 
         effect = painted_effect(context)
@@ -155,6 +156,8 @@ class HFX_OT_area_from_selection(_AreaOperator):
     blend: EnumProperty(name="Blend", items=BLENDS, default="add")
 
     def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
         from ..authoring import picture_areas
         from ..engine.body import areas
 

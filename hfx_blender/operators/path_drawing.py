@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import time
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import bpy
-import numpy as np
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
@@ -23,6 +22,9 @@ from ..errors import HfxError, InputError
 from ..ui import path_overlay
 from .paths import active_spot
 from .shared import HfxOperator
+
+if TYPE_CHECKING:
+    import numpy as np
 
 MODES = (
     ("PLACE", "Place", "Click where the point rests"),
@@ -84,6 +86,8 @@ class HFX_OT_draw_path(HfxOperator):
             self.layout.prop(self, "closed")
 
     def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
         effect = active_spot(context)
         if not len(self.stroke):
             raise InputError("Draw on the body: no place was given.")
@@ -106,6 +110,8 @@ class HFX_OT_draw_path(HfxOperator):
         return message
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        import numpy as np
+
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, "Draw in a 3D viewport.")
             return {"CANCELLED"}
@@ -177,6 +183,8 @@ class HFX_OT_draw_path(HfxOperator):
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """The place under the mouse; beside the body the last one stays."""
+        import numpy as np
+
         at = (event.mouse_region_x, event.mouse_region_y)
         region, view = context.region, context.region_data
         origin = view3d_utils.region_2d_to_origin_3d(region, view, at)
@@ -196,6 +204,8 @@ class HFX_OT_draw_path(HfxOperator):
         self._show(context)
 
     def _show(self, context: bpy.types.Context) -> None:
+        import numpy as np
+
         places = np.array([each.place for each in self.stroke], np.float64).reshape(-1, 3)
         body = active_spot(context).hfx.body if active_spot(context) is not None else None
         path_overlay.show_pending(body, places, self._path_through(places))
@@ -215,6 +225,8 @@ class HFX_OT_draw_path(HfxOperator):
         return self.execute(context)
 
     def _end(self, context: bpy.types.Context) -> None:
+        import numpy as np
+
         path_overlay.show_pending(None, np.zeros((0, 3)))
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)

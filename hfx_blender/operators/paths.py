@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
@@ -112,6 +111,8 @@ class HFX_OT_add_spot(_OnBody):
         return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
         body = body_of(context)
         paths.skin().on_skin([self.place])  # refused before anything is made
         effect = paths.add_spot(context.scene, self.modality, body, self.name or None)

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 
 if TYPE_CHECKING:
     from ..devices.live.haptics import F64
@@ -55,6 +54,8 @@ def values_ahead(
     runs_in : callable
         What is felt after some milliseconds.
     """
+    import numpy as np
+
     values = renderer.values(now)
     first = 0
     columns: dict[float, list[int]] = {}

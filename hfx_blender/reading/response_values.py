@@ -12,8 +12,8 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import responses
 from ..authoring.response_animation import PATH
+from ..engine.response.controls import WIDTH, Filter, Kind
 from ..engine.response.envelope import longest_s
-from ..engine.response.filters import WIDTH, Filter, Kind
 
 F64 = npt.NDArray[np.float64]
 

@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
-import numpy.typing as npt
 
 from ..authoring import effects, paths, posed_skin
-from ..authoring.volumes import MODALITY_COLOURS
+from ..authoring.volumes import modality_colour
 from ..errors import HfxError
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    F32 = npt.NDArray[np.float32]
+    F64 = npt.NDArray[np.float64]
 
 _ABOVE_SKIN_M = 0.003
 _RING = 24
@@ -35,7 +38,7 @@ class PathLines:
 
 
 _anchors: dict[int, posed_skin.Anchors] = {}
-_pending: tuple[bpy.types.Object | None, F64, F64] = (None, np.zeros((0, 3)), np.zeros((0, 3)))
+_pending: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, None, None)
 _draw_handle: object | None = None
 
 
@@ -63,6 +66,8 @@ def lines_of(
     InputError
         Its path is broken, or the body models do not fit its body.
     """
+    import numpy as np
+
     from ..engine.spot import places_on
 
     path = paths.path_of(effect)
@@ -74,13 +79,15 @@ def lines_of(
     lifted = _on_body(body, depsgraph, np.concatenate([shown, path[-1:]]), unit_m)
     now = places_on(path, np.array([evaluated.path_position]))
     ring = _ring(body, depsgraph, now, evaluated.radius * unit_m, unit_m)
-    colour = tuple(MODALITY_COLOURS[effect.hfx.modality])
+    colour = modality_colour(effect.hfx.modality)
     return PathLines(lifted, ring, lifted[0], colour)  # type: ignore[arg-type]
 
 
 def _on_body(
     body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, places: F64, unit_m: float
 ) -> F32:
+    import numpy as np
+
     key = hash(places.tobytes())
     if key not in _anchors:
         if len(_anchors) > 256:
@@ -98,6 +105,8 @@ def _ring(
     unit_m: float,
 ) -> F32:
     """The rim of a disc, laid on the skin of the canonical body and moved with it."""
+    import numpy as np
+
     around = posed_skin.Anchors.of(place)
     normal = around.weights[0] @ _normals()[around.corners[0]]
     axes = np.linalg.svd(normal[None])[2][1:]
@@ -108,6 +117,8 @@ def _ring(
 
 
 def _normals() -> F64:
+    import numpy as np
+
     from ..engine.body.model import load_model
 
     return load_model(posed_skin.SKIN_MODEL).normals.astype(np.float64)
@@ -175,6 +186,8 @@ def register() -> None:
 
 
 def unregister() -> None:
+    import numpy as np
+
     global _draw_handle
     if _draw_handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_draw_handle, "WINDOW")

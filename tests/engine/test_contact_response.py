@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.response import envelope, filters
-from hfx_blender.engine.response.filters import About, Filter, Kind, Operation
+from hfx_blender.engine.response.controls import CONTROLS, About, Filter, Kind, Operation, defaults
 from hfx_blender.engine.response.settling import Settling
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
@@ -53,8 +53,8 @@ STILL = PoseBlock(
 
 def _filter(kind: Kind, **controls: float) -> tuple[Filter, list[float]]:
     static = {name: controls.pop(name) for name in ("operation", "about") if name in controls}
-    values = filters.defaults(kind)
-    names = [control.name for control in filters.CONTROLS[kind]]
+    values = defaults(kind)
+    names = [control.name for control in CONTROLS[kind]]
     for name, value in controls.items():
         values[names.index(name)] = value
     return Filter(kind, **static), values  # type: ignore[arg-type]

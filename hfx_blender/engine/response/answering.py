@@ -23,7 +23,7 @@ from ..scene import (
     SceneDescription,
 )
 from ..volume.placement import world_bounds
-from .filters import Kind
+from .controls import Kind
 from .settling import Settling
 from .touches import BodyPlaces, Moments, Touches
 

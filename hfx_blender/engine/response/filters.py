@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The filters of a contact response: their kinds, their values, and how a stack is folded.
+"""The filters of a contact response: what each yields, and how a stack is folded.
 
 A filter yields a value in 0..1. Most are one number for the whole touch; distance and a sine
 in space have one for each vertex, which always multiplies its weight.
@@ -7,113 +7,13 @@ in space have one for each vertex, which always multiplies its weight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
-from typing import Final
-
 import numpy as np
 import numpy.typing as npt
 
+from .controls import CONTROLS, Filter, Operation
+
 F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
-
-
-class Kind(StrEnum):
-    """What a filter looks at."""
-
-    DISTANCE = "distance"  # from the volume's centre or axis
-    SPEED = "speed"  # of skin and volume against each other
-    IMPACT = "impact"  # time since the touch began
-    PROXIMITY = "proximity"  # before contact
-    SINE = "sine"  # in time or space
-
-
-class About(StrEnum):
-    """What distances are measured from, or that a sine runs in time."""
-
-    CENTRE = "centre"  # the volume's origin
-    AXIS = "axis"  # its local Z axis
-    TIME = "time"
-
-
-class Operation(StrEnum):
-    """How a filter's value goes into what the filters above it yield."""
-
-    MULTIPLY = "multiply"
-    ADD = "add"
-    MAXIMUM = "maximum"
-
-
-@dataclass(frozen=True)
-class Control:
-    """One keyframable parameter of a filter."""
-
-    name: str
-    unit: str
-    default: float
-    minimum: float
-    maximum: float
-
-
-_INFLUENCE: Final = Control("influence", "1", 1.0, 0.0, 1.0)
-
-CONTROLS: Final[dict[Kind, tuple[Control, ...]]] = {
-    Kind.DISTANCE: (
-        _INFLUENCE,
-        Control("near_m", "m", 0.0, 0.0, 1000.0),
-        Control("far_m", "m", 0.5, 0.0, 1000.0),
-        Control("near_value", "1", 1.0, 0.0, 1.0),
-        Control("far_value", "1", 0.0, 0.0, 1.0),
-    ),
-    Kind.SPEED: (
-        _INFLUENCE,
-        Control("still_m_s", "m/s", 0.0, 0.0, 100.0),
-        Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
-    ),
-    Kind.IMPACT: (
-        _INFLUENCE,
-        Control("attack_s", "s", 0.0, 0.0, 10.0),
-        Control("decay_s", "s", 0.15, 1e-3, 10.0),
-        Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
-    ),
-    Kind.PROXIMITY: (
-        _INFLUENCE,
-        Control("range_m", "m", 0.1, 0.0, 10.0),
-        Control("exponent", "1", 1.0, 0.1, 10.0),
-    ),
-    Kind.SINE: (
-        _INFLUENCE,
-        Control("cycles", "1/s or m", 2.0, 0.0, 1000.0),  # frequency, or wavelength in space
-        Control("depth", "1", 1.0, 0.0, 1.0),
-        Control("phase", "turns", 0.0, -1000.0, 1000.0),
-    ),
-}
-"""Of each kind, in the order in which blocks hold them."""
-
-WIDTH: Final = max(len(controls) for controls in CONTROLS.values())
-"""Columns that blocks have for each filter."""
-
-
-@dataclass(frozen=True)
-class Filter:
-    """What does not change over time about one filter of a stack."""
-
-    kind: Kind
-    operation: Operation = Operation.MULTIPLY
-    about: About = About.CENTRE
-    rings_s: float = 0.0  # an impact has ended after this time, whatever its controls become
-
-    @property
-    def is_in_space(self) -> bool:
-        """Whether it has a value for each vertex."""
-        in_space = self.kind is Kind.SINE and self.about is not About.TIME
-        return in_space or self.kind is Kind.DISTANCE
-
-
-def defaults(kind: Kind) -> list[float]:
-    """The controls of a filter that nobody has set, padded to :data:`WIDTH`."""
-    values = [control.default for control in CONTROLS[kind]]
-    return values + [0.0] * (WIDTH - len(values))
 
 
 def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:

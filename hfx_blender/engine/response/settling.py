@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..samples import SampleRun, Stream
+from .controls import Kind, Operation
 from .envelope import Impact, envelope
-from .filters import Kind, Operation, folded
+from .filters import folded
 from .touches import Touches
 
 F64 = npt.NDArray[np.float64]

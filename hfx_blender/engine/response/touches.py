@@ -17,10 +17,8 @@ from ..samples import SampleRun, Stream
 from ..scene import EffectBlock, PoseBlock
 from ..volume.outside import distances_m
 from ..volume.placement import inverse_placement, world_bounds
+from .controls import About, Filter, Kind
 from .filters import (
-    About,
-    Filter,
-    Kind,
     distance_value,
     mixed,
     proximity_value,
