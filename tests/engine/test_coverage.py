@@ -16,9 +16,9 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.coverage import Skin, finer_id, sample_distance_m, spacing_m
 from hfx_blender.engine.skin_quads import Quads
-from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance
+from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance, parse
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
-from hfx_blender.engine.volume.shape import Falloff, FalloffKind
+from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
 
 MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
 
@@ -281,6 +281,41 @@ def test_falloff_is_averaged_over_the_cell() -> None:
     assert weights[0, inner] == pytest.approx(1.0 - x[inner] / 0.2, abs=0.005)
     ridge = (x < 1e-9) & (np.abs(body.vertices[:, 1]) < 0.14)
     assert (weights[0, ridge] < 0.99).all(), "the ridge of strength is a line, no area"
+
+
+@pytest.mark.parametrize("tolerance", [STANDARD, parse("5mm,10ms,15%")], ids=lambda each: each.name)
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    shape=st.sampled_from([Sphere(), Cuboid(), Cylinder(), Capsule(0.5)]),
+    kind=st.sampled_from([FalloffKind.LINEAR, FalloffKind.SMOOTH]),
+    share=st.floats(0.2, 1.0),
+    size_m=st.floats(0.05, 0.6),
+)
+def test_strength_that_falls_off_is_within_the_accepted_error(
+    tolerance: Tolerance, seed: int, shape: Shape, kind: FalloffKind, share: float, size_m: float
+) -> None:
+    """However few samples it takes where it falls off slowly, on the boundary too."""
+    rng = np.random.default_rng(seed)
+    body, falloff = ball(0.1, 1 + seed % 2), Falloff(kind, share)
+    size = size_m * rng.uniform(0.5, 1.0, 3)
+    place = placed(size, size_m * rng.normal(0.0, 0.6, 3), _rotation(seed))
+    found, _, _ = evaluated(body, shape, place[None], tolerance=tolerance, falloff=falloff)
+    exact, _, _ = evaluated(body, shape, place[None], tolerance=EXACT, falloff=falloff)
+    assert np.abs(found - exact).max() <= tolerance.amplitude + 1e-9
+
+
+@pytest.mark.parametrize("size_m", [0.15, 0.3, 0.8])
+def test_strength_is_within_the_accepted_error_on_the_skin_of_a_finer_model(size_m: float) -> None:
+    """Cells of the temperature model are sampled on a finer skin, one unit a vertex of it."""
+    body, falloff = load_model("hfx-temperature-1"), Falloff(FalloffKind.SMOOTH)
+    posed = replace(rigid(1), bones=np.tile(np.eye(4)[:3], (1, len(body.bone_names), 1, 1)))
+    matrices = placed(size_m, (0.1, -0.1, 1.2))[None]
+    options = {"falloff": falloff, "posed": posed, "bones": body.bone_names, "models": load_model}
+    found, _, _ = evaluated(body, Sphere(), matrices, **options)
+    exact, _, _ = evaluated(body, Sphere(), matrices, tolerance=EXACT, **options)
+    assert found.any()
+    assert np.abs(found - exact).max() <= STANDARD.amplitude
 
 
 # Invariance
