@@ -13,7 +13,7 @@ from . import swept
 from .coverage import BodySkin
 from .motion import turned_by
 from .scene import EffectBlock, PoseBlock
-from .target import Target, steepest
+from .target import Target
 from .volume.placement import world_bounds
 from .volume.shape import Falloff, Shape
 
@@ -103,7 +103,7 @@ class Placed:
         low, high = self.boxes[:, None, 0], self.boxes[:, None, 1]
         reached = ((self.low <= high) & (self.high >= low)).all(axis=2)
         if not falloff.is_flat:
-            slopes = steepest(falloff) * largest_stretch(self.to_shape)
+            slopes = self.target.slopes * largest_stretch(self.to_shape)
             tolerance = self.skin.skin.tolerance
             return reached, self.skin.skin.changes(slopes) <= tolerance.amplitude
         simple = np.zeros_like(reached)

@@ -42,6 +42,15 @@ class Target:
         return all(shape.is_convex for shape in self.shapes)
 
     @cached_property
+    def slopes(self) -> F64:
+        """Largest change of weight for a way of 1 in shape space, (n,)."""
+        if self.falloff.is_flat:
+            return np.zeros(len(self.to_shape))
+        rises = np.array([shape.steepest_rise for shape in self.shapes])
+        slopes: F64 = steepest(self.falloff) * rises[self.which]
+        return slopes
+
+    @cached_property
     def stretches(self) -> F64:
         """No less than what the world is stretched by into shape space, (n,)."""
         gram = self.to_shape @ self.to_shape.transpose(0, 2, 1)

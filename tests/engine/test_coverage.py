@@ -18,6 +18,7 @@ from hfx_blender.engine.coverage import Skin, finer_id, sample_distance_m, spaci
 from hfx_blender.engine.skin_quads import Quads
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance, parse
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
 
 MODELS = ("hfx-vibration-1", "hfx-pressure-1", "hfx-temperature-1")
@@ -316,6 +317,22 @@ def test_strength_is_within_the_accepted_error_on_the_skin_of_a_finer_model(size
     exact, _, _ = evaluated(body, Sphere(), matrices, tolerance=EXACT, **options)
     assert found.any()
     assert np.abs(found - exact).max() <= STANDARD.amplitude
+
+
+def test_a_soft_mesh_is_sampled_by_its_own_depth() -> None:
+    """A small mesh rises to full strength on a short way of its own space."""
+    trimesh = pytest.importorskip("trimesh")
+    small = trimesh.creation.icosphere(4, 0.03)
+    mesh = MeshVolume(np.array(small.vertices), np.array(small.faces, np.int32), "Pea")
+    body, falloff = sheet(), Falloff(FalloffKind.LINEAR)
+    at = body.vertices[np.linalg.norm(body.vertices, axis=1).argmin()]
+    place = np.array([0.004, 0.007, 0.0]) + at
+    found, _, _ = evaluated(body, mesh, placed(1.0, place)[None], falloff=falloff)
+    twin, _, _ = evaluated(
+        body, Sphere(), placed(0.03, place)[None], tolerance=EXACT, falloff=falloff
+    )
+    assert twin.max() > 0.2
+    assert np.abs(found - twin).max() <= STANDARD.amplitude
 
 
 # Invariance

@@ -62,6 +62,7 @@ class Cuboid:
     """|x|, |y|, |z| <= 1."""
 
     is_convex: ClassVar[bool] = True
+    steepest_rise: ClassVar[float] = 1.0
 
     @property
     def bounds(self) -> F64:
@@ -87,6 +88,7 @@ class Sphere:
     """x^2 + y^2 + z^2 <= 1; an ellipsoid in the world."""
 
     is_convex: ClassVar[bool] = True
+    steepest_rise: ClassVar[float] = 1.0
 
     @property
     def bounds(self) -> F64:
@@ -111,6 +113,7 @@ class Cylinder:
     """x^2 + y^2 <= 1, |z| <= 1."""
 
     is_convex: ClassVar[bool] = True
+    steepest_rise: ClassVar[float] = 1.0
 
     @property
     def bounds(self) -> F64:
@@ -163,6 +166,7 @@ class Capsule:
         return cls(0.5 * height / radius - 1.0)
 
     is_convex: ClassVar[bool] = True
+    steepest_rise: ClassVar[float] = 1.0
 
     @property
     def bounds(self) -> F64:

@@ -95,6 +95,10 @@ class MeshVolume:
             return np.zeros(points.shape[1])
         return np.minimum(self._depth(points, np.eye(3)) / self._largest_depth, 1.0)
 
+    @property
+    def steepest_rise(self) -> float:
+        return 1.0 / self._largest_depth if self._largest_depth > 0.0 else 0.0
+
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to the nearest triangle; see :meth:`Shape.depth_m`. 0 outside."""
         return self._depth(points, to_world[:3, :3])

@@ -38,6 +38,10 @@ class Shape(Protocol):
         the way inwards; 0 outside and for NaN. Invariant under the placing matrix.
         """
 
+    @property
+    def steepest_rise(self) -> float:
+        """No less than the change of :meth:`rise` over a way of 1 in shape space."""
+
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """World-space distance to the boundary of points that are inside, (N,) metres.
 
