@@ -35,6 +35,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
         return (
             obj is not None
             and obj.type == "MESH"
+            and context.mode == "OBJECT"  # who paints an area has a perceptual model at hand
             and obj.hfx.role in ("NONE", "EFFECT")
             and (obj.hfx.role == "NONE" or surfaces.is_surface(obj))
         )
