@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
+import sys
+
 import bpy
 
 from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError
+
+_PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
+"""What the extension brings as wheels; its small zip brings none of them."""
 
 
 class HfxOperator(bpy.types.Operator):
@@ -23,6 +28,17 @@ class HfxOperator(bpy.types.Operator):
             message = self.work(context)
         except HfxError as error:
             self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        except ModuleNotFoundError as error:
+            package = (error.name or "").partition(".")[0]
+            if package not in _PACKAGES:
+                raise
+            self.report(
+                {"ERROR"},
+                f"This needs the Python package {package}, which this Blender lacks: install the "
+                "extension's zip for your platform, which brings it, or run "
+                f"'{sys.executable} -m pip install {package}'.",
+            )
             return {"CANCELLED"}
         if message:
             self.report({"INFO"}, message)

@@ -392,3 +392,19 @@ def test_places_are_clicked_taken_back_and_finished(
     assert len(clicked) == 2 and len(path) > 10  # what is shown meanwhile lies on the skin
     path_overlay.show_pending(None, np.zeros((0, 3)))
     assert _mouse(monkeypatch, _Drawing("CURVE", spot.hfx.body), "ESC", 0.0) == {"CANCELLED"}
+
+
+def test_a_package_that_is_not_there_is_told_and_is_no_traceback(
+    body: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.authoring import paths
+
+    def missing() -> Any:
+        raise ModuleNotFoundError("No module named 'scipy'", name="scipy.spatial")
+
+    monkeypatch.setattr(paths, "skin", missing)
+    before = len(bpy.data.objects)
+    with pytest.raises(RuntimeError, match="Python package scipy") as caught:
+        bpy.ops.hfx.add_spot(modality="vibration", name="Point")
+    assert "Traceback" not in str(caught.value)
+    assert len(bpy.data.objects) == before
