@@ -177,16 +177,19 @@ class HFX_OT_draw_path(HfxOperator):
         return {"RUNNING_MODAL"} if self._is_held else {"PASS_THROUGH"}
 
     def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
-        region = context.region
-        x, y = event.mouse_region_x, event.mouse_region_y
-        return region is not None and 0 <= x < region.width and 0 <= y < region.height
+        """Whether the mouse is over the view, and not over a panel that lies on it."""
+        others = [each for each in context.area.regions if each.type != "WINDOW"]
+        return _holds(_view_region(context), event) and not any(
+            _holds(each, event) for each in others
+        )
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """The place under the mouse; beside the body the last one stays."""
         import numpy as np
 
-        at = (event.mouse_region_x, event.mouse_region_y)
-        region, view = context.region, context.region_data
+        # The operator may have been started from a button, in a panel's region.
+        region, view = _view_region(context), context.space_data.region_3d
+        at = (event.mouse_x - region.x, event.mouse_y - region.y)
         origin = view3d_utils.region_2d_to_origin_3d(region, view, at)
         place = self._picker.hit(origin, view3d_utils.region_2d_to_vector_3d(region, view, at))
         if place is None and self.mode == "RECORD" and len(self.stroke):
@@ -235,6 +238,15 @@ class HFX_OT_draw_path(HfxOperator):
         context.window.cursor_modal_restore()
         if context.area is not None:
             context.area.tag_redraw()
+
+
+def _view_region(context: bpy.types.Context) -> bpy.types.Region:
+    return next(each for each in context.area.regions if each.type == "WINDOW")
+
+
+def _holds(region: bpy.types.Region, event: bpy.types.Event) -> bool:
+    x, y = event.mouse_x - region.x, event.mouse_y - region.y
+    return 0 <= x < region.width and 0 <= y < region.height
 
 
 register, unregister = bpy.utils.register_classes_factory((HfxPathPoint, HFX_OT_draw_path))

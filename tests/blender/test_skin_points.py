@@ -339,7 +339,12 @@ class _Stroke(list):
 
 
 def _mouse(
-    monkeypatch: pytest.MonkeyPatch, drawing: _Drawing, kind: str, x: float, value: str = "ANY"
+    monkeypatch: pytest.MonkeyPatch,
+    drawing: _Drawing,
+    kind: str,
+    x: float,
+    value: str = "ANY",
+    at: tuple[int, int] = (60, 60),
 ) -> set[str]:
     """An event over the back at height 1.25 m, x metres to the left of the middle."""
     from hfx_blender.operators import path_drawing
@@ -349,13 +354,15 @@ def _mouse(
         region_2d_to_vector_3d=lambda *_: Vector((0.0, -1.0, 0.0)),
     )
     monkeypatch.setattr(path_drawing, "view3d_utils", view)
+    window = SimpleNamespace(type="WINDOW", x=10, y=10, width=100, height=100)
+    panel = SimpleNamespace(type="UI", x=80, y=10, width=30, height=100)  # lies on the view
     context = SimpleNamespace(
-        region=SimpleNamespace(width=100, height=100),
-        region_data=None,
-        area=SimpleNamespace(tag_redraw=lambda: None),
+        region=panel,  # it was started from a button
+        space_data=SimpleNamespace(region_3d=None),
+        area=SimpleNamespace(tag_redraw=lambda: None, regions=[panel, window]),
         object=bpy.context.object,
     )
-    event = SimpleNamespace(type=kind, value=value, mouse_region_x=50, mouse_region_y=50)
+    event = SimpleNamespace(type=kind, value=value, mouse_x=at[0], mouse_y=at[1])
     return drawing.modal(context, event)
 
 
@@ -408,3 +415,13 @@ def test_a_package_that_is_not_there_is_told_and_is_no_traceback(
         bpy.ops.hfx.add_spot(modality="vibration", name="Point")
     assert "Traceback" not in str(caught.value)
     assert len(bpy.data.objects) == before
+
+
+def test_a_click_on_a_panel_over_the_view_is_for_the_panel(
+    spot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawing = _Drawing("STRAIGHT", spot.hfx.body)
+    for at, taken in (((95, 60), False), ((5, 60), False), ((60, 60), True)):
+        answer = _mouse(monkeypatch, drawing, "LEFTMOUSE", 0.05, "PRESS", at)
+        assert answer == ({"RUNNING_MODAL"} if taken else {"PASS_THROUGH"}), at
+    assert len(drawing.stroke) == 1

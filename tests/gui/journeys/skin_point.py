@@ -38,7 +38,11 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     knots = np.array(point()["hfx_path"]).reshape(-1, 3)
     off = max(np.linalg.norm(knots[:, [0, 2]] - place, axis=1).min() for place in PLACES)
-    h.check(off < 0.004, f"the path leads over what was clicked, {1000 * off:.1f} mm beside it")
+    pixel_m = 0.1 / (seen(h, (0.0, 1.3))[0] - seen(h, (0.1, 1.3))[0])
+    h.check(
+        off < 2.0 * abs(pixel_m),
+        f"the path leads over what was clicked, {1000 * off:.1f} mm beside it",
+    )
     h.check((knots[:, 1] > 0).all(), "on the back")
     paths = hands.module("authoring.paths")
     shortest = sum(float(np.hypot(*np.subtract(b, a))) for a, b in pairwise(PLACES))
@@ -57,8 +61,6 @@ def steps(h: Any) -> Iterator[float]:
         yield from hands.go_to(h, frame)
         yield 1.0
         pixels = h.shot(f"5_frame_{frame}.png")
-        if abs(bpy.context.scene.frame_current - frame) > 1:
-            continue
         h.check(is_red(h, pixels, here), f"at frame {frame} it is felt at {here}")
         h.check(not is_red(h, pixels, away), f"and not at {away}")
     yield from hands.go_to(h, start + FPS)
