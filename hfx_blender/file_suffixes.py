@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
+EFFECT: Final = ".hfxeffect"
 PATH: Final = ".hfxpath"
 TEXTURE_MAP: Final = ".texture.json"
 STROKES: Final = (".wav", ".ahap", ".he", ".haptic", ".csv")

@@ -16,6 +16,20 @@ placing = threading.Lock()
 """Held while finished files get their names: who ends the process at once waits for it."""
 
 
+def make_folder(folder: Path) -> None:
+    """Make the folder that results come into, and those above it.
+
+    Raises
+    ------
+    OutputError
+        It cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror}).") from error
+
+
 @contextmanager
 def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Path]:
     """A folder beside the results that is gone afterwards, whatever happens.

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from .. import file_suffixes
 from ..atomic_files import atomic_file
 from ..devices.strict_json import Node, read
 from ..engine.body.parts import PARTS
@@ -20,7 +21,7 @@ from ..engine.modality import MODALITIES
 from . import path_file
 from .path_file import PathRecipe
 
-SUFFIX: Final = ".hfxeffect"
+SUFFIX: Final = file_suffixes.EFFECT
 SCHEMA: Final = "hfx-effects"
 VERSION: Final = 1
 

@@ -32,11 +32,11 @@ def data_of(image: bpy.types.Image) -> F64:
     """
     is_converted = image.is_float and not image.colorspace_settings.is_data
     if not is_converted or image.source == "GENERATED" or image.is_dirty:
-        return _pixels(image)[..., 0].astype(np.float64)
+        return pixels_of(image)[..., 0].astype(np.float64)
     copy = image.copy()  # loaded again, as plain data
     try:
         copy.colorspace_settings.is_data = True
-        return _pixels(copy)[..., 0].astype(np.float64)
+        return pixels_of(copy)[..., 0].astype(np.float64)
     finally:
         bpy.data.images.remove(copy)
 
@@ -49,7 +49,7 @@ def brightness_of(image: bpy.types.Image) -> F64:
     InputError
         It has no pixels, or too many.
     """
-    pixels = _pixels(image)
+    pixels = pixels_of(image)
     if pixels.shape[2] < 3:
         pixels = np.repeat(pixels[..., :1], 3, axis=2)
     # Blender keeps the codes of 8-bit images, and converts all others to linear light.
@@ -75,7 +75,14 @@ def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
     return fill_holes(grey), (f"{missing:.1%} of the heights were missing and were filled",)
 
 
-def _pixels(image: bpy.types.Image) -> F32:
+def pixels_of(image: bpy.types.Image) -> F32:
+    """All channels of an image as Blender holds them, (H, W, C), bottom row first.
+
+    Raises
+    ------
+    InputError
+        It has no pixels, or too many.
+    """
     width, height = image.size
     if not width or not height:
         raise InputError(f"Image '{image.name}' has no pixels; is its file missing or no image?")
@@ -137,7 +144,7 @@ def store(
 
 def stored(image: bpy.types.Image) -> F32:
     """The channels of an image of :func:`store`, (H, W, 4)."""
-    return _pixels(image)
+    return pixels_of(image)
 
 
 def show(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) -> None:

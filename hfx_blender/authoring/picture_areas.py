@@ -14,12 +14,10 @@ from ..engine.body import areas
 from ..engine.scene import SurfaceAnchors
 from ..errors import InputError
 from . import effects
+from .image_values import pixels_of
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-
-_LARGEST = 8192
-"""Pixels along an edge of an image that is read: larger ones would take gigabytes."""
 
 
 def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_map: str) -> F64:
@@ -67,17 +65,7 @@ def _anchors(effect: bpy.types.Object) -> tuple[bpy.types.Object, SurfaceAnchors
 
 
 def _pixels(image: bpy.types.Image, channel: str) -> F64:
-    width, height = image.size
-    if not width or not height:
-        raise InputError(f"Image '{image.name}' has no pixels; is its file missing?")
-    if max(width, height) > _LARGEST:
-        raise InputError(
-            f"Image '{image.name}' has {width} x {height} pixels; at most {_LARGEST} along an "
-            "edge can be read. Scale it down first."
-        )
-    values = np.zeros(width * height * image.channels, np.float32)
-    image.pixels.foreach_get(values)
-    colours = values.reshape(height, width, image.channels)
+    colours = pixels_of(image)
     if channel == "alpha":
         if image.channels < 4:
             raise InputError(f"Image '{image.name}' has no alpha channel.")

@@ -32,10 +32,6 @@ _LARGEST_FILE = 4_000_000
 _is_filling = False
 
 
-def has_table(armature: bpy.types.Object) -> bool:
-    return len(armature.hfx.bone_map) > 0
-
-
 def is_corrected(armature: bpy.types.Object) -> bool:
     """Whether a user changed the table."""
     return any(row.bone != row.found for row in armature.hfx.bone_map)

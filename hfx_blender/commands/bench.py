@@ -11,7 +11,8 @@ from typing import Any
 
 from .. import blender_session
 from ..console import Console
-from ..errors import OutputError, UsageError
+from ..errors import UsageError
+from ..staging import make_folder
 
 NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture")
 
@@ -105,10 +106,7 @@ def _trade(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     )
     text = f"{trade_report.as_text(result)}\n\n{trade_report.LEGEND}"
     if options.output is not None:
-        try:
-            options.output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{options.output}: cannot be made ({error.strerror}).") from error
+        make_folder(options.output)
         for path in trade_report.write(result, options.output):
             text += f"\n{path}"
     return result, text

@@ -6,12 +6,14 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import blender_session
 from ..console import Console
 from ..errors import OutputError
+from ..staging import make_folder
 
 if TYPE_CHECKING:
     from ..export import ExportReport
@@ -54,18 +56,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..formats import chart_svg
 
     folder: Path = options.output
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror}).") from error
+    make_folder(folder)
     console.say("Building the garage ...")
     scene_file = folder / "garage.blend"
-    with blender_session.interrupts_held():
-        garage.build()
-        save(bpy, scene_file)
-
-    # From here on it is a scene like any other: the saved file is opened and exported.
-    blender_session.open_blend(scene_file)
+    build_and_open(garage.build, scene_file)
     devices = tuple(load_device(name) for name in garage.DEVICES)
     report = export_scene(
         bpy.context.scene,
@@ -87,11 +81,23 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def save(bpy: Any, path: Path) -> None:
-    try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
-    except RuntimeError as error:
-        raise OutputError(f"{path}: Blender cannot save it ({str(error).strip()}).") from error
+def build_and_open(build: Callable[[], object], path: Path) -> None:
+    """Build a scene, save it, and open the file: from here on it is a scene like any other.
+
+    Raises
+    ------
+    OutputError
+        Blender cannot save it.
+    """
+    import bpy
+
+    with blender_session.interrupts_held():
+        build()
+        try:
+            bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
+        except RuntimeError as error:
+            raise OutputError(f"{path}: Blender cannot save it ({str(error).strip()}).") from error
+    blender_session.open_blend(path)
 
 
 def _draw(

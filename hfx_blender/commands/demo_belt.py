@@ -8,8 +8,8 @@ from pathlib import Path
 
 from .. import blender_session
 from ..console import Console
-from ..errors import OutputError
-from .demo import save
+from ..staging import make_folder
+from .demo import build_and_open
 
 STEM = "belt"
 
@@ -28,18 +28,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..sound import SoundSettings, write_sound
 
     folder: Path = options.output
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror}).") from error
+    make_folder(folder)
     console.say("Building the belt's scene ...")
     scene_file = folder / f"{STEM}.blend"
-    with blender_session.interrupts_held():
-        belt.build()
-        save(bpy, scene_file)
-
-    # From here on it is a scene like any other: the saved file is opened and exported.
-    blender_session.open_blend(scene_file)
+    build_and_open(belt.build, scene_file)
     device = load_device(belt.DEVICE)
     scene = bpy.context.scene
     settings = ExportSettings(("track", "csv", "wav"), (device,))

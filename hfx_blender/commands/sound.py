@@ -9,7 +9,8 @@ from typing import Any
 
 from .. import blender_session
 from ..console import Console
-from ..errors import InputError, OutputError, UsageError
+from ..errors import InputError, UsageError
+from ..staging import make_folder
 
 
 def add_parser(commands: Any) -> None:
@@ -88,10 +89,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if not options.scene.is_file():
         raise InputError(f"{options.scene}: there is no such file.")
     blender_session.open_blend(options.scene)
-    try:
-        options.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{options.output}: cannot be made ({error.strerror}).") from error
+    make_folder(options.output)
     path = options.output / (options.scene.stem + SUFFIX)
     count = write_sound(
         bpy.context.scene, path, settings, progress=console.progress(options.scene.name)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -67,12 +66,9 @@ class AllocentricAreas:
         )
         if not len(hits.rows):
             return None
-        positions = velocities = None
-        if self._maker.wants_motion:
-            touched = [hits.vertices[a:b] for a, b in pairwise(hits.offsets)]
-            positions, velocities = self._maker.motion(
-                skin.vertices, pose, hits.rows, touched, block.indices
-            )
+        positions, velocities = self._maker.motion(
+            skin.vertices, pose, hits.rows, hits.vertices, hits.offsets, block.indices
+        )
         depth = surface = normals = impact = None
         if hits.details is not None:
             if "depth" in self._maker.record:
@@ -118,12 +114,9 @@ class AllocentricAreas:
         felt = self._surfaces.evaluate(effect, animated, body.id, skin, pose, bounds, rows, block)
         if felt is None:
             return None
-        positions = velocities = None
-        if self._maker.wants_motion:
-            touched = [felt.vertices[a:b] for a, b in pairwise(felt.offsets)]
-            positions, velocities = self._maker.motion(
-                skin.vertices, pose, felt.rows, touched, block.indices
-            )
+        positions, velocities = self._maker.motion(
+            skin.vertices, pose, felt.rows, felt.vertices, felt.offsets, block.indices
+        )
         run = self._maker.run(
             effect,
             body.id,
@@ -164,16 +157,14 @@ class AllocentricAreas:
         if felt is None or not self._maker.record:
             return felt
         felt = with_own_sets(felt)
-        if self._maker.wants_motion:
-            at = np.searchsorted(block.indices, felt.indices)
-            touched = [felt.vertices[a:b] for a, b in pairwise(felt.offsets)]
-            positions, velocities = self._maker.motion(
-                skin.vertices, pose, at, touched, block.indices
-            )
-            if "positions" in self._maker.record:
-                felt = replace(felt, positions=positions)
-            if "velocities" in self._maker.record:
-                felt = replace(felt, velocities=velocities)
+        at = np.searchsorted(block.indices, felt.indices)
+        positions, velocities = self._maker.motion(
+            skin.vertices, pose, at, felt.vertices, felt.offsets, block.indices
+        )
+        if "positions" in self._maker.record:
+            felt = replace(felt, positions=positions)
+        if "velocities" in self._maker.record:
+            felt = replace(felt, velocities=velocities)
         if "depth" in self._maker.record:
             felt = replace(felt, depth_m=depths_of(felt, run))
         return felt

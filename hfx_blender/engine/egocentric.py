@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +41,6 @@ class EgocentricAreas:
     ) -> SampleRun | None:
         """An area with weights for its vertices."""
         positions = velocities = None
-        sets = np.zeros(len(rows), np.int64)
         if self._maker.wants_motion:
             k = self._maker.body_index[area.body_id]
             body, pose = self._maker.scene.bodies[k], block.poses[k]
@@ -51,16 +49,15 @@ class EgocentricAreas:
             rows = with_pose(rows, posed_rows(pose), body, self._maker.counters)
             if not len(rows):
                 return None
-            positions, velocities = self._maker.motion(
-                self._maker.skins.of(body, effect.model_id).vertices,
-                pose,
-                rows,
-                [area.vertices] * len(rows),
-                block.indices,
-            )
-        if self._maker.record:
-            sets = np.arange(len(rows))
+        sets = np.arange(len(rows)) if self._maker.record else np.zeros(len(rows), np.int64)
         count = int(sets[-1]) + 1
+        offsets = np.arange(count + 1, dtype=np.int64) * len(area.vertices)
+        vertices = np.tile(area.vertices, count)
+        if self._maker.wants_motion:
+            skin = self._maker.skins.of(body, effect.model_id).vertices
+            positions, velocities = self._maker.motion(
+                skin, pose, rows, vertices, offsets, block.indices
+            )
         return self._maker.run(
             effect,
             area.body_id,
@@ -68,8 +65,8 @@ class EgocentricAreas:
             rows,
             block,
             sets=sets,
-            offsets=np.arange(count + 1, dtype=np.int64) * len(area.vertices),
-            vertices=np.tile(area.vertices, count),
+            offsets=offsets,
+            vertices=vertices,
             weights=np.tile(area.weights, count),
             positions=positions,
             velocities=velocities,
@@ -102,9 +99,10 @@ class EgocentricAreas:
         )
         positions = velocities = None
         if with_motion:
-            touched = [found.vertices[a:b] for a, b in pairwise(found.offsets)]
             skin = self._maker.skins.of(body, effect.model_id).vertices
-            positions, velocities = self._maker.motion(skin, pose, rows, touched, block.indices)
+            positions, velocities = self._maker.motion(
+                skin, pose, rows, found.vertices, found.offsets, block.indices
+            )
         run = self._maker.run(
             effect,
             area.body_id,

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -98,16 +100,23 @@ class RunMaker:
         model: PosableModel,
         pose: PoseBlock,
         rows: I64,
-        vertices: list[I32],
+        vertices: I32,
+        offsets: I64,
         indices: I64,
-    ) -> tuple[F32, F32]:
-        """See :func:`on_demand.motion`."""
-        self.counters.vertices_posed += sum(len(ids) for ids in vertices)
+    ) -> tuple[F32 | None, F32 | None]:
+        """World positions and velocities (total, 3) of touched vertices; None if not wanted.
+
+        Row ``k`` of ``rows`` touches ``vertices[offsets[k]:offsets[k + 1]]``; ``indices`` are
+        the samples of the block. See :func:`on_demand.motion`.
+        """
+        if not self.wants_motion:
+            return None, None
+        self.counters.vertices_posed += len(vertices)
         return on_demand.motion(
             model,
             pose,
             rows,
-            vertices,
+            [vertices[a:b] for a, b in pairwise(offsets)],
             indices,
             1.0 / float(self.scene.time.rate_hz),
             with_velocities="velocities" in self.record,

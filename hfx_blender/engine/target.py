@@ -46,8 +46,9 @@ class Target:
         """Largest change of weight for a way of 1 in shape space, (n,)."""
         if self.falloff.is_flat:
             return np.zeros(len(self.to_shape))
-        rises = np.array([shape.steepest_rise for shape in self.shapes])
-        slopes: F64 = steepest(self.falloff) * rises[self.which]
+        slopes = np.zeros(len(self.to_shape))
+        for shape, mine in self.places:  # of a mesh it takes a search: only of what occurs
+            slopes[mine] = steepest(self.falloff) * shape.steepest_rise
         return slopes
 
     @cached_property

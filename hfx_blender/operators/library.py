@@ -10,15 +10,15 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
+from .. import file_suffixes
 from ..authoring import effects
 from ..errors import InputError
-from .shared import HfxOperator, active_body, select_only
+from .shared import EnumItems, HfxOperator, active_body, made_once, select_only
 
 if TYPE_CHECKING:
     from ..authoring.effect_file import Sensation
 
 # Reading and making sensations is imported where it is done: Blender's start would wait for it.
-SUFFIX = ".hfxeffect"
 
 
 def _body(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -52,21 +52,14 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> str:
     return f"Added '{sensation.name}': {len(made)} effects"
 
 
-def _names(_self: object, _context: object) -> list[tuple[str, str, str]]:
-    # Blender does not keep the strings of a dynamic enum alive by itself.
-    global _kept
-    if not _kept:
-        from ..authoring import effect_exchange, effect_file
+def _sensations() -> EnumItems:
+    from ..authoring import effect_exchange, effect_file
 
-        _kept = [
-            (stem, sensation.name, sensation.description)
-            for stem, path in effect_exchange.library().items()
-            for sensation in [effect_file.load(path)]
-        ]
-    return _kept
-
-
-_kept: list[tuple[str, str, str]] = []
+    return [
+        (stem, sensation.name, sensation.description)
+        for stem, path in effect_exchange.library().items()
+        for sensation in [effect_file.load(path)]
+    ]
 
 
 class HFX_OT_add_from_library(HfxOperator):
@@ -75,7 +68,7 @@ class HFX_OT_add_from_library(HfxOperator):
     bl_idname = "hfx.add_from_library"
     bl_label = "Sensation"
 
-    name: EnumProperty(name="Sensation", items=_names)
+    name: EnumProperty(name="Sensation", items=made_once(_sensations))
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_exchange
@@ -89,8 +82,8 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
     bl_idname = "hfx.load_effects"
     bl_label = "Load Effects"
 
-    filename_ext = SUFFIX
-    filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
+    filename_ext = file_suffixes.EFFECT
+    filter_glob: StringProperty(default=f"*{file_suffixes.EFFECT}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_file
@@ -104,8 +97,8 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
     bl_idname = "hfx.save_effects"
     bl_label = "Save Effects"
 
-    filename_ext = SUFFIX
-    filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
+    filename_ext = file_suffixes.EFFECT
+    filter_glob: StringProperty(default=f"*{file_suffixes.EFFECT}", options={"HIDDEN"})
     name: StringProperty(name="Name", description="Empty: that of the file")
 
     def work(self, context: bpy.types.Context) -> str:

@@ -14,7 +14,14 @@ from .. import file_suffixes
 from ..authoring import effects, paths, posed_skin
 from ..errors import InputError
 from ..properties import MODALITY_ITEMS
-from .shared import HfxOperator, active_body, active_effect, select_only
+from .shared import (
+    EnumItems,
+    HfxOperator,
+    active_body,
+    active_effect,
+    made_once,
+    select_only,
+)
 
 if TYPE_CHECKING:
     from ..authoring import path_file
@@ -187,21 +194,14 @@ class HFX_OT_move_along_path(_OfPath):
         return f"{paths.length_m(effect):.2f} m in {self.seconds:g} s"
 
 
-def _names(_self: object, _context: object) -> list[tuple[str, str, str]]:
+def _ready_paths() -> EnumItems:
     from ..authoring import path_file
 
-    # Blender does not keep the strings of a dynamic enum alive by itself.
-    global _kept
-    if not _kept:
-        _kept = [
-            (stem, recipe.name, recipe.description)
-            for stem, path in path_file.library().items()
-            for recipe in [path_file.load(path)]
-        ]
-    return _kept
-
-
-_kept: list[tuple[str, str, str]] = []
+    return [
+        (stem, recipe.name, recipe.description)
+        for stem, path in path_file.library().items()
+        for recipe in [path_file.load(path)]
+    ]
 
 
 def _apply(context: bpy.types.Context, recipe: path_file.PathRecipe) -> str:
@@ -217,7 +217,7 @@ class HFX_OT_path_from_library(_OfSpot):
     bl_idname = "hfx.path_from_library"
     bl_label = "Path from Library"
 
-    name: EnumProperty(name="Path", items=_names)
+    name: EnumProperty(name="Path", items=made_once(_ready_paths))
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import path_file

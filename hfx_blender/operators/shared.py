@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
 import bpy
 
@@ -51,6 +52,24 @@ class HfxOperator(bpy.types.Operator):
             return True
         cls.poll_message_set(what)
         return False
+
+
+EnumItems = list[tuple[str, str, str]]
+
+
+def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
+    """Items of an enum that never change, made when they are first asked for.
+
+    They are kept, as Blender does not keep the strings of a dynamic enum alive by itself.
+    """
+    kept: EnumItems = []
+
+    def items(_self: object, _context: object) -> EnumItems:
+        if not kept:
+            kept.extend(entries())
+        return kept
+
+    return items
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:

@@ -6,7 +6,6 @@ Faults that make an export impossible are told here, before any time is evaluate
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +31,7 @@ from ..engine.scene import (
 )
 from ..engine.volume.shape import Falloff, FalloffKind
 from ..errors import InputError
+from ..file_hash import sha256_of
 from . import activation, instances, response_values, skin_areas, surface_reading
 from .broken_keys import refuse_broken_keys
 
@@ -274,5 +274,5 @@ def _source(scene: bpy.types.Scene) -> dict[str, str]:
     path = Path(bpy.data.filepath)
     if bpy.data.filepath and path.is_file():
         source["file"] = path.name
-        source["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+        source["sha256"] = sha256_of(path)
     return source
