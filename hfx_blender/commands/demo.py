@@ -6,13 +6,11 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import blender_session
 from ..console import Console
-from ..errors import OutputError
 from ..staging import make_folder
 
 if TYPE_CHECKING:
@@ -49,6 +47,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     bpy = blender_session.start()
 
     from ..demo import garage
+    from ..demo.scene_file import build_and_open
     from ..demo.summary import summarise
     from ..devices.configuration import load_device
     from ..engine.track import TrackReader
@@ -79,25 +78,6 @@ def run(options: argparse.Namespace, console: Console) -> int:
     _say_what_there_is(console, folder, report, pictures)
     console.result({**report.as_dict(), "folder": str(folder), "pictures": pictures})
     return 0
-
-
-def build_and_open(build: Callable[[], object], path: Path) -> None:
-    """Build a scene, save it, and open the file: from here on it is a scene like any other.
-
-    Raises
-    ------
-    OutputError
-        Blender cannot save it.
-    """
-    import bpy
-
-    with blender_session.interrupts_held():
-        build()
-        try:
-            bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
-        except RuntimeError as error:
-            raise OutputError(f"{path}: Blender cannot save it ({str(error).strip()}).") from error
-    blender_session.open_blend(path)
 
 
 def _draw(

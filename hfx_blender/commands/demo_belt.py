@@ -9,7 +9,6 @@ from pathlib import Path
 from .. import blender_session
 from ..console import Console
 from ..staging import make_folder
-from .demo import build_and_open
 
 STEM = "belt"
 
@@ -19,6 +18,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     bpy = blender_session.start()
 
     from ..demo import belt, belt_chart
+    from ..demo.scene_file import build_and_open
     from ..devices.configuration import load_device
     from ..engine.rendering.devices import render_devices
     from ..engine.spatial_sound.layouts import LAYOUTS
