@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from . import journal
+from . import journal, pieces
 from .local_workers import Workers
 from .units import Outcome, Unit
 
@@ -46,7 +46,7 @@ def run(
     Parameters
     ----------
     units : sequence of Unit
-        Of the kind ``scene``.
+        Of the kinds ``scene``, ``piece`` and ``join``.
     workers : Workers
         Is not closed.
     resume : bool
@@ -82,10 +82,9 @@ class _Batch:
     def leave_out_finished(self) -> None:
         """Give the outcome of what the journal says is complete."""
         with ThreadPoolExecutor() as pool:  # hashing takes time, and no Python
-            found = list(pool.map(lambda scene: journal.finished(scene.unit), self._scenes))
-        for scene, report in zip(self._scenes, found, strict=True):
-            if report is not None:
-                outcome = {"input": scene.unit.title, "report": report, "unchanged": True}
+            found = list(pool.map(lambda scene: _finished(scene.unit), self._scenes))
+        for scene, outcome in zip(self._scenes, found, strict=True):
+            if outcome is not None:
                 self._finish(scene, outcome)
         self._waiting = deque(scene for scene in self._scenes if scene.outcome is None)
 
@@ -143,3 +142,14 @@ class _Batch:
 
     def _show(self) -> None:
         self._progress(sum(scene.share for scene in self._scenes) / max(len(self._scenes), 1))
+
+
+def _finished(unit: Unit) -> Outcome | None:
+    """The outcome of an earlier run, if nothing has changed since."""
+    report = journal.finished(unit)
+    if report is not None:  # then its pieces, too, were
+        return {"input": unit.title, "report": report, "unchanged": True}
+    record = pieces.finished(unit) if unit.kind == "piece" else None
+    if record is not None:
+        return {"input": unit.title, "piece": record, "unchanged": True}
+    return None

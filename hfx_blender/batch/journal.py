@@ -27,22 +27,27 @@ def finished(unit: Unit) -> dict[str, Any] | None:
     files is missing or is not what was written.
     """
     folder = Path(unit.folder)
-    report = _read(folder / (unit.stem + REPORT_SUFFIX))
+    report = read(folder / (unit.stem + REPORT_SUFFIX))
     if report is None or not inputs.is_still(report.get("made_from"), unit):
         return None
+    return report if has_files(report, folder) else None
+
+
+def has_files(report: dict[str, Any], folder: Path) -> bool:
+    """Whether all files that a report lists are there, and are what was written."""
     try:
-        whole = all(
+        return all(
             "/" not in each["name"]
             and (folder / each["name"]).stat().st_size == each["bytes"]
             and sha256_of(folder / each["name"]) == each["sha256"]
             for each in report["files"]
         )
     except (KeyError, TypeError, ValueError, OSError):
-        return None
-    return report if whole else None
+        return False
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def read(path: Path) -> dict[str, Any] | None:
+    """A report; None if there is none, or it is no such file."""
     try:
         if path.stat().st_size > _LARGEST_REPORT:
             return None

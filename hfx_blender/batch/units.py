@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Units of work: a scene, a part of its samples, or the parts to be put together.
 
+Parts are what one command hands to its workers. Pieces are the same for a farm: each is a command
+of its own, and what it recorded lies beside the results until a last one puts them together.
+
 A unit and its outcome are JSON, so that a worker can be another process or another machine
 that sees the same files.
 """
@@ -15,15 +18,15 @@ from typing import Any, Literal, Self
 from .options import ExportOptions
 
 Outcome = dict[str, Any]
-"""``report`` and ``text`` of a finished scene, ``split`` into parts, a finished ``part``, or
-``error`` and ``exit_code``."""
+"""``report`` and ``text`` of a finished scene, ``split`` into parts, a finished ``part``, a
+finished ``piece`` and ``text``, or ``error`` and ``exit_code``."""
 
 
 @dataclass(frozen=True)
 class Unit:
     """One piece of work; a scene is exported to ``folder/stem.*``."""
 
-    kind: Literal["scene", "part", "merge"]
+    kind: Literal["scene", "part", "merge", "piece", "join"]
     input: str | None  # a .blend; None: the file that is open in this process
     folder: str
     stem: str
@@ -33,6 +36,7 @@ class Unit:
     part_frames: int | None = None  # of a scene: split it into parts of about so many frames
     part: tuple[int, int] | None = None  # of a part: first sample, and the first beyond it
     done: tuple[dict[str, Any], ...] = ()  # of a merge: the outcomes of all parts
+    piece: tuple[int, int] | None = None  # of a piece: its number, from 1, and how many there are
 
     @property
     def title(self) -> str:
@@ -56,6 +60,7 @@ class Unit:
                 "options": ExportOptions.from_json(data["options"]),
                 "part": None if data["part"] is None else tuple(data["part"]),
                 "done": tuple(data["done"]),
+                "piece": None if data["piece"] is None else tuple(data["piece"]),
             }
         )
 

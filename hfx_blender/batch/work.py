@@ -5,19 +5,20 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
 
 from .. import blender_session
 from ..devices.configuration import load_device
 from ..engine.rendering.device import DeviceConfig
 from ..engine.tolerance import parse as parse_tolerance
+from ..engine.track.layout import SAMPLES_PER_CHUNK
 from ..errors import HfxError
-from . import inputs, ranges
+from . import inputs, pieces, ranges
 from .options import ExportOptions
 from .units import Outcome, Unit, failure
 
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from ..reading.scene_reader import SceneReader
 
 Progress = Callable[[float], None]
+
+_TRACK: Final = ".hfxtrack"
+_VOLUMES: Final = ".npz"
 
 
 @dataclass
@@ -80,16 +84,21 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
         return {"part": _recorded_part(unit, export, progress)}
     models = sorted({effect.model_id for effect in export.reader.description.effects})
     made_from = inputs.made_from(unit, names, models)
+    if unit.kind == "piece":
+        return _piece(unit, export, made_from, progress)
     folder, stage = Path(unit.folder), Path(unit.stage)
     remarks = []
-    if unit.kind == "merge":
+    if unit.kind in ("merge", "join"):
+        recorded = _collected(unit, export, made_from) if unit.kind == "join" else unit.done
         parts = [
             ScenePart(
                 Path(each["track"]), Recorded.from_json(each["recorded"]), Path(each["volumes"])
             )
-            for each in unit.done
+            for each in recorded
         ]
         report = export.merge_parts(parts, folder, unit.stem, made_from, stage)
+        if unit.kind == "join":
+            pieces.remove(unit)
     else:
         cut = _parts(unit, export.reader)
         if len(cut) > 1:
@@ -159,9 +168,55 @@ def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
 def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[str, Any]:
     assert unit.part is not None
     track = Path(unit.stage) / f"{unit.part[0]:09d}-{uuid4().hex}"  # others may try it, too
-    found = export.record_part(unit.part, track, track.with_suffix(".npz"), progress)
+    found = export.record_part(unit.part, track, track.with_suffix(_VOLUMES), progress)
     return {
         "track": str(found.track),
         "volumes": str(found.volumes),
         "recorded": found.recorded.as_json(),
     }
+
+
+def _piece(
+    unit: Unit, export: SceneExport, made_from: dict[str, Any], progress: Progress
+) -> Outcome:
+    """Record one piece of a scene, for a later command that puts all of them together."""
+    from ..recording import why_in_one_go
+
+    assert unit.piece is not None
+    number, count = unit.piece
+    reader = export.reader
+    samples = reader.time.sample_count
+    cut = ranges.even_parts(reader.sample_indices, samples, count, SAMPLES_PER_CHUNK)
+    remarks = []
+    if len(cut) > 1 and (reason := why_in_one_go(reader)) is not None:
+        remarks.append(f"recorded in one go, as piece 1 of {count}: {reason}")
+        cut = [(0, samples)]
+    if number > len(cut):
+        record = pieces.keep(unit, None, None, made_from)
+        text = f"piece {number} of {count}: nothing is left for it to do"
+    else:
+        part = cut[number - 1]
+        found = _recorded_part(replace(unit, part=part), export, progress)
+        track, volumes = Path(found["track"]), Path(found["volumes"])
+        track = track.replace(track.with_suffix(_TRACK))
+        files = (track, volumes) if volumes.is_file() else (track,)
+        record = pieces.keep(unit, part, found["recorded"], made_from, files)
+        text = f"piece {number} of {count}: samples {part[0]} to {part[1] - 1}"
+    return {"input": unit.title, "piece": record, "text": text, "remarks": remarks}
+
+
+def _collected(
+    unit: Unit, export: SceneExport, made_from: dict[str, Any]
+) -> tuple[dict[str, Any], ...]:
+    """The pieces of a scene, as the parts that they are."""
+    found = []
+    for record in pieces.collect(unit, made_from, export.reader.time.sample_count):
+        files = pieces.files_of(unit, record)
+        found.append(
+            {
+                "track": str(files[_TRACK]),
+                "volumes": str(files.get(_VOLUMES, "")),
+                "recorded": record["recorded"],
+            }
+        )
+    return tuple(found)

@@ -44,22 +44,35 @@ from hfx_blender.engine.track import TrackReader
 from hfx_blender.export import ExportSettings, SceneExport
 from hfx_blender.formats import registry
 from hfx_blender.recording import record_track
+from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
+from hfx_blender.formats.glb_scene import VolumeRecorder
 blender_session.open_blend(Path(sys.argv[1]))
 devices = tuple(load_device(name) for name in sys.argv[3].split(","))
 folder = Path(sys.argv[2])
 export = SceneExport(bpy.context.scene, ExportSettings())
 found = {}
-for _ in range(2):  # the first time loads models and modules
+def take(name, start, stop=None):  # the best: other work on the machine only makes it longer
+    taken = (stop or time.process_time()) - start
+    found[name] = min(found.get(name, taken), taken)
+for _ in range(3):  # the first time loads models and modules
     start = time.process_time()
     engine = Engine(export.reader.description, tolerance=export.tolerance)
     for block in export.reader.blocks():
         engine.evaluate(block)
-    found["evaluating"] = time.process_time() - start
+    take("evaluating", start)
     engine = Engine(export.reader.description, tolerance=export.tolerance)
     start = time.process_time()
     record_track(export.reader, engine, folder / "x.hfxtrack")
-    found["evaluating and track"] = time.process_time() - start
+    take("evaluating and track", start)
+    volumes = VolumeRecorder(export.reader.description)
+    seen = list(export.reader.blocks())
+    start = time.process_time()
+    for block in seen:
+        volumes.add(block)
+    models = [load_model(id) for id in {e.model_id for e in export.reader.description.effects}]
+    volumes.write(models, folder / "x", None)
+    take("glb", start)
     with TrackReader(folder / "x.hfxtrack") as track:
         for name in (*registry.DEVICE_FORMATS, *registry.TRACK_FORMATS):
             chosen = registry.DEVICE_FORMATS.get(name)
@@ -73,9 +86,9 @@ for _ in range(2):  # the first time loads models and modules
             except Exception as error:
                 sys.stderr.write(f"{name}: {error}")
                 continue
-            found[name] = time.process_time() - rendered
+            take(name, rendered)
             if chosen:
-                found["rendering for " + mine[0].id] = rendered - start
+                take("rendering for " + mine[0].id, start, rendered)
 sys.stderr.write("found=" + json.dumps(found))
 sys.stderr.flush()
 os._exit(0)
@@ -128,7 +141,8 @@ def measure(
         devices = f"{DEVICE},{_VIBRATING},forearm_band_left"
         result["writing_s"] = json.loads(_child(_WRITING, first, folder, devices))
         progress(0.9)
-        counts = (100, 400, 1600) if short else (400, 1600, 6400)
+        # The first seconds alone would need less: nothing heavy happens in them.
+        counts = (400, 1600) if short else (400, 1600, 6400)
         result["memory_by_frames"] = {
             kind: [
                 [count, int(_child(_LENGTH, first, folder, str(count), which))] for count in counts
@@ -222,7 +236,7 @@ def as_text(result: dict[str, Any]) -> str:
         f"(best {workers['best_speedup']:.2f}, target {workers['target']})",
         "  memory of one worker after each scene, MB: "
         + ", ".join(f"{held / 1e6:.0f}" for held in workers["memory_by_scenes"]),
-        "one scene, seconds of processor:",
+        "one scene, seconds of processor, and as a share of evaluating it (target: below 100 %):",
     ]
     writing = result["writing_s"]
     lines += [

@@ -17,8 +17,9 @@ def add_parser(commands: Any) -> None:
         help="convert between formats",
         description=(
             "Convert a track or a raster (npz, csv) to what a device plays or to hjif, a track to "
-            "jsonl, and vibration between AHAP, .haptic, .he, .tact, OpenXR and HJIF. What the "
-            "other format cannot hold is told."
+            "jsonl, and vibration between AHAP, .haptic, .he, .tact, OpenXR and HJIF, or with "
+            "--device to what that plays (wav, csv, npz, tact). What the other format cannot hold "
+            "is told."
         ),
     )
     parser.add_argument("source", type=Path, metavar="A")

@@ -9,12 +9,13 @@ import os
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from .. import blender_session
 from ..atomic_files import atomic_file
 from ..batch.local_workers import LocalWorkers, ThisProcess, Workers
 from ..batch.options import ExportOptions
+from ..batch.pieces import MOST_PIECES, pieces_folder
 from ..batch.units import Outcome, Unit
 from ..console import Console
 from ..engine.tolerance import Tolerance
@@ -22,6 +23,7 @@ from ..engine.tolerance import parse as parse_tolerance
 from ..errors import UsageError
 
 SOME_FAILED = 5
+_OF_A_PIECE = ("piece", "samples", "files")  # of its record, in the result
 
 
 def add_parser(commands: Any) -> None:
@@ -100,6 +102,17 @@ def add_parser(commands: Any) -> None:
         "many parts as there are workers); the results are the same",
     )
     work.add_argument(
+        "--piece",
+        type=_piece,
+        metavar="K/N",
+        help="record only piece K of N, for --merge; every piece may be a job of a farm",
+    )
+    work.add_argument(
+        "--merge",
+        action="store_true",
+        help="put the pieces together: the same files as one export writes; give the same options",
+    )
+    work.add_argument(
         "--scheduler",
         metavar="ADDRESS",
         help="let the workers of a Dask cluster do it, such as tcp://host:8786",
@@ -120,7 +133,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         blender_session.start()
     outcomes: list[Outcome] = []
     tell = _Teller(console, outcomes)
-    with staging(options.output, "hfx-export") as stage:
+    with staging(_stage_folder(options), "hfx-export") as stage:
         units = _units(options, stage.resolve())
         title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
         workers = _workers(options)
@@ -145,6 +158,18 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if not failed:
         return 0
     return SOME_FAILED if len(results) > 1 else int(failed[0]["exit_code"])
+
+
+def _stage_folder(options: argparse.Namespace) -> Path:
+    """Where the folder for what is not finished is made.
+
+    That of a job of a farm, which may be killed, goes away with the pieces.
+    """
+    output: Path = options.output
+    if len(options.scenes) != 1:
+        return output
+    pieces = pieces_folder(output, options.scenes[0].stem)
+    return pieces if options.piece is not None or (options.merge and pieces.is_dir()) else output
 
 
 def _in_process(options: argparse.Namespace) -> bool:
@@ -178,15 +203,19 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
         scene=options.scene,
         per_clip=options.per_clip,
     )
+    kind: Literal["scene", "piece", "join"] = "scene"
+    if options.piece is not None or options.merge:
+        kind = "join" if options.merge else "piece"
     return [
         Unit(
-            kind="scene",
+            kind=kind,
             input=None if path is None else os.path.abspath(path),
             folder=os.path.abspath(options.output),
             stem=_open_stem() if path is None else path.stem,
             stage=str(stage),
             options=asked,
             part_frames=options.split,
+            piece=options.piece,
         )
         for path in options.scenes or [None]
     ]
@@ -220,6 +249,8 @@ class _Teller:
             warnings = len(report["warnings"])
             also = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
             self._console.say(f"{unit.title}: {len(report['files'])} files{also}")
+        elif "piece" in outcome and "unchanged" not in outcome:
+            self._console.say(f"{unit.title}: {outcome['text']}")
 
     def _note(self, unit: Unit, outcome: Outcome) -> None:
         self._outcomes.append(outcome)
@@ -247,11 +278,14 @@ class _Teller:
 
 def _result(outcome: Outcome) -> dict[str, Any]:
     """The machine-readable result of one scene."""
-    if "report" not in outcome:
+    if "error" in outcome:
         return {k: v for k, v in outcome.items() if k in ("input", "error", "exit_code")}
     more: dict[str, Any] = {"unchanged": True} if "unchanged" in outcome else {}
     remarks = outcome.get("remarks") or ()
     more |= {"remarks": list(remarks)} if remarks else {}
+    if "piece" in outcome:
+        record = outcome["piece"]
+        return {"input": outcome["input"], **more, **{k: record[k] for k in _OF_A_PIECE}}
     return {"input": outcome["input"], **more, **outcome["report"]}
 
 
@@ -287,6 +321,10 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError(f"--jobs {options.jobs}: expected at least 1")
     if options.split is not None and options.split < 1:
         raise UsageError(f"--split {options.split}: expected at least 1 frame")
+    if options.piece is not None and options.merge:
+        raise UsageError("--merge: comes after all pieces, in a command without --piece")
+    if options.split is not None and (options.piece is not None or options.merge):
+        raise UsageError("--split: makes parts within one command; --piece K/N has pieces already")
     same = [stem for stem, n in Counter(path.stem for path in options.scenes).items() if n > 1]
     if same:
         raise UsageError(f"several scenes are named '{same[0]}': their results would collide")
@@ -303,6 +341,18 @@ def _frames(text: str) -> tuple[int, int]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected A:B, two frames, found '{text}'") from None
     return first, last
+
+
+def _piece(text: str) -> tuple[int, int]:
+    try:
+        number, count = (int(part) for part in text.split("/"))
+    except ValueError:
+        number = count = 0
+    if not 1 <= number <= count <= MOST_PIECES:
+        raise argparse.ArgumentTypeError(
+            f"expected K/N, such as 1/8, with K from 1 to N and N to {MOST_PIECES}, found '{text}'"
+        )
+    return number, count
 
 
 def _seconds(text: str) -> float:

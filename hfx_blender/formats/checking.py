@@ -57,11 +57,17 @@ def shown_place(place: Place) -> str:
 
 @dataclass
 class Report:
-    """Findings about one file, ``MAX_FINDINGS`` at most."""
+    """Findings about one file, about ``MAX_FINDINGS`` at most.
+
+    The first one of each kind is always kept: a fault is not to hide behind a thousand others
+    that a reader copes with.
+    """
 
     prefix: str
     findings: list[Finding] = field(default_factory=list)
     has_errors: bool = False
+    count: int = 0  # of all findings, kept or not
+    _kinds: set[tuple[str, Severity]] = field(default_factory=set)
 
     def error(self, code: str, place: Place, message: str) -> None:
         """Something is wrong."""
@@ -73,7 +79,9 @@ class Report:
         self._add(code, place, message, "warning")
 
     def _add(self, code: str, place: Place, message: str, severity: Severity) -> None:
-        if len(self.findings) < MAX_FINDINGS:
+        self.count += 1
+        if len(self.findings) < MAX_FINDINGS or (code, severity) not in self._kinds:
+            self._kinds.add((code, severity))
             full_code = f"{self.prefix}-{code}"
             self.findings.append(Finding(full_code, shown_place(place), message, severity))
 

@@ -23,8 +23,9 @@ from .curves import CurveTolerance
 from .files import format_of, read_signals
 from .hjif import from_actuators
 from .registry import DEVICE_FORMATS, TRACK_FORMATS, DeviceFormat, TrackFormat, write
+from .signal_raster import raster_of
 from .signals import DEFAULT_TOLERANCE, distinct
-from .written import Written
+from .written import Written, beside
 
 
 def convert(
@@ -39,7 +40,8 @@ def convert(
 ) -> Written:
     """Write ``source`` in another format.
 
-    A format with one file an actuator puts the actuator's name into the file's name.
+    A format with one file an actuator puts the actuator's name into the file's name, unless the
+    source holds a single signal.
 
     Parameters
     ----------
@@ -50,7 +52,8 @@ def convert(
     to : str, optional
         Key of ``DEVICE_FORMATS`` or ``TRACK_FORMATS``.
     device : str, optional
-        Name or file; tracks and rasters need it for device formats.
+        Name or file; tracks and rasters need it for device formats, and envelopes for those
+        that are of a whole device (csv, npz, wav, tact).
     body : str, optional
         Name or id of who wears it; tracks with several bodies need it.
     tolerance : CurveTolerance
@@ -127,13 +130,30 @@ def _converted(
     write_signals = (
         from_actuators.write_signals if kind == "hjif" else DEVICE_FORMATS[kind].write_signals
     )
-    if write_signals is None:
-        held = ", ".join(k for k, each in DEVICE_FORMATS.items() if each.write_signals)
-        raise UsageError(f"{source}: vibration envelopes can be converted to {held}, not to {kind}")
+    found_device = None
+    if kind != "hjif" and (write_signals is None or device is not None):
+        found_device = _device(device, kind)
     signals, frequencies = read_signals(source)
     if all(each.is_silent for each in signals):
         raise InputError(f"{source}: holds no vibration.")
-    return write_signals(distinct(signals), frequencies, stem, tolerance)
+    if found_device is not None:
+        raster, left_out, notes = raster_of(signals, found_device, str(source))
+        return write(kind, raster, found_device, stem, tolerance) + Written((), left_out, notes)
+    assert write_signals is not None
+    written = write_signals(distinct(signals), frequencies, stem, tolerance)
+    return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written
+
+
+def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
+    """Files without the name of the only signal there is."""
+    long = beside(stem, signal).name
+    files = tuple(
+        path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
+        if path.name.startswith(f"{long}.")
+        else path
+        for path in written.files
+    )
+    return replace(written, files=files)
 
 
 def _device(device: str | None, kind: str) -> DeviceConfig:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import tokenize
 import zipfile
 import zlib
 from fractions import Fraction
@@ -58,7 +59,9 @@ _DOCUMENT = Record(
                     "effect_id": _TEXT,
                     "body_id": _TEXT,
                     "modality": _TEXT,
-                    "reason": Text(("modality", "place", "device", "frequency", "limit")),
+                    "reason": Text(
+                        ("modality", "place", "device", "frequency", "limit", "threshold")
+                    ),
                     "samples": Number(0, is_whole=True),
                     "share": Number(),
                     "seconds": Number(),
@@ -79,6 +82,7 @@ _DAMAGE: Final = (
     IndexError,
     RuntimeError,
     NotImplementedError,
+    tokenize.TokenError,  # numpy takes an array's header apart with it
     zipfile.BadZipFile,
     zlib.error,
 )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -21,8 +21,15 @@ import numpy.typing as npt
 
 from ..atomic_files import atomic_file
 from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.drive import DriveCurve, driven
 from ..engine.rendering.limits import limited
 from ..engine.rendering.raster import Raster
+from ..engine.rendering.waveform import (
+    cycles_on_the_way,
+    cycles_since_the_beginning,
+    kept_through_silence,
+    sines,
+)
 from ..errors import InputError
 
 SUFFIX: Final = ".wav"
@@ -110,17 +117,16 @@ def write(
         file.write(json.dumps(content, indent=2).encode() + b"\n")
     with atomic_file(path) as file:
         file.write(_head(sample_format, channel_count, rate_hz, sample_count))
-        for first, stop in _blocks(sample_count, max(1, _BLOCK_SAMPLES // channel_count)):
-            played = _waveform(drive, raster, rate_hz, first, stop)
-            for each in others:
-                played += _waveform(each, raster, rate_hz, first, stop)
+        numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
+        starts = -(-np.arange(len(raster.values) + 1) * denominator // numerator)
+        row_count = max(1, int(_BLOCK_SAMPLES * raster.rate_hz / (rate_hz * channel_count)))
+        for first in range(0, len(raster.values), row_count):
+            block = starts[first : first + row_count + 1]
+            played = np.zeros((int(block[-1] - block[0]), channel_count))
+            for each in (drive, *others):
+                _add_waveform(played, each, raster, rate_hz, first, block)
             file.write(_encoded(played, sample_format))
         file.write(b"\0" * (data_bytes % 2))  # RIFF chunks have even sizes
-
-
-def _blocks(count: int, size: int) -> Iterator[tuple[int, int]]:
-    for first in range(0, count, size):
-        yield first, min(first + size, count)
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
@@ -139,15 +145,36 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     names = tuple(each.id for each in vibrating)
     sums = [names.index(each) for each in raster.waveform_actuators]
     pairs[:, sums, 0] = 0.0
-    found = [_drive(pairs, names, full_scale, raster, 0)]
+    curves = [each.type.drive for each in vibrating]
+    totals = np.zeros(pairs.shape[:2])
+    for partial in raster.partials:
+        rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
+        totals[rows, sums] += partial.amplitudes
+    found = [_drive(_driven(pairs, curves, full_scale), names, full_scale, raster, 0)]
     for partial in raster.partials:
         first = max(partial.first_row - 1, 0)  # it begins from silence
         lead = partial.first_row - first
         pairs = np.zeros((lead + len(partial.amplitudes), len(names), 2))
         pairs[lead:, sums, 0] = partial.amplitudes
         pairs[lead:, sums, 1] = partial.frequencies_hz
+        pairs = _driven(pairs, curves, full_scale, totals[first : first + len(pairs)])
         found.append(_drive(pairs, names, full_scale, raster, first))
     return found
+
+
+def _driven(
+    pairs: F64,
+    curves: Sequence[Sequence[DriveCurve]],
+    full_scale: float,
+    totals: F64 | None = None,
+) -> F64:
+    """Amplitudes as those of a channel whose output is proportional to its drive."""
+    if not any(curves):
+        return pairs
+    asked = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)
+    asked[..., 0] = np.where(np.isfinite(pairs).all(axis=2), asked[..., 0], 0.0)
+    drive = driven(curves, asked[..., 0], asked[..., 1], full_scale, totals)
+    return np.stack([full_scale * drive, asked[..., 1]], axis=2)
 
 
 def _drive(
@@ -158,13 +185,11 @@ def _drive(
     silence = np.zeros((1, len(actuators)))
     amplitudes = np.vstack([safe[..., 0], silence])
     frequencies = np.vstack([safe[..., 1], safe[-1:, :, 1]])
-    # A silent row's frequency means nothing: sound that begins or ends there keeps its own.
-    is_silent = amplitudes == 0.0
-    first_hz = np.where(is_silent[:-1], frequencies[1:], frequencies[:-1])
-    last_hz = np.where(is_silent[1:], frequencies[:-1], frequencies[1:])
+    first_hz, last_hz = kept_through_silence(
+        (amplitudes[:-1], amplitudes[1:]), (frequencies[:-1], frequencies[1:])
+    )
     cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
-    # As if it had sounded from the beginning: effects of one frequency are in phase and add.
-    begun = first_hz[:1] * first_row / float(raster.rate_hz)
+    begun = cycles_since_the_beginning(first_hz[:1], first_row / float(raster.rate_hz))
     return _Drive(
         actuators=actuators,
         amplitudes=amplitudes / full_scale,
@@ -176,30 +201,61 @@ def _drive(
     )
 
 
-def _waveform(drive: _Drive, raster: Raster, rate_hz: int, first: int, stop: int) -> F64:
-    """Audio samples ``first`` to ``stop``, (n, C) in -1..1; alike however they are split."""
+def _add_waveform(
+    played: F64, drive: _Drive, raster: Raster, rate_hz: int, first_row: int, starts: I64
+) -> None:
+    """Add what a drive plays to audio samples (n, C) in -1..1; alike however they are split.
+
+    Parameters
+    ----------
+    played : (n, C) float64
+        Samples of the raster's rows from ``first_row`` on.
+    starts : (R + 1,) int64
+        First audio sample of each row, and the first one after the last row.
+    """
+    skipped = max(drive.first_row - first_row, 0)
+    start = first_row + skipped - drive.first_row
+    stop = min(first_row + len(starts) - 1 - drive.first_row, len(drive.cycles))
+    sounds = drive.amplitudes[start : max(stop, start) + 1] != 0.0
+    # What is silent costs nothing: only channels that sound during a row are worked out.
+    row, channel = np.nonzero(sounds[:-1] | sounds[1:])
+    if len(row) == 0:
+        return
+    of_drive = row + start
+    begin = starts[row + skipped]
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
-    position = np.arange(first, stop, dtype=np.int64) * numerator
-    row, rest = position // denominator - drive.first_row, position % denominator
-    played = np.zeros((len(row), len(drive.actuators)))
-    begin, end = np.searchsorted(row, [0, len(drive.cycles)])
-    if begin == end:
-        return played
-    row, x = row[begin:end], (rest[begin:end] / denominator)[:, None]  # how far into it, 0..1
-    first_hz, last_hz = drive.first_hz[row], drive.last_hz[row]
-    amplitude = drive.amplitudes[row] * (1.0 - x) + drive.amplitudes[row + 1] * x
-    cycles = x * (first_hz + (last_hz - first_hz) * (x / 2.0)) / float(raster.rate_hz)
-    played[begin:end] = amplitude * np.sin(2.0 * np.pi * (drive.cycles[row] + cycles))
-    return played
+    longest = -(-denominator // numerator)  # samples of a row
+    sample = np.arange(longest)
+    # How far into the row, 0..1; alike for all rows where they are whole numbers of samples.
+    is_even = denominator % numerator == 0
+    into = 0 if is_even else begin * numerator - (of_drive + drive.first_row) * denominator
+    x = (np.reshape(into, (-1, 1)) + sample * numerator) / denominator
+    way = drive.first_hz[of_drive, channel, None], drive.last_hz[of_drive, channel, None]
+    cycles = cycles_on_the_way(way, x, 1.0 / float(raster.rate_hz))
+    cycles += drive.cycles[of_drive, channel, None]
+    ends = drive.amplitudes[of_drive, channel, None], drive.amplitudes[of_drive + 1, channel, None]
+    values = sines(ends, x, cycles)
+    if is_even:
+        played.reshape(-1, longest, played.shape[1])[row + skipped, :, channel] += values
+        return
+    at = (begin - starts[0])[:, None] + sample
+    is_of_row = at < (starts[row + skipped + 1] - starts[0])[:, None]
+    channels = np.broadcast_to(channel[:, None], at.shape)
+    played[at[is_of_row], channels[is_of_row]] += values[is_of_row]
 
 
 def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
     if sample_format == "float32":
         return waveform.astype("<f4").tobytes()
-    highest = 2 ** (_BITS[sample_format] - 1) - 1  # -highest - 1 is not used: symmetric
-    whole: npt.NDArray[np.int32] = np.rint(waveform * highest).astype("<i4")
-    kept = _BITS[sample_format] // 8  # the lowest bytes hold the number
-    return whole.view(np.uint8).reshape(-1, 4)[:, :kept].tobytes()
+    waveform *= 2 ** (_BITS[sample_format] - 1) - 1  # one less than there is: symmetric
+    np.rint(waveform, out=waveform)
+    if sample_format == "int16":
+        return waveform.astype("<i2").tobytes()
+    whole: npt.NDArray[np.uint8] = waveform.astype("<i4").view(np.uint8).reshape(-1, 4)
+    kept = np.empty((len(whole), 3), np.uint8)  # the lowest bytes hold the number
+    for k in range(3):
+        kept[:, k] = whole[:, k]
+    return kept.tobytes()
 
 
 def _head(

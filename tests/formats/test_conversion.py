@@ -114,8 +114,63 @@ def test_a_track_goes_to_everything(tmp_path):
     with pytest.raises(UsageError, match="choose one with --device"):
         convert(track, tmp_path / "w.ahap")
     hjif = convert(tmp_path / "y.hjif", tmp_path / "v.haptic").files
-    assert [path.name for path in hjif] == ["v.Rain.haptic"]
+    assert [path.name for path in hjif] == ["v.haptic"]
     assert not list(tmp_path.glob(".hfx.*")) and not list(tmp_path.glob("w*"))
+
+
+def test_a_single_signal_gets_exactly_the_name_that_was_asked_for(tmp_path):
+    ticking = signal([0, 1, 0.5, 0], transients=[Transient(0.01, 0.9, 100.0)])
+    haptic.write([ticking], RANGE, tmp_path / "x")
+    written = convert(tmp_path / "x.r1c1.haptic", tmp_path / "y.ahap")
+    assert {path.name for path in written.files} == {"y.ahap", "y.transients.ahap"}
+    assert all(path.is_file() for path in written.files)
+
+
+@pytest.mark.parametrize("target", ["csv", "raster.npz", "wav", "tact", "ahap"])
+def test_one_signal_is_played_by_all_vibration_actuators_of_a_device(tmp_path, target):
+    """1 s up to full scale at 120 Hz: at its middle half of what each may be given."""
+    haptic.write([signal([0, 1], rate_hz=1.0, name="buzz")], RANGE, tmp_path / "x")
+    written = convert(tmp_path / "x.buzz.haptic", tmp_path / f"y.{target}", device="back_pad")
+    assert files.validate(written.files[0])[1] == []
+    assert ("500 times a second" in " ".join(written.notes)) and not written.left_out
+    if target != "raster.npz":
+        return
+    raster = npz_raster.read(written.files[0])
+    device = load_device("back_pad")
+    assert len(raster.values) == 500 and len(raster.actuators) == 20
+    for k, column in enumerate(raster.columns):
+        control = device.actuators[0].type.controls[k % 2]
+        assert column.parameter == control.name
+        wanted = control.highest / 2.0 if k % 2 == 0 else 120.0
+        assert raster.values[250, k] == pytest.approx(wanted, rel=0.01)
+
+
+def test_signals_go_to_the_actuators_of_their_names(tmp_path):
+    device = load_device("back_pad")
+    first = registry.write("openxr", raster_for(device, rows=60), device, tmp_path / "x").files[0]
+    back = convert(first, tmp_path / "y.raster.npz", device="back_pad")
+    raster = npz_raster.read(back.files[0])
+    dense, _ = signals_of(raster_for(device, rows=60), device)
+    scale = device.actuators[0].type.strength.highest
+    for each, signal_before in enumerate(dense):
+        wanted = signal_before.amplitude.at(raster.times_s) * scale
+        assert np.abs(raster.values[:, 2 * each] - wanted).max() <= 0.011 * scale
+    with pytest.raises(InputError, match="the vibration actuators of 'insoles' are"):
+        convert(first, tmp_path / "z.csv", device="insoles")
+    with pytest.raises(InputError, match="no vibration actuators"):
+        convert(first, tmp_path / "z.csv", device="fan_heater")
+
+
+def test_a_tick_is_a_burst_that_fades(tmp_path):
+    ticking = signal([0, 0, 0], rate_hz=2.0, transients=[Transient(0.1011, 0.8, 100.0)])
+    haptic.write([ticking], RANGE, tmp_path / "x")
+    written = convert(tmp_path / "x.r1c1.haptic", tmp_path / "y.raster.npz", device="back_pad")
+    raster = npz_raster.read(written.files[0])
+    scale = load_device("back_pad").actuators[0].type.strength.highest
+    shares = raster.values[:, 0] / scale
+    assert shares[51] == pytest.approx(0.8, abs=0.01)  # the first row after 0.1011 s
+    assert shares[:51].max() == 0.0 and shares[62:].max() == 0.0 and shares[51:62].min() > 0.0
+    assert raster.values[51, 1] == pytest.approx(100.0, abs=1.0)
 
 
 def test_what_makes_no_sense_is_refused(tmp_path):
@@ -123,7 +178,7 @@ def test_what_makes_no_sense_is_refused(tmp_path):
     source = tmp_path / "x.r1c1.haptic"
     with pytest.raises(UsageError, match="only a track"):
         convert(source, tmp_path / "y.samples.jsonl")
-    with pytest.raises(UsageError, match="not to wav"):
+    with pytest.raises(UsageError, match="wav holds what a device plays: choose one"):
         convert(source, tmp_path / "y.wav")
     with pytest.raises(UsageError, match="names no format"):
         convert(source, tmp_path / "y.mp3")

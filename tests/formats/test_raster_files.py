@@ -144,6 +144,16 @@ def test_damaged_archives_are_refused(tmp_path):
         npz_raster.decode(archive(**arrays, pickled=np.array([{}], object)), "x")
 
 
+def test_an_array_whose_header_ends_in_the_middle_is_refused():
+    header = b"{'descr': '<f8', 'shape': (3,).  \n"
+    content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(24)
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as one:
+        one.writestr("values.npy", content)
+    with pytest.raises(InputError, match="damaged"):
+        npz_raster.decode(file.getvalue(), "x")
+
+
 def test_an_archive_that_would_fill_the_memory_is_refused():
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as one:

@@ -334,6 +334,18 @@ def test_what_is_no_document_is_refused_in_one_sentence(content, suffix, tmp_pat
 # --- files in the manner of other tools ----------------------------------------------------
 
 
+def test_a_fault_does_not_hide_behind_a_thousand_others():
+    ticks = [{"Event": {"Time": 0.1, "EventType": "HapticTransient", "odd": 1}}] * 1200
+    document = {"Version": 1.0, "Pattern": [*ticks, {"Event": {"Time": "no"}}]}
+    found = ahap_rules.validate(encoded(document), "x")
+    assert [each.place for each in found if each.code == "AHAP-TYPE"] == [
+        "Pattern[1200].Event.Time"
+    ]
+    assert len(found) < 1100
+    with pytest.raises(InputError, match="AHAP-TYPE"):
+        ahap.decode(encoded(document), "x")
+
+
 def test_an_ahap_of_defaults_is_read():
     """Single parameters, ticks, values out of range and audio, as Apple's reader takes them."""
     pattern = [

@@ -45,6 +45,7 @@ def test_samples_are_those_of_the_track(tmp_path, modality):
     [
         (0, {"format": "other"}, "JSONL-CHOICE"),
         (0, {"type": "sample"}, "JSONL-LINE"),
+        (0, {"type": []}, "JSONL-LINE"),
         (0, {"more": 1}, "JSONL-UNKNOWN"),
         (1, {"weights": [1.0]}, "JSONL-SET-SIZE"),
         (1, {"vertices": [7, 7], "weights": [1, 1]}, "JSONL-SET-ORDER"),
@@ -64,6 +65,15 @@ def test_a_broken_rule_is_found_by_its_code(tmp_path, line, change, code):
     lines[line] = {**lines[line], **change}
     found = jsonl_samples.validate(b"".join(encoded(each) for each in lines), "x")
     assert code in [each.code for each in found]
+
+
+def test_more_broken_lines_than_are_told_do_no_harm(tmp_path):
+    path = tmp_path / "x.samples.jsonl"
+    with track_of(tmp_path, "pressure", "volume", BEAT) as track:
+        jsonl_samples.write(track, path)
+    broken = b'{"type":"set"}\n{"type":"sample","effect":[]}\n' * 400
+    found = jsonl_samples.validate(path.read_bytes() + broken, "x")
+    assert len(found) >= 1000 and {each.severity for each in found} == {"error"}
 
 
 @pytest.mark.parametrize("id", ["hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1"])

@@ -18,7 +18,7 @@ from hfx_blender.engine.rendering.device import (
     RoomPlace,
     Scheme,
 )
-from hfx_blender.engine.rendering.raster import Column, Raster
+from hfx_blender.engine.rendering.raster import Column, Partial, Raster
 from hfx_blender.errors import InputError, OutputError
 from hfx_blender.formats import wav
 
@@ -162,6 +162,23 @@ def test_any_block_size_gives_the_same_bytes(tmp_path, monkeypatch, block, rate_
     monkeypatch.setattr(wav, "_BLOCK_SAMPLES", block)
     wav.write(raster, device, tmp_path / "parts.wav")
     assert (tmp_path / "whole.wav").read_bytes() == (tmp_path / "parts.wav").read_bytes()
+
+
+@pytest.mark.parametrize("block", [1, 2500, 1 << 18])
+@pytest.mark.parametrize("rate_hz", [Fraction(100), Fraction(30000, 1001)])
+def test_an_effect_that_sounds_for_a_while_is_heard_there_only(
+    tmp_path, monkeypatch, block, rate_hz
+):
+    """m1 takes a waveform: 8 rows of 12 m/s^2 at 150 Hz from row 10 on; m0 never sounds."""
+    hum = Partial("hum", 10, np.full((8, 1), 12.0), np.full((8, 1), 150.0))
+    silent = make_raster(np.zeros((40, 2)), np.full((40, 2), 100.0), rate_hz)
+    monkeypatch.setattr(wav, "_BLOCK_SAMPLES", block)
+    data = written(tmp_path, replace(silent, waveform_actuators=("m1",), partials=(hum,)))
+    assert not data[:, 0].any()
+    row = np.arange(len(data)) * float(rate_hz) / RATE
+    level = np.interp(row, [9, 10, 17, 18], [0.0, 12.0, 12.0, 0.0]) / FULL_SCALE
+    expected = level * np.sin(2 * np.pi * 150.0 * np.arange(len(data)) / RATE)
+    np.testing.assert_allclose(data[:, 1], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(

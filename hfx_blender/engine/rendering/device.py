@@ -15,6 +15,7 @@ from typing import Literal
 
 from ..modality import MODALITIES
 from .device_output import OutputConfig
+from .drive import DriveCurve
 from .panning.laws import Law
 
 Statistic = Literal["strongest", "mean"]
@@ -48,6 +49,9 @@ class ActuatorType:
     maximum_on_s: float = math.inf  # longest that it is on without a rest, live
     rest_s: float = 1.0
     takes_waveform: bool = False  # driven as sound: plays the sum of all vibrations
+    resonance_hz: float | None = None
+    drive: tuple[DriveCurve, ...] = ()  # measured, by ascending frequency; none: proportional
+    thresholds: tuple[tuple[float, float], ...] = ()  # (Hz, m/s^2) below which it is not felt
 
     @property
     def strength(self) -> Control:
@@ -152,6 +156,7 @@ class Brand:
     vendor: str
     model: str
     usb: tuple[tuple[int, int], ...] = ()  # vendor id, product id
+    serial: str = ""  # pattern of its serial number, with * and ?; empty: any
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +178,7 @@ class DeviceConfig:
     side: str | None = None  # of the body that it is worn on, if it can change sides
     is_mirrored: bool = False  # places are written for the other side
     output: OutputConfig | None = None  # how it is driven live; None: not at all
+    surface_drive_per_m: float | None = None  # c_v that the user set for it; None: the common one
 
     @property
     def modalities(self) -> tuple[str, ...]:

@@ -118,6 +118,31 @@ class ActuatorGroup:
             self._focus[model_id] = focus_panning(self._device, self._actuators, model)
         return self._focus[model_id]
 
+    def is_faint(self, run: SampleRun, gains: F64) -> Bool:
+        """Samples (n,) that fire actuators (n, A), but each weaker than is felt by itself.
+
+        Only where it is known of all of them what is felt.
+        """
+        if self.modality != "vibration" or run.stream.modality != "vibration":
+            return np.zeros(len(run), np.bool_)
+        if not any(each.type.thresholds for each in self._actuators):
+            return np.zeros(len(run), np.bool_)
+        amplitudes = gains * (run.levels * run.parameters[:, 0])[:, None]
+        hz = run.parameters[:, 1]
+        thresholds = np.stack(
+            [
+                np.interp(hz, *np.array(each.type.thresholds).T)
+                if each.type.thresholds
+                else np.zeros(len(run))
+                for each in self._actuators
+            ],
+            axis=1,
+        )
+        is_felt = amplitudes >= thresholds
+        return np.asarray(
+            (amplitudes > 0.0).any(axis=1) & ~(is_felt & (amplitudes > 0.0)).any(axis=1)
+        )
+
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
         """Samples (n,) of which an actuator that fires (n, A) cannot play the frequency."""
         if self.modality != "vibration" or run.stream.modality != "vibration":

@@ -55,8 +55,7 @@ class StrongestContributor:
         if np.ptp(hz, axis=0).max(initial=0.0) <= _ALIKE_HZ:  # nothing to choose between
             found = self._any_of(numbers, amplitudes, hz)
         else:
-            rows = range(amplitudes.shape[1])
-            found = np.stack([self._row(numbers, amplitudes[:, r], hz[:, r]) for r in rows])
+            found = self._chosen_of(numbers, amplitudes, hz)
         if is_bad.any():
             found[(is_bad[..., None] & (amplitudes > 0.0)).any(axis=0)] = np.nan
         return found
@@ -68,19 +67,27 @@ class StrongestContributor:
         rows = np.arange(amplitudes.shape[1])[:, None]
         return np.where(sounds, hz[strongest, rows], 0.0)
 
-    def _row(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
-        """The same for one row: (n, A) and (n,) to (A,)."""
-        alike = np.abs(hz[:, None] - hz[None]) <= _ALIKE_HZ
-        together = np.einsum("ij,ja->ia", alike.astype(np.float64), amplitudes)
-        support = np.where(amplitudes > 0.0, together, 0.0)
-        best, columns = np.argmax(support, axis=0), np.arange(amplitudes.shape[1])
+    def _chosen_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
+        """Row after row whom its actuators are with: (n, R, A) and (n, R) to (R, A)."""
+        count, rows, width = amplitudes.shape
+        alike = (np.abs(hz[:, None] - hz[None]) <= _ALIKE_HZ).astype(np.float64)
+        together = np.einsum("ijr,jra->ira", alike, amplitudes)
+        # Who does not contribute now has no support: the last one.
+        support = np.zeros((count + 1, rows, width))
+        support[:count] = np.where(amplitudes > 0.0, together, 0.0)
+        best = np.argmax(support, axis=0)
+        most, columns = support.max(axis=0), np.arange(width)
         is_held = numbers[:, None] == self._held
-        now = np.where(is_held, support, 0.0).max(axis=0)
-        stays = (now > 0.0) & (support[best, columns] <= MARGIN * now)
-        chosen = np.where(stays, np.argmax(is_held, axis=0), best)
-        sounds = support[chosen, columns] > 0.0
-        self._held = np.where(sounds, numbers[chosen], self._held)
-        return np.where(sounds, hz[chosen], 0.0)
+        held = np.where(is_held.any(axis=0), np.argmax(is_held, axis=0), count)
+        chosen = np.zeros((rows, width), np.int64)
+        for row in range(rows):
+            now = support[held, row, columns]
+            stays = (now > 0.0) & (most[row] <= MARGIN * now)
+            chosen[row] = np.where(stays, held, best[row])
+            held = np.where(most[row] > 0.0, chosen[row], held)
+        self._held = np.where(held < count, np.append(numbers, -1)[held], self._held)
+        frequencies = hz[np.minimum(chosen, count - 1), np.arange(rows)[:, None]]
+        return np.where(most > 0.0, frequencies, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ is nothing before or after.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
@@ -20,6 +20,7 @@ from ..scene import SceneDescription, TimeBase
 from ..track.header import TrackHeader
 from .device import DeviceConfig
 from .dispatch import ModelLoader
+from .frequency import Partial
 from .render import Renderer
 
 F64 = npt.NDArray[np.float64]
@@ -27,12 +28,19 @@ F64 = npt.NDArray[np.float64]
 _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, frame_last=0)
 
 
+def moment_header(scene: SceneDescription, models: ModelLoader = load_model) -> TrackHeader:
+    """What is to be known of a scene to render its moments, as plain data."""
+    used = {effect.model_id: models(effect.model_id) for effect in scene.effects}
+    return replace(TrackHeader.of(scene, used, settings={}, tools={}), time=_ONE_ROW)
+
+
 class MomentRenderer:
     """Renders moments of one scene for one device.
 
     Parameters
     ----------
-    scene : SceneDescription
+    scene : SceneDescription or TrackHeader
+        A scene, or its :func:`moment_header`.
     device : DeviceConfig
     models : callable
         Loads a perceptual model by its id.
@@ -47,18 +55,29 @@ class MomentRenderer:
 
     def __init__(
         self,
-        scene: SceneDescription,
+        scene: SceneDescription | TrackHeader,
         device: DeviceConfig,
         models: ModelLoader = load_model,
         *,
         body_id: str | None = None,
     ) -> None:
-        used = {effect.model_id: models(effect.model_id) for effect in scene.effects}
-        header = TrackHeader.of(scene, used, settings={}, tools={})
+        header = scene if isinstance(scene, TrackHeader) else moment_header(scene, models)
         self.device = device
-        header = replace(header, time=_ONE_ROW)
-        self._renderer = Renderer(header, device, models, body_id=body_id)
-        self._scene = scene
+        # Nothing comes before or after a moment: who looks ahead gives what is felt then.
+        self._renderer = Renderer(header, device, models, body_id=body_id, looks_ahead=False)
+        self._effects = header.effects
+        counts = [len(actuator.type.controls) for actuator in device.actuators]
+        firsts = np.cumsum([0, *counts])
+        self._late: dict[float, tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]] = {}
+        sounding = [a for a in device.actuators if a.type.takes_waveform]
+        for latency_ms in {actuator.type.latency_ms for actuator in device.actuators}:
+            columns = [
+                np.arange(firsts[k], firsts[k + 1])
+                for k, actuator in enumerate(device.actuators)
+                if actuator.type.latency_ms == latency_ms
+            ]
+            is_its = np.array([a.type.latency_ms == latency_ms for a in sounding], np.bool_)
+            self._late[latency_ms] = np.concatenate(columns), is_its
         self._members = [
             [k for k, each in enumerate(device.actuators) if each.type.modality == group.modality]
             for group in self._renderer.groups
@@ -78,7 +97,7 @@ class MomentRenderer:
             A place of the device does not fit a model.
         """
         for group in self._renderer.groups:
-            for effect in self._scene.effects:
+            for effect in self._effects:
                 if group.answers_to(effect.modality):
                     group.cells_on(effect.model_id)
                     if effect.kind == "spot":
@@ -106,6 +125,35 @@ class MomentRenderer:
         self._renderer.add(runs)
         return self._renderer.first_row()
 
+    def tones(self) -> list[Partial]:
+        """What the W actuators that take a waveform play of the moment that was rendered last.
+
+        One for each effect, with one row; together within the device's limits.
+        """
+        return list(self._renderer.partials())
+
+    def ahead(
+        self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
+    ) -> tuple[F64, list[Partial]]:
+        """Values and tones of which each actuator's are of the time at which it answers.
+
+        Parameters
+        ----------
+        now : sequence of SampleRun
+            What is felt now.
+        later : mapping
+            What is felt after some milliseconds, for latencies that are to be compensated.
+        """
+        values, tones = self.values(now), self.tones()
+        for latency_ms, (columns, is_its) in self._late.items():
+            if latency_ms not in later:
+                continue
+            values[columns] = self.values(later[latency_ms])[columns]
+            if is_its.any():
+                tones = [_only(tone, ~is_its) for tone in tones]
+                tones += [_only(tone, is_its) for tone in self.tones()]
+        return values, tones
+
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
         """What the wearer feels, and how strongly it reaches each actuator (A,), in 0..1."""
         mine = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
@@ -116,3 +164,8 @@ class MomentRenderer:
         for members, group in zip(self._members, self._renderer.groups, strict=True):
             gains[members] = group.gains(run)[0]
         return gains
+
+
+def _only(tone: Partial, chosen: npt.NDArray[np.bool_]) -> Partial:
+    """A tone at some of the actuators; silent at the others."""
+    return replace(tone, amplitudes=np.where(chosen, tone.amplitudes, 0.0))

@@ -17,6 +17,7 @@ from ...errors import InputError
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
+from ..surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
 from .device import DeviceConfig
 from .dispatch import ActuatorGroup, ModelLoader
@@ -92,6 +93,7 @@ class _Tally:
     is_rendered: list[Bool] = field(default_factory=list)
     off_frequency: int = 0
     over_limit: int = 0
+    below_threshold: int = 0
 
 
 @dataclass(eq=False)
@@ -140,6 +142,7 @@ class Renderer:
         self._groups = [
             ActuatorGroup(device, modality, self._model) for modality in device.modalities
         ]
+        self._drives = SurfaceDrives(header.settings, device.surface_drive_per_m)
         play_space = PlaySpace.of_settings(header.settings)
         for group in self._groups:
             group.play_space = play_space
@@ -182,6 +185,7 @@ class Renderer:
             A place of the device does not fit a model, or a model is not the track's.
         """
         runs = [run for run in runs if run.stream.body_id == self._body_id and len(run)]
+        runs = [self._drives.on_device(run) for run in runs]
         if not runs:
             return
         rows = np.unique(np.concatenate([run.indices for run in runs]))
@@ -191,6 +195,7 @@ class Renderer:
         is_rendered = [np.zeros(len(run), np.bool_) for run in runs]
         is_off = [np.zeros(len(run), np.bool_) for run in runs]
         is_over = [np.zeros(len(run), np.bool_) for run in runs]
+        is_faint = [np.zeros(len(run), np.bool_) for run in runs]
         for group in self._groups:
             played: list[tuple[int, _Played]] = []
             for k, run in enumerate(runs):
@@ -206,13 +211,17 @@ class Renderer:
                 is_rendered[k] |= fires.any(axis=1)
                 is_off[k] |= group.is_off_frequency(each.run, fires)
                 is_over[k] |= (fires & is_cut[each.positions]).any(axis=1)
-        for run, rendered, off, over in zip(runs, is_rendered, is_off, is_over, strict=True):
+                is_faint[k] |= group.is_faint(each.run, self._device.gain * each.gains)
+        for run, rendered, off, over, faint in zip(
+            runs, is_rendered, is_off, is_over, is_faint, strict=True
+        ):
             tally = self._tallies[self._streams[run.stream.effect_id]]
             tally.indices.append(run.indices)
             tally.strengths.append(run.levels * np.abs(self._strength(run)))
             tally.is_rendered.append(rendered)
             tally.off_frequency += int(np.count_nonzero(off))
             tally.over_limit += int(np.count_nonzero(over))
+            tally.below_threshold += int(np.count_nonzero(faint))
 
     def _neutral_c(self, stream: Stream) -> float:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
@@ -324,10 +333,11 @@ class Renderer:
             shortfalls=tuple(self._shortfalls(felt)),
             felt=felt,
             waveform_actuators=tuple(actuator.id for actuator in self._sounding),
-            partials=self._finished_partials(),
+            partials=self.partials(),
         )
 
-    def _finished_partials(self) -> tuple[Partial, ...]:
+    def partials(self) -> tuple[Partial, ...]:
+        """What actuators that take a waveform play of each effect so far, within limits."""
         if not self._sounding:
             return ()
         kinds = [actuator.type for actuator in self._sounding]
@@ -357,6 +367,7 @@ class Renderer:
                 (self._why_not(each.stream, can), lost),
                 ("frequency", tally.off_frequency),
                 ("limit", tally.over_limit),
+                ("threshold", tally.below_threshold),
             ]
             for reason, samples in losses:
                 if samples:

@@ -18,6 +18,7 @@ from ..body.model import PerceptualModel
 from ..body.parts import SIDES
 from .coverage import ActuatorCells
 from .device import Actuator, BodyPlace, DeviceConfig, Mount, RoomPlace
+from .panning.neighbours import joined_on_skin, parted
 from .panning.planar import PlanarPanning
 from .panning.ring import LinePanning, RingPanning
 from .panning.splat import GaussianSplatting, NearestPanning
@@ -100,7 +101,13 @@ def panned_layout(
             found.vertices[own], found.gains[own], found.fade[own], _spacing_m(centres), found.at
         )
     vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
-    at = _FLAT[device.scheme.name](device, centres)
+    anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
+    is_joined = joined_on_skin(model, centres, anchors)
+    panned = _FLAT[device.scheme.name](device, centres)
+
+    def at(places: F64) -> F64:
+        return parted(panned(places), is_joined)
+
     gains = at(model.vertices[vertices].astype(np.float64)) * fade[:, None]
     return PannedLayout(vertices, gains, fade, _spacing_m(centres), at)
 

@@ -16,11 +16,11 @@ from ..checking import clean
 from ..curves import CurveTolerance
 from ..signals import DEFAULT_TOLERANCE, MAX_HZ, FrequencyRange, Signal, heard, joined_times
 from ..written import Written
+from . import text
 from .body_parts import place_mask
 from .envelopes import Dense, timescale_of
 from .model import Hjif, Perception
 from .perceptions import SUFFIX, Place, document_of, perception_of
-from .reader import encode
 
 
 def write(
@@ -104,5 +104,5 @@ def _dense(signal: Signal) -> Dense:
 def _write(document: Hjif, stem: Path, tolerance: CurveTolerance) -> Written:
     path = stem.with_name(stem.name + SUFFIX)
     with atomic_file(path) as file:
-        file.write(encode(document))
+        text.write(document, file)
     return Written((path,), notes=(f"curves are within {tolerance.value:.1%} of full scale",))

@@ -21,7 +21,7 @@ from ...atomic_files import atomic_file
 from ...engine.body.model import PerceptualModel
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device import DeviceConfig
-from ...engine.samples import SampleRun, Stream
+from ...engine.samples import Stream
 from ...engine.track import TrackReader
 from ...errors import InputError
 from .. import glb
@@ -29,11 +29,12 @@ from ..checking import clean
 from ..curves import CurveTolerance
 from ..signals import DEFAULT_TOLERANCE, MAX_HZ
 from ..written import Written
+from . import text
 from .body_parts import described, vertex_masks
+from .collected import Collected
 from .envelopes import Dense, timescale_of
 from .model import Avatar, Hjif, Vector
 from .perceptions import PITCH_HZ, SUFFIX, Place, document_of, perception_of
-from .reader import encode
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -64,7 +65,7 @@ def write(
         files.append(stem.with_name(f"{stem.name}.{model.id}{glb.SUFFIX}"))
         glb.write_model(model, files[-1])
     with atomic_file(path) as file:
-        file.write(encode(document))
+        text.write(document, file)
     driven = [each.name for each in track.header.effects if each.kind == "actuators"]
     notes = (
         *(f"'{clean(each)}' drives single actuators: it is not felt on a body" for each in driven),
@@ -104,12 +105,16 @@ def compose(
     timescale = timescale_of(header.time.fps, header.time.rate_hz)
     used = list(dict.fromkeys(stream.model_id for stream in header.streams))
     loaded = {id: _checked(models(id), id, track) for id in used}
-    runs: dict[Stream, list[SampleRun]] = {stream: [] for stream in header.streams}
+    masks = {id: vertex_masks(model) for id, model in loaded.items()}
+    found = {
+        stream: Collected(masks[stream.model_id], by_part=header.effect(stream).kind != "painted")
+        for stream in header.streams
+    }
     for run in track.runs():
-        runs[run.stream].append(run)
+        found[run.stream].add(run)
     groups: dict[tuple[str, str, str], list[Stream]] = {}
     for stream in header.streams:
-        if runs[stream] and header.effect(stream).kind != "actuators":  # those have no place
+        if len(found[stream]) and header.effect(stream).kind != "actuators":  # those have no place
             key = (stream.body_id, stream.model_id, stream.modality)
             groups.setdefault(key, []).append(stream)
     if not groups:
@@ -124,7 +129,7 @@ def compose(
         places = [
             place
             for stream in streams
-            for place in _places(stream, runs[stream], track, loaded[model_id])
+            for place in _places(stream, found[stream], track, masks[model_id])
         ]
         perceptions.append(perception_of(k, modality, places, devices, timescale, tolerance))
         perceptions[-1] = replace(
@@ -145,17 +150,16 @@ def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualM
 
 
 def _places(
-    stream: Stream, runs: Sequence[SampleRun], track: TrackReader, model: PerceptualModel
+    stream: Stream, found: Collected, track: TrackReader, masks: npt.NDArray[np.uint32]
 ) -> Iterator[Place]:
     """The channels of one effect on one body, their strength in physical units."""
-    effect = next(each for each in track.header.effects if each.id == stream.effect_id)
+    effect = track.header.effect(stream)
     count = track.header.time.sample_count
     period_s = 1.0 / float(track.header.time.rate_hz)
     times = np.arange(count + 1) * period_s
-    rows = np.concatenate([run.indices for run in runs])
+    rows, parameters = found.rows, found.parameters
     neutral = neutral_temperature_c(effect.is_contact) if stream.modality == "temperature" else 0.0
-    parameters = np.concatenate([run.parameters for run in runs])
-    strengths = np.concatenate([run.levels for run in runs]) * (parameters[:, 0] - neutral)
+    strengths = found.levels * (parameters[:, 0] - neutral)
     pitch = None
     if stream.modality == "vibration":
         hertz = np.clip(parameters[:, 1], 0.0, MAX_HZ)
@@ -168,24 +172,23 @@ def _places(
         column[-1] = column[-2]  # the last row lasts a row
         return Dense(times, column, pitch)
 
-    masks = vertex_masks(model)
     if effect.kind == "painted":
-        classes = _weight_classes(runs[0])
+        assert found.first_set is not None
+        classes = _weight_classes(*found.first_set)
         for weight, vertices in classes:
             mask = int(np.bitwise_or.reduce(masks[vertices], initial=0))
             share = "" if len(classes) == 1 else f", weight {weight:.3g}"
             title = f"{effect.name}{share}"
             yield Place(title, weight, mask, set(vertices.tolist()), dense(strengths), direction)
         return
-    for mask, weights, touched in _touched(runs, masks):
+    for mask, weights, touched in found.touched():
         title = f"{effect.name}, {described(mask)}"
-        yield Place(title, 1.0, mask, touched, dense(strengths * weights), direction)
+        ids = set(touched.tolist())
+        yield Place(title, 1.0, mask, ids, dense(strengths * weights), direction)
 
 
-def _weight_classes(run: SampleRun) -> list[tuple[float, I64]]:
+def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
     """Vertices of a painted area by weight: mean weight and ids of each class."""
-    part = slice(0, int(run.offsets[1]))
-    vertices, weights = run.vertices[part].astype(np.int64), run.weights[part].astype(np.float64)
     steps = np.ceil(weights * _WEIGHT_CLASSES - 1e-6)
     if np.ptp(weights) < 1.0 / 255.0:
         steps[:] = steps[0]
@@ -193,28 +196,6 @@ def _weight_classes(run: SampleRun) -> list[tuple[float, I64]]:
         (round(float(weights[steps == each].mean()), 6), vertices[steps == each])
         for each in np.unique(steps)[::-1]
     ]
-
-
-def _touched(
-    runs: Sequence[SampleRun], masks: npt.NDArray[np.uint32]
-) -> list[tuple[int, F64, set[int]]]:
-    """What a volume touched of each body part: the strongest weight of each sample, vertices."""
-    total = sum(len(run) for run in runs)
-    found: dict[int, tuple[F64, set[int]]] = {}
-    first = 0
-    for run in runs:
-        sizes = np.diff(run.offsets)
-        set_ids = np.repeat(np.arange(len(sizes)), sizes)
-        parts = masks[run.vertices]
-        for mask in np.unique(parts).tolist():
-            is_here = parts == mask
-            strongest = np.zeros(len(sizes))
-            np.maximum.at(strongest, set_ids[is_here], run.weights[is_here].astype(np.float64))
-            weights, vertices = found.setdefault(mask, (np.zeros(total), set()))
-            weights[first : first + len(run)] = strongest[run.set_of]
-            vertices.update(np.unique(run.vertices[is_here]).tolist())
-        first += len(run)
-    return [(mask, *found[mask]) for mask in sorted(found)]
 
 
 def _direction(parameters: F64) -> Vector | None:

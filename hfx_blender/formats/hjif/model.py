@@ -19,7 +19,7 @@ class Vector:
     Z: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Keyframe:
     """One point of an envelope."""
 
@@ -163,7 +163,7 @@ _PARTS: Final[dict[tuple[type, str], Any]] = {
     (Effect, "composition"): Effect,
     (Effect, "keyframes"): Keyframe,
 }
-_NAMES: Final[dict[type, tuple[str, ...]]] = {
+MEMBERS: Final[dict[type, tuple[str, ...]]] = {
     kind: tuple(each.name for each in fields(kind))
     for kind in (
         Vector,
@@ -178,23 +178,15 @@ _NAMES: Final[dict[type, tuple[str, ...]]] = {
         Hjif,
     )
 }
-
-
-def to_json(item: Any) -> Any:
-    """A part, or a whole file, as JSON values."""
-    if isinstance(item, tuple):
-        return [to_json(each) for each in item]
-    names = _NAMES.get(type(item))
-    if names is None:
-        return item
-    members = ((name, getattr(item, name)) for name in names)
-    return {name: to_json(value) for name, value in members if value is not None}
+"""Names of a part's members, in the order of a file."""
 
 
 def from_json(value: Any, kind: type = Hjif) -> Any:
     """A checked JSON value as the part that it is; unknown members are left out."""
+    if kind is Keyframe:  # most of a file
+        return Keyframe(*map(value.get, MEMBERS[Keyframe]))
     members: dict[str, Any] = {}
-    for name in _NAMES[kind]:
+    for name in MEMBERS[kind]:
         if name not in value:
             if name in ("timescale", "syncs"):
                 members[name] = None

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..checking import encoded, parse, read_bytes, refuse_errors
-from .model import Hjif, from_json, to_json
+from ..checking import parse, read_bytes, refuse_errors
+from .model import Hjif, from_json
 from .rules import findings
 
 
@@ -27,8 +27,3 @@ def decode(content: bytes, name: str) -> Hjif:
     refuse_errors([each for each in findings(found) if each.code != "HJIF-UNKNOWN"], name)
     document: Hjif = from_json(found)
     return document
-
-
-def encode(document: Hjif) -> bytes:
-    """A document as the bytes of a file; the same bytes for the same content."""
-    return encoded(to_json(document))

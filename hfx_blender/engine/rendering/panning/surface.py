@@ -16,28 +16,18 @@ import numpy.typing as npt
 
 from ...body.mesh_edit import edges_of
 from ...body.model import PerceptualModel
-from ...body.parts import PARTS
 from .complex import ActuatorComplex, merged_places
 from .laws import Law, gain
+from .neighbours import MAX_SPAN_M, limbs_of
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
-MAX_SPAN_M: Final = 0.2
-"""Farthest that two neighbours may be apart, along the skin."""
-
 _ROUND_ABOUT: Final = 1.7
 """How much longer the way along the skin may be than straight on (half round a limb: 1.57)."""
 
 _HOLLOW: Final = 0.1
-
-_LIMBS: Final = {
-    "head": 0,
-    "torso": 1,
-    **dict.fromkeys(("upper_arm", "forearm", "hand_dorsum", "hand_palm", "fingers"), 2),
-    **dict.fromkeys(("upper_leg", "lower_leg", "foot_dorsum", "foot_sole"), 3),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +64,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     unique, first, place_of = np.unique(anchors, return_index=True, return_inverse=True)
     nearest, distance_m, between_m = _along_the_skin(model, unique)
     straight_m = np.linalg.norm(points[unique][:, None] - points[unique][None], axis=2)
-    limb = np.array([_LIMBS[part] for part in PARTS])[model.part] * 3 + model.side
-    of_trunk = limb // 3 <= 1  # head and torso are one piece from left to right
-    limb = np.where(of_trunk, limb // 3 * 3, limb)
+    limb = limbs_of(model)
     is_joined = (between_m <= MAX_SPAN_M) & (between_m <= _ROUND_ABOUT * straight_m)
     is_joined &= limb[unique][:, None] == limb[unique][None]
     is_joined &= ~_through_the_air(model, points[unique], is_joined)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pieces of a scene, each a command of its own as a farm sends them, and putting them together."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import hfx_scenes
+import pytest
+from hfx_scenes import command, contents_of, environment, names_in
+
+from hfx_blender import cli
+
+bpy = pytest.importorskip("bpy")
+
+FRAMES = 80  # at 25 frames and 100 samples a second: two whole chunks of a track and a bit
+OPTIONS = ("-f", "track,csv,hjif,glb", "--device", "insoles")
+
+
+@pytest.fixture(scope="module")
+def moving(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    hfx_scenes.small_scene(FRAMES - 1)
+    ball = bpy.data.objects["Ball"]
+    ball.hfx.radius = 0.1
+    for frame, x in ((0, -0.4), (30, 0.2), (79, 0.3)):
+        ball.location = (x, 0.0, 1.0)
+        ball.keyframe_insert("location", frame=frame)
+    return hfx_scenes.save(tmp_path_factory.mktemp("farm") / "moving.blend")
+
+
+@pytest.fixture(scope="module")
+def whole(moving: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """What one plain export writes."""
+    folder = tmp_path_factory.mktemp("whole")
+    assert cli.run(["export", str(moving), "-o", str(folder), *OPTIONS]) == 0
+    return contents_of(folder)
+
+
+def _run(blend: Path, out: Path, *arguments: str) -> int:
+    return cli.run(["export", str(blend), "-o", str(out), *OPTIONS, *arguments])
+
+
+def test_pieces_in_any_order_one_of_them_killed_make_the_same_bytes(
+    moving: Path, whole: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = command("export", moving, "-o", out, *OPTIONS)
+    killed = subprocess.Popen(
+        [*arguments, "--piece", "2/3"], env=environment(), stdout=subprocess.DEVNULL
+    )
+    until = time.monotonic() + 60
+    while not names_in(out / "moving.pieces") and time.monotonic() < until:  # where it works
+        time.sleep(0.01)
+    killed.kill()
+    killed.wait()
+    assert _run(moving, out, "--piece", "3/3") == 0
+    assert _run(moving, out, "--piece", "1/3") == 0
+    capsys.readouterr()
+    assert _run(moving, out, "--merge") == 3
+    assert "of 3 pieces, 2 is not there" in capsys.readouterr().err
+    again = subprocess.run([*arguments, "--piece", "2/3"], env=environment(), capture_output=True)
+    assert again.returncode == 0, again.stderr
+    assert _run(moving, out, "--merge") == 0
+    assert contents_of(out) == whole  # and nothing of the one that was killed
+
+
+def test_a_piece_is_done_again_only_if_something_changed(
+    moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+
+    def is_left_out(*options: str) -> bool:
+        capsys.readouterr()
+        assert _run(moving, out, "--piece", "1/2", "--resume", "--json", *options) == 0
+        return bool(json.loads(capsys.readouterr().out).get("unchanged"))
+
+    assert not is_left_out()
+    assert is_left_out()
+    track = out / "moving.pieces" / "1-of-2.hfxtrack"
+    track.write_bytes(track.read_bytes()[:-1] + b"x")
+    assert not is_left_out()
+    assert not is_left_out("--tolerance", "preview")
+    assert _run(moving, out, "--piece", "2/2") == 0
+    assert _run(moving, out, "--merge") == 3  # the first was recorded with another tolerance
+    assert "1 is made from another state" in capsys.readouterr().err
+    assert not is_left_out()
+    assert _run(moving, out, "--merge") == 0
+    assert not (out / "moving.pieces").exists()
+    assert is_left_out()  # the scene is complete: so is each piece
+
+
+def test_a_short_scene_has_nothing_for_the_last_pieces(
+    moving: Path, whole: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    for piece in ("5/5", "3/5", "1/5", "4/5", "2/5"):
+        assert _run(moving, out, "--piece", piece) == 0
+    assert "piece 5 of 5: nothing is left for it to do" in capsys.readouterr().out
+    assert _run(moving, out, "--merge") == 0
+    assert contents_of(out) == whole
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--piece", "0/3"), "K from 1 to N"),
+        (("--piece", "4/3"), "K from 1 to N"),
+        (("--piece", "1"), "K from 1 to N"),
+        (("--piece", "1/3", "--merge"), "comes after all pieces"),
+        (("--merge", "--split", "100"), "--split"),
+    ],
+)
+def test_what_makes_no_sense_is_wrong_usage(
+    moving: Path, tmp_path: Path, arguments: tuple[str, ...], message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    assert _run(moving, tmp_path / "out", *arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_without_pieces_there_is_nothing_to_merge(
+    moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(moving, tmp_path / "out", "--merge") == 3
+    assert "there are no pieces of moving.blend" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

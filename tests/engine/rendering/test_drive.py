@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Measured actuators: the drive that an amplitude needs, and what is too faint to be felt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rendering_synthetic import MODELS, at, make_device, make_header, make_run
+from scipy.io import wavfile
+
+from hfx_blender.devices.live.encoders import Channels
+from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.drive import DriveCurve, drive_of, driven
+from hfx_blender.engine.rendering.raster import Raster
+from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.formats import wav
+
+# Half drive yields a third of the output at 80 Hz, and two fifths of a larger one at 160 Hz.
+CURVES = (
+    DriveCurve(80.0, ((0.0, 0.0), (0.5, 2.0), (1.0, 6.0))),
+    DriveCurve(160.0, ((0.0, 0.0), (0.5, 8.0), (1.0, 20.0))),
+)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "hz", "drive"),
+    [
+        (0.0, 80.0, 0.0),
+        (1.0, 80.0, 0.25),
+        (2.0, 80.0, 0.5),
+        (4.0, 80.0, 0.75),
+        (9.0, 80.0, 1.0),  # more than it can
+        (4.0, 160.0, 0.25),
+        (4.0, 120.0, 0.5),  # half way between 0.75 and 0.25
+        (4.0, 20.0, 0.75),  # beyond: the nearest
+        (4.0, 900.0, 0.25),
+        (-1.0, 80.0, 0.0),
+        (np.nan, 80.0, 0.0),
+        (np.inf, 80.0, 0.0),
+        (4.0, np.nan, 0.0),
+    ],
+)
+def test_the_curve_is_inverted_by_hand(amplitude: float, hz: float, drive: float) -> None:
+    assert drive_of(CURVES, np.array([amplitude]), np.array([hz]))[0] == pytest.approx(drive)
+
+
+@given(st.floats(0.0, 6.0), st.sampled_from([80.0, 160.0]))
+def test_what_is_driven_so_vibrates_as_asked(amplitude: float, hz: float) -> None:
+    (curve,) = (each for each in CURVES if each.frequency_hz == hz)
+    drive = drive_of(CURVES, np.array(amplitude), np.array(hz))
+    output = np.interp(drive, [x for x, _ in curve.points], [y for _, y in curve.points])
+    assert output == pytest.approx(amplitude, abs=1e-9)
+
+
+def test_sines_together_never_need_more_than_full_drive():
+    asked = np.array([[3.0, 3.0], [3.0, 3.0]])  # two sines at two channels, the first is measured
+    total = np.broadcast_to(asked.sum(axis=0), asked.shape)
+    found = driven([CURVES, ()], asked, np.full((2, 2), 80.0), 10.0, total)
+    assert found[:, 0].tolist() == [0.5, 0.5]  # 6 m/s^2 together are full drive
+    assert found[:, 1].tolist() == [0.3, 0.3]
+
+
+def device(**kind: object) -> DeviceConfig:
+    found = make_device({"m": ("vibration", at(3))})
+    changed = replace(found.actuators[0].type, **kind)  # type: ignore[arg-type]
+    return replace(
+        found,
+        actuator_types={"vibration": changed},
+        actuators=(replace(found.actuators[0], type=changed),),
+    )
+
+
+def rendered(on: DeviceConfig, *effects: tuple[float, float]) -> Raster:
+    """A second of effects of some amplitude and frequency."""
+    names = [f"e{k}" for k in range(len(effects))]
+    header = make_header(dict.fromkeys(names, "vibration"), 100, rate_hz=Fraction(100))
+    renderer = Renderer(header, on, lambda name: MODELS[name])
+    samples = {i: {3: 1.0} for i in range(100)}
+    renderer.add(
+        [make_run(header, n, samples, each) for n, each in zip(names, effects, strict=True)]
+    )
+    return renderer.raster()
+
+
+@pytest.mark.parametrize("wave", [False, True])
+def test_a_wav_holds_the_drive_and_the_raster_the_output(tmp_path: Path, wave: bool) -> None:
+    on = device(drive=CURVES, takes_waveform=wave)
+    raster = rendered(on, (4.0, 80.0))
+    assert set(raster.values[:, 0]) == {4.0}
+    wav.write(raster, on, tmp_path / "a.wav", sample_format="float32")
+    assert np.abs(wavfile.read(tmp_path / "a.wav")[1]).max() == pytest.approx(0.75, abs=1e-3)
+    plain = device(takes_waveform=wave)
+    wav.write(rendered(plain, (4.0, 80.0)), plain, tmp_path / "b.wav", sample_format="float32")
+    assert np.abs(wavfile.read(tmp_path / "b.wav")[1]).max() == pytest.approx(0.2, abs=1e-3)
+
+
+def test_channels_of_a_port_hold_the_drive():
+    channels = Channels(device(drive=CURVES))  # amplitude 0..20, frequency 50..250
+    assert channels.fractions(channels.values(np.array([4.0, 80.0]))).tolist() == [0.75, 0.15]
+    assert channels.fractions(channels.values(np.array([4.0, 160.0])))[0] == 0.25
+    # A board that gets no frequency: that of silence, 100 Hz, a quarter of the way to 160 Hz.
+    strengths = Channels(device(drive=CURVES), strengths_only=True)
+    assert strengths.fractions(strengths.values(np.array([4.0, 160.0]))).tolist() == [0.625]
+    plain = Channels(device())
+    assert plain.fractions(plain.values(np.array([4.0, 80.0]))).tolist() == [0.2, 0.15]
+
+
+def test_what_is_fainter_than_can_be_felt_is_reported():
+    on = device(thresholds=((100.0, 0.4), (200.0, 0.1)))
+    raster = rendered(on, (0.24, 150.0), (0.26, 150.0))  # felt from 0.25 on
+    assert [(s.effect_id, s.reason, s.samples) for s in raster.shortfalls] == [
+        ("e0", "threshold", 100)
+    ]
+    assert raster.shortfalls[0].seconds == pytest.approx(1.0)
+    assert not rendered(device(), (0.01, 150.0)).shortfalls

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Changed copies of files: of their bytes, or of what is in them so that they stay readable."""
+
+from __future__ import annotations
+
+import io
+import json
+import random
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+
+TOKENS = (
+    b"null", b"true", b"-1", b"1e308", b"1e-308", b"1e999", b"NaN", b"[]", b"{}", b'""', b"0",
+    b"4294967296", b"99999999999999999999", b'"\\ud800"', b"[[[[", b"1.5", b"-0", b'"Reference"',
+    b'"Composite"', b'"id":7', b'"Curve"', b"\xff\xfe", b"\x00" * 8,
+)  # fmt: skip
+VALUES: tuple[object, ...] = (
+    None, True, -1, 0, 1, 2, 1.5, 1e308, -1e308, 5e-324, 2**31, 2**64, "", "x", "\ud800", [], {},
+    [[]], {"a": 1}, "Reference", "Composite", 7, 1000, 50_000, 10_000,
+)  # fmt: skip
+_GLB_HEAD = struct.Struct("<4sIIII")
+
+ByteMutator = Callable[[bytes], bytes]
+
+
+def mutated(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes:
+    """A changed copy: half of the time of the content behind the file's packing."""
+    if rng.random() < 0.5:
+        for inside in (_of_tree, _of_archive, _of_glb):
+            result = inside(data, rng, of_bytes)
+            if result is not None:
+                return result
+    return of_bytes(data)
+
+
+def _of_tree(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
+    """JSON, or one line of JSON Lines, changed as a tree."""
+    if data[:1] not in (b"{", b"["):
+        return None
+    lines = data.splitlines()
+    at = rng.randrange(len(lines)) if b"\n{" in data else None
+    try:
+        tree = json.loads(data if at is None else lines[at])
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(tree, dict | list):
+        return None
+    for _ in range(rng.choice((1, 1, 1, 2, 4))):
+        change_tree(tree, rng)
+    try:
+        content = json.dumps(tree).encode()
+    except (ValueError, RecursionError):  # a part was put into itself
+        return None
+    if at is None:
+        return content
+    lines[at] = content
+    return b"\n".join(lines) + b"\n"
+
+
+def _of_archive(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
+    """A ZIP with a member changed, and sums that are right."""
+    if data[:2] != b"PK":
+        return None
+    packed = io.BytesIO()
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {each: archive.read(each)[: 64 << 10] for each in archive.namelist()[:20]}
+        name = rng.choice(list(members))
+        members[name] = of_bytes(members[name])
+        if rng.random() < 0.1:
+            members[rng.choice(list(members))] = members.pop(name)
+        with zipfile.ZipFile(packed, "w", rng.choice((0, 8))) as archive:
+            for each, content in members.items():
+                archive.writestr(each, content)
+    except (OSError, ValueError, IndexError, zipfile.BadZipFile, NotImplementedError, zlib.error):
+        return None
+    except (RuntimeError, EOFError, struct.error, UnicodeError):  # encrypted, cut, odd names
+        return None
+    return packed.getvalue()
+
+
+def _of_glb(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
+    """A GLB with its JSON changed, and lengths that are right."""
+    if data[:4] != b"glTF" or len(data) < _GLB_HEAD.size:
+        return None
+    magic, version, _, length, kind = _GLB_HEAD.unpack_from(data)
+    content = _of_tree(data[_GLB_HEAD.size : _GLB_HEAD.size + length].rstrip(), rng, of_bytes)
+    if content is None:
+        return None
+    content += b" " * (-len(content) % 4)
+    rest = data[_GLB_HEAD.size + length :]
+    total = _GLB_HEAD.size + len(content) + len(rest)
+    return _GLB_HEAD.pack(magic, version, total, len(content), kind) + content + rest
+
+
+def change_tree(tree: object, rng: random.Random) -> None:
+    """One change somewhere inside: replace, remove, double or swap a member."""
+    at = tree
+    for _ in range(rng.randrange(1, 14)):
+        inner = (
+            list(at.values()) if isinstance(at, dict) else list(at) if isinstance(at, list) else []
+        )
+        inner = [each for each in inner if isinstance(each, dict | list) and each]
+        if not inner or rng.random() < 0.1:
+            break
+        at = rng.choice(inner)
+    if isinstance(at, dict) and at:
+        _change_object(at, rng)
+    elif isinstance(at, list) and at:
+        _change_list(at, rng)
+
+
+def _change_object(at: dict[str, object], rng: random.Random) -> None:
+    key = rng.choice(list(at))
+    kind = rng.randrange(4)
+    old = at[key]
+    if kind == 0:
+        at[key] = rng.choice(VALUES)
+    elif kind == 1:
+        del at[key]
+    elif kind == 2:
+        at[rng.choice(list(at))] = old
+    elif isinstance(old, int | float) and not isinstance(old, bool) and abs(old) < 1e300:
+        at[key] = old * rng.choice((-1, 0, 0.5, 2, 1000, 1e9)) + rng.choice((0, 0, 1, -1))
+
+
+def _change_list(at: list[object], rng: random.Random) -> None:
+    k = rng.randrange(len(at))
+    kind = rng.randrange(4)
+    if kind == 0:
+        at[k] = rng.choice(VALUES)
+    elif kind == 1:
+        del at[k]
+    elif kind == 2:
+        at.extend(at[k : k + 1] * rng.choice((1, 2, 40)))
+    else:
+        other = rng.randrange(len(at))
+        at[k], at[other] = at[other], at[k]
+
+
+def changed_bytes(data: bytes, other: bytes, rng: random.Random) -> bytes:
+    """Bits, tokens, cuts and copies: for when no fuzzing engine does it."""
+    result = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 4, 16))):
+        at = rng.randrange(len(result) + 1)
+        kind = rng.randrange(7)
+        if kind == 0 and result:
+            result[at % len(result)] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            result[at:at] = rng.choice(TOKENS)
+        elif kind == 2:
+            del result[at : at + rng.choice((1, 2, 8, 64, 512))]
+        elif kind == 3 and other:
+            start = rng.randrange(len(other))
+            result[at:at] = other[start : start + rng.choice((4, 32, 256))]
+        elif kind == 4 and result:
+            result[at : at + 4] = rng.randrange(2**32).to_bytes(4, "little")
+        elif kind == 5:
+            result[at : at + rng.choice((1, 3, 8))] = rng.choice(TOKENS)
+        elif kind == 6 and result:
+            result[at:at] = result[at : at + 64] * rng.choice((1, 2, 20))
+    return bytes(result)
