@@ -16,7 +16,7 @@ from ..engine.body import areas
 from ..engine.body.model import load_model
 from ..errors import InputError
 from ..reading.effect_values import PARAMETER_PROPERTIES
-from . import clips, effects, painting, paths, vector_sensations
+from . import clips, effects, painting, paths, response_exchange, vector_sensations
 from .effect_file import (
     SUFFIX,
     ActuatorsRecipe,
@@ -168,9 +168,24 @@ def _shape(
     effect.hfx.falloff_share = volume.falloff_share
     effect.location = [o + x / unit_m for o, x in zip(origin, volume.location_m, strict=True)]
     effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
+    fps = scene.render.fps / scene.render.fps_base
+    _move(effect, volume, unit_m, frame, fps, origin)
+    response_exchange.add_response(effect, volume.response, unit_m, frame, fps)
+    if volume.swarm is not None:
+        swarm = volume.swarm
+        response_exchange.add_swarm(scene, effect, swarm, unit_m, frame, fps, origin)
+
+
+def _move(
+    effect: bpy.types.Object,
+    volume: VolumeRecipe,
+    unit_m: float,
+    frame: float,
+    fps: float,
+    origin: Sequence[float],
+) -> None:
     if not volume.path:
         return
-    fps = scene.render.fps / scene.render.fps_base
     data = effect.animation_data or effect.animation_data_create()
     data.action = bpy.data.actions.new(f"{effect.name} Path")
     for axis in range(3):
@@ -203,6 +218,11 @@ def sensation_of(
         for curve in compat.fcurves(obj)
         if _is_motion(curve)
         for key in _keys(curve)
+    ]
+    starts += [
+        system.settings.frame_start
+        for obj in chosen
+        for _, system in response_exchange.emitters(scene, obj)
     ]
     first = min(starts, default=0.0)
     return Sensation(name, description, tuple(_recipe(scene, obj, first, fps) for obj in chosen))
@@ -294,6 +314,8 @@ def _volume(
         location_m=tuple(unit_m * x for x in location),
         rotation_deg=tuple(degrees(angle) for angle in rotation.to_euler()),
         path=path,  # type: ignore[arg-type]
+        response=response_exchange.response_recipe(effect, unit_m, first, fps),
+        swarm=response_exchange.swarm_recipe(scene, effect, unit_m, first, fps),
     )
 
 
@@ -304,7 +326,7 @@ def _moves(effect: bpy.types.Object) -> list[bpy.types.FCurve]:
 def _is_motion(curve: bpy.types.FCurve) -> bool:
     """Whether a curve says where an effect is, or what its actuators get."""
     path = curve.data_path
-    return path in ("location", paths.POSITION) or path.startswith("hfx.drive[")
+    return path in ("location", paths.POSITION) or path.startswith(("hfx.drive[", "hfx.response["))
 
 
 def _keys(curve: bpy.types.FCurve) -> list[bpy.types.Keyframe]:

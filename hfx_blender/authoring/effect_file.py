@@ -2,7 +2,8 @@
 """Effects in a file of their own (``.hfxeffect``): to keep, to share, to ship as a library.
 
 One JSON file holds one sensation: a list of unitary effects with their areas or volumes, their
-parameters in physical units, and their clips, timed from 0. It holds no code and names no path.
+parameters in physical units, how they answer a touch, and their clips, timed from 0. It holds no
+code and names no path.
 """
 
 from __future__ import annotations
@@ -20,6 +21,14 @@ from ..engine.body.parts import PARTS
 from ..engine.modality import MODALITIES
 from . import path_file
 from .path_file import PathRecipe
+from .response_recipes import (
+    FilterRecipe,
+    SwarmRecipe,
+    response_document,
+    response_of,
+    swarm_document,
+    swarm_of,
+)
 
 SUFFIX: Final = file_suffixes.EFFECT
 SCHEMA: Final = "hfx-effects"
@@ -83,6 +92,8 @@ class VolumeRecipe:
     location_m: Number3 = (0.0, 0.0, 0.0)
     rotation_deg: Number3 = (0.0, 0.0, 0.0)
     path: tuple[tuple[float, Number3], ...] = ()  # (seconds, place)
+    response: tuple[FilterRecipe, ...] = ()  # how it answers a touch
+    swarm: SwarmRecipe | None = None  # particles of it, in place of itself
 
 
 @dataclass(frozen=True)
@@ -219,7 +230,8 @@ def _area(node: Node) -> PartsArea | VertexArea:
 
 
 def _volume(node: Node) -> VolumeRecipe:
-    optional = ("falloff", "falloff_share", "location_m", "rotation_deg", "path")
+    placed = ("location_m", "rotation_deg", "path", "swarm")
+    optional = ("falloff", "falloff_share", "response", *placed)
     shape = node.entries(allowed="an object")
     name = shape["shape"].choice(tuple(_SHAPES)) if "shape" in shape else "SPHERE"
     members = node.members(required=("shape", *_SHAPES[name]), optional=optional)
@@ -250,6 +262,10 @@ def _volume(node: Node) -> VolumeRecipe:
             )
             for place in places
         )
+    if "response" in members:
+        found["response"] = response_of(members["response"])
+    if "swarm" in members:
+        found["swarm"] = swarm_of(members["swarm"])
     return VolumeRecipe(name, **found)
 
 
@@ -380,6 +396,10 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             "location_m": list(where.location_m),
             "rotation_deg": list(where.rotation_deg),
         }
+        if where.response:
+            document["volume"]["response"] = response_document(where.response)
+        if where.swarm is not None:
+            document["volume"]["swarm"] = swarm_document(where.swarm)
         if where.path:
             document["volume"]["path"] = [
                 {"time_s": time, "location_m": list(place)} for time, place in where.path

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live devices: what they cost Blender each frame, and how soon a frame is at the port."""
+"""Live devices: what they cost Blender each frame, and how soon a frame is at the port.
+
+*Handing over* is all that Blender's main thread does for devices once a frame has been evaluated;
+while an animation plays it evaluates later frames as well, for actuators that answer late.
+*Made into bytes* is what a thread beside it does then; it holds Python's lock meanwhile, so a frame
+may wait for it at worst. *At the port* is from a frame evaluated to the first datagram of it that
+is received on loopback: made into bytes, handed on, rendered, guarded, encoded, sent.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +17,29 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from .. import blender_session, resources
 from ..devices.live.client import LiveClient
+from ..devices.live.moments import Moment, moment_to
+from ..engine.body.model import load_model
+from ..engine.rendering.moment import moment_header
+from ..engine.samples import SampleRun, Stream
+from ..engine.scene import TimeBase
+from ..engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..playback.evaluation import Evaluation
 
 HANDING_OVER_MS: Final = 0.5
 AT_PORT_P99_MS: Final = 10.0
 
+_MODEL: Final = "hfx-vibration-1"
 _RATE_HZ: Final = 60.0
 _PATIENCE_S: Final = 10.0
 _INTERVALS_MS: Final = (5, 10)
@@ -46,10 +64,11 @@ def measure(
             _at_port(interval_ms, frames), "p99_ms", AT_PORT_P99_MS
         )
         progress((k + 1) / (len(_INTERVALS_MS) + 1))
-    evaluated, handed = _in_blender(frames)
+    evaluated, packed, handed = _in_blender(frames)
     found["evaluating the demo, once for preview and devices"] = _row(evaluated)
     for name, times in handed.items():
         found[f"handing over to {name}"] = _row(times, "median_ms", HANDING_OVER_MS)
+    found["made into bytes, in a thread"] = _row(packed)
     progress(1.0)
     return found
 
@@ -109,7 +128,7 @@ class _Receiver:
 
 
 def _at_port(interval_ms: int, frames: int) -> list[float]:
-    """Seconds from a frame handed over to its bytes at a port on loopback, 60 frames a second.
+    """Seconds from a frame evaluated to its bytes at a port on loopback, 60 frames a second.
 
     At that rate a device that is updated every 10 ms is sent each frame as it is; one that is
     updated every 5 ms begins its way to it at once.
@@ -122,9 +141,12 @@ def _at_port(interval_ms: int, frames: int) -> list[float]:
             _write_device(Path(folder), interval_ms)
             output = {"kind": "udp", "port": receiver.port}
             client.connect("one", "one", output, folder=Path(folder))
+            header, moment_of = _vibrating_skin()
+            client.describe(header, header.bodies[0].id)
             end = time.monotonic() + _PATIENCE_S
-            while not client.devices["one"].is_armed:
+            while not (client.devices["one"].is_armed and receiver.arrived):
                 client.events()
+                client.show(moment_of(1.0))
                 client.heartbeat()
                 time.sleep(0.005)
                 if time.monotonic() > end:
@@ -137,8 +159,9 @@ def _at_port(interval_ms: int, frames: int) -> list[float]:
                     client.arm()
                 receiver.arrived.clear()
                 wanted = _level(k)
+                moment = moment_of(wanted)
                 begun = time.monotonic()
-                client.send("one", [wanted, 100.0])
+                client.show(moment)
                 client.heartbeat()
                 due = max(due + 1.0 / _RATE_HZ, time.monotonic())
                 time.sleep(max(0.0, due - time.monotonic()))
@@ -157,6 +180,36 @@ def _at_port(interval_ms: int, frames: int) -> list[float]:
         client.close()
         receiver.close()
     return found
+
+
+def _vibrating_skin() -> tuple[TrackHeader, Callable[[float], Moment]]:
+    """A scene of one effect on all skin, and its moments by amplitude."""
+    model = load_model(_MODEL)
+    stream = Stream("skin", "body", "vibration", model.id)
+    header = TrackHeader(
+        time=TimeBase(Fraction(1), Fraction(1), 0, 0, 0),
+        models=(TrackModel(model.id, "vibration", model.content_hash, len(model)),),
+        bodies=(TrackBody("body", "Body"),),
+        effects=(TrackEffect("skin", "Skin", "vibration", "volume", model.id),),
+        streams=(stream,),
+    )
+    vertices = np.arange(len(model), dtype=np.int32)
+    weights = np.ones(len(model), np.float32)
+
+    def moment(amplitude_m_s2: float) -> Moment:
+        run = SampleRun(
+            stream,
+            np.zeros(1, np.int64),
+            np.zeros(1),
+            np.ones(1),
+            np.array([[amplitude_m_s2, 100.0]]),
+            np.array([0, len(model)]),
+            vertices,
+            weights,
+        )
+        return Moment(0.0, [run])
+
+    return header, moment
 
 
 def _level(frame: int) -> float:
@@ -186,8 +239,8 @@ def _write_device(folder: Path, interval_ms: int) -> None:
     (folder / "one.json").write_text(json.dumps(content))
 
 
-def _in_blender(frames: int) -> tuple[list[float], dict[str, list[float]]]:
-    """Seconds for evaluating each frame of the demo, and for handing it over."""
+def _in_blender(frames: int) -> tuple[list[float], list[float], dict[str, list[float]]]:
+    """Seconds for evaluating each frame of the demo, making it into bytes, handing it over."""
     bpy = blender_session.start()
 
     from ..demo import garage
@@ -201,10 +254,18 @@ def _in_blender(frames: int) -> tuple[list[float], dict[str, list[float]]]:
         blender_session.open_blend(scenes.build("demo", Path(folder) / "demo.blend"))
     scene = bpy.context.scene
     evaluated: list[float] = []
+    packed: list[float] = []
     handed: dict[str, list[float]] = {}
-    for devices in (garage.DEVICES[:1], garage.DEVICES):
+    every = f"all {len(garage.DEVICES)} devices of the demo"
+    ways = (
+        (garage.DEVICES[0], garage.DEVICES[:1], False),
+        (every, garage.DEVICES, False),
+        (f"{every}, looking ahead for late ones", garage.DEVICES, True),
+    )
+    was_playing = live_listening.is_playing
+    for name, devices, plays in ways:
         live = Live()
-        name = devices[0] if len(devices) == 1 else f"all {len(devices)} devices of the demo"
+        live_listening.is_playing = lambda plays=plays: plays
         times: list[float] = []
         try:
             for each in devices:
@@ -230,7 +291,20 @@ def _in_blender(frames: int) -> tuple[list[float], dict[str, list[float]]]:
                     live.arm()
                 evaluated.append(between - begun)
                 times.append(ended - between)
+                packed.append(_packing(evaluation))
         finally:
             live.close()
+            live_listening.is_playing = was_playing
         handed[name] = times
-    return evaluated, handed
+    return evaluated, packed, handed
+
+
+def _packing(evaluation: Evaluation) -> float:
+    """Seconds that a thread works to make a frame into bytes."""
+    assert evaluation.scene is not None
+    streams = moment_header(evaluation.scene.description).streams
+    places = {stream: k for k, stream in enumerate(streams)}
+    runs = evaluation.runs()
+    begun = time.perf_counter()
+    moment_to(Moment(0.0, runs), places)
+    return time.perf_counter() - begun

@@ -19,7 +19,7 @@ def add_parser(commands: Any) -> None:
     check = actions.add_parser("check", help="faults of a configuration file")
     check.add_argument("file", type=Path, metavar="FILE")
     imported = actions.add_parser(
-        "import", help="make a device of a node map of VRChat haptics (JSON)"
+        "import", help="make a device of a node map of VRChat haptics or a Unitouch layout (JSON)"
     )
     imported.add_argument("file", type=Path, metavar="FILE")
     imported.add_argument("--name", help="of the device (default: the file's)")

@@ -19,6 +19,7 @@ from ..engine.modality import MODALITIES
 from ..engine.rendering.device import Actuator, DeviceConfig, VertexPlace
 from ..engine.rendering.placement import vertices_of
 from ..errors import InputError
+from . import surface_calibration
 from .configuration_reader import WEARABLE_SIDES, device_from
 from .layout_reader import ID_PATTERN
 from .strict_json import read
@@ -60,11 +61,19 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
     folder : Path, optional
         The user's own configurations; they go before shipped ones of the same name.
 
+    What the user has calibrated for it comes along.
+
     Raises
     ------
     InputError
         There is no such device, or its file is not a valid configuration.
     """
+    device = _found(name_or_path, folder)
+    own = surface_calibration.of_device(str(name_or_path), device.id)
+    return device if own is None else replace(device, surface_drive_per_m=own)
+
+
+def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
         return _worn(Path(text)) or _read(Path(text))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ from ..engine.rendering.device import (
     Scheme,
     Substitution,
 )
+from ..engine.rendering.drive import DriveCurve
 from ..errors import InputError
 from . import layout_reader, output_reader
 from .layout_reader import ID_DESCRIBED, ID_PATTERN
@@ -47,6 +49,13 @@ _IN_TIME: Final = {
     "rest_s": (0.0, 86_400.0),
 }
 """Limits in time that an actuator type may have, and their ranges."""
+
+_MEASURED: Final = ("resonance_hz", "drive", "detection_thresholds")
+"""What may be known of an actuator type that vibrates."""
+
+_FREQUENCIES_HZ: Final = (0.1, 1000.0)
+_SERIAL: Final = r"[A-Za-z0-9_.:*?-]{1,64}"
+_SERIAL_DESCRIBED: Final = "1 to 64 of letters, digits, _ . : -, and * and ? for any"
 
 
 def device_from(document: Node) -> DeviceConfig:
@@ -123,13 +132,14 @@ def _size(node: Node) -> tuple[float, float]:
 
 
 def _brand(node: Node) -> Brand:
-    members = node.members(required=("vendor",), optional=("model", "usb"))
+    members = node.members(required=("vendor",), optional=("model", "usb", "serial"))
     usb = []
     for item in members["usb"].items(least=1, most=16) if "usb" in members else ():
         ids = item.members(required=("vendor_id", "product_id"))
         usb.append((_usb_id(ids["vendor_id"]), _usb_id(ids["product_id"])))
     model = members["model"].text() if "model" in members else ""
-    return Brand(members["vendor"].text(), model, tuple(usb))
+    serial = members["serial"].text(_SERIAL, _SERIAL_DESCRIBED) if "serial" in members else ""
+    return Brand(members["vendor"].text(), model, tuple(usb), serial)
 
 
 def _usb_id(node: Node) -> int:
@@ -148,12 +158,22 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         )
     members = node.members(
         required=("modality", "parameters"),
-        optional=("latency_ms", "update_interval_ms", "limits", "takes_waveform", *_IN_TIME),
+        optional=(
+            "latency_ms",
+            "update_interval_ms",
+            "limits",
+            "takes_waveform",
+            *_IN_TIME,
+            *_MEASURED,
+        ),
     )
     modality = members["modality"].choice(tuple(MODALITIES))
     takes_waveform = "takes_waveform" in members and members["takes_waveform"].boolean()
     if takes_waveform and modality != "vibration":
         members["takes_waveform"].fail("left out: only vibration is played as a waveform")
+    for each in _MEASURED:
+        if each in members and modality != "vibration":
+            members[each].fail("left out: it is known of vibration only")
     names = _CONTROLS[modality]
     ranges = members["parameters"].members(required=names)
     limits = members["limits"].members(required=(), optional=names) if "limits" in members else {}
@@ -166,8 +186,50 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         latency_ms=0.0 if latency is None else latency.number(0.0, 60_000.0, "ms"),
         update_interval_ms=10.0 if interval is None else interval.number(0.1, 60_000.0, "ms"),
         takes_waveform=takes_waveform,
-        **{name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members},
+        **_in_time_and_measured(members),
     )
+
+
+def _in_time_and_measured(members: dict[str, Node]) -> dict[str, Any]:
+    """Limits in time, and what was measured of an actuator type."""
+    found: dict[str, Any] = {
+        name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members
+    }
+    if "resonance_hz" in members:
+        found["resonance_hz"] = members["resonance_hz"].number(*_FREQUENCIES_HZ, "Hz")
+    if "drive" in members:
+        curves = [_curve(node) for node in members["drive"].items(least=1, most=32)]
+        if any(b.frequency_hz <= a.frequency_hz for a, b in itertools.pairwise(curves)):
+            members["drive"].fail("curves of ascending frequency")
+        found["drive"] = tuple(curves)
+    if "detection_thresholds" in members:
+        node = members["detection_thresholds"]
+        pairs = [
+            _pair(each, _FREQUENCIES_HZ, (0.0, 1000.0)) for each in node.items(least=1, most=64)
+        ]
+        if any(b[0] <= a[0] for a, b in itertools.pairwise(pairs)):
+            node.fail("pairs of ascending frequency")
+        found["thresholds"] = tuple(pairs)
+    return found
+
+
+def _curve(node: Node) -> DriveCurve:
+    members = node.members(required=("frequency_hz", "points"))
+    points = [
+        _pair(each, (0.0, 1.0), (0.0, 1000.0))
+        for each in members["points"].items(least=2, most=256)
+    ]
+    is_rising = all(a[0] < b[0] and a[1] < b[1] for a, b in itertools.pairwise(points))
+    if points[0] != (0.0, 0.0) or not is_rising:
+        members["points"].fail("pairs of drive and output that both rise from [0, 0]")
+    return DriveCurve(members["frequency_hz"].number(*_FREQUENCIES_HZ, "Hz"), tuple(points))
+
+
+def _pair(
+    node: Node, first: tuple[float, float], second: tuple[float, float]
+) -> tuple[float, float]:
+    one, other = node.items(least=2, most=2)
+    return one.number(*first), other.number(*second)
 
 
 def _control(modality: str, name: str, node: Node, limits: Node | None) -> Control:

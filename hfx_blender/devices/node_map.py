@@ -23,6 +23,7 @@ from ..engine.body.model import PerceptualModel, load_model
 from ..engine.body.parts import SIDES
 from ..engine.rendering.placement import on_parts
 from ..errors import InputError
+from . import unitouch_layout
 from .layout_reader import ID_DESCRIBED, ID_PATTERN
 from .strict_json import read
 
@@ -56,13 +57,14 @@ def import_node_map(
 ) -> Path:
     """Make a configuration of a node map, and keep it with the user's own devices.
 
-    Every node becomes a motor at the nearest skin of its part of the body, and a channel of OSC
+    An actuator layout of Unitouch Studio is known by its content and taken as well. Every node
+    becomes a motor at the nearest skin of its part of the body, and a channel of OSC
     at its own address. Amplitudes are a guess (10 m/s^2 at 150 Hz): measure your own.
 
     Raises
     ------
     InputError
-        The file is not a node map, or the name is none or taken.
+        The file is neither, or the name is none or taken.
     OutputError
         It cannot be written.
     """
@@ -71,7 +73,11 @@ def import_node_map(
     made = (folder or resources.user_devices()) / f"{device_id}.json"
     if made.exists():
         raise InputError(f"{made}: exists already; choose another name.")
-    content = configuration_of(path, device_id, models(MODEL))
+    document = read(path)
+    if unitouch_layout.is_layout(document):
+        content = unitouch_layout.configuration_of(document, device_id, models(MODEL))
+    else:
+        content = configuration_of(path, device_id, models(MODEL))
     made.parent.mkdir(parents=True, exist_ok=True)
     with atomic_file(made) as file:
         file.write(json.dumps(content, indent=2).encode() + b"\n")

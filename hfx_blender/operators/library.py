@@ -37,7 +37,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> str:
         raise InputError("Leave painting or editing first.")
     body = _body(context)
     origin = body.matrix_world.translation if body is not None else context.scene.cursor.location
-    from ..authoring import effect_exchange
+    from ..authoring import effect_exchange, response_exchange
 
     made = effect_exchange.place(
         context.scene,
@@ -46,9 +46,19 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> str:
         frame=float(context.scene.frame_current),
         origin=origin,
     )
-    select_only(context, made[0])
-    for effect in made[1:]:
-        effect.select_set(True)
+    # A swarm's volume is in no scene; what emits it is.
+    seen = [
+        emitter
+        for effect in made
+        for emitter in (
+            [effect]
+            if effect.name in context.scene.objects
+            else [each for each, _ in response_exchange.emitters(context.scene, effect)]
+        )
+    ]
+    select_only(context, seen[0])
+    for obj in seen[1:]:
+        obj.select_set(True)
     return f"Added '{sensation.name}': {len(made)} effects"
 
 
@@ -92,7 +102,7 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
 
 
 class HFX_OT_save_effects(HfxOperator, ExportHelper):
-    """Save the selected effects to a file of their own, with areas, parameters and clips"""
+    """Save the selected effects, and what selected emitters emit, to a file of their own"""
 
     bl_idname = "hfx.save_effects"
     bl_label = "Save Effects"
@@ -102,12 +112,12 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
     name: StringProperty(name="Name", description="Empty: that of the file")
 
     def work(self, context: bpy.types.Context) -> str:
-        from ..authoring import effect_exchange, effect_file
+        from ..authoring import effect_exchange, effect_file, response_exchange
 
-        chosen = sorted(
-            (obj for obj in context.selected_objects if obj.hfx.role == "EFFECT"),
-            key=lambda obj: obj.name,
-        )
+        selected = context.selected_objects
+        found = {obj for obj in selected if obj.hfx.role == "EFFECT"}
+        found.update(each for obj in selected for each in response_exchange.volumes_of(obj))
+        chosen = sorted(found, key=lambda obj: obj.name)
         path = Path(self.filepath)
         title = self.name or path.stem.replace("_", " ").title()
         effect_file.save(effect_exchange.sensation_of(context.scene, chosen, title), path)

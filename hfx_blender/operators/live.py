@@ -67,10 +67,10 @@ class HFX_OT_live_add(HfxOperator):
 
 
 class HFX_OT_live_import(HfxOperator, ImportHelper):
-    """Make a device of a node map of VRChat haptics, and add it to this scene"""
+    """Make a device of a node map of VRChat haptics, or of a Unitouch layout, and add it"""
 
     bl_idname = "hfx.live_import"
-    bl_label = "Import Node Map"
+    bl_label = "Import Node Map or Layout"
 
     filename_ext = ".json"
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})

@@ -21,6 +21,10 @@ LOOK_AHEAD_S = 0.01
 """The most of a frame's time that is spent on what comes; what was begun is finished."""
 
 
+_MOST_KEPT = 2000
+"""Frames; then it begins anew."""
+
+
 class Evaluation:
     """What is felt in one scene: kept until something moves, described anew if that changes.
 
@@ -48,14 +52,18 @@ class Evaluation:
         self._spent_s = 0.0  # on those
 
     def touch(self) -> None:
-        """Something moved."""
+        """Something moved, in time or otherwise."""
         self._runs = None
-        self._later.clear()
         self._spent_s = 0.0
+
+    def edited(self) -> None:
+        """Something changed but the time: what comes may come otherwise."""
+        self._later.clear()
 
     def forget(self) -> None:
         """The scene may have become another one: nothing of it is kept."""
         self.touch()
+        self.edited()
         self.scene, self._key, self._ahead, self.fault = None, (), None, ""
         self.generation += 1
 
@@ -101,6 +109,7 @@ class Evaluation:
         """Get ready for :meth:`runs_at`; why other frames cannot be known, empty if they can."""
         from ..reading.looking_ahead import LookAhead
 
+        self.edited()
         if self.scene is None:
             return self.fault
         if self._ahead is None:
@@ -110,7 +119,9 @@ class Evaluation:
     def runs_at(self, frame: float) -> list[SampleRun]:
         """What is felt at another frame; what is felt now where that cannot be known.
 
-        When :data:`LOOK_AHEAD_S` is spent, it is what is felt at the nearest frame that is known.
+        It is kept until something is edited: whoever looks further ahead has found already what
+        others look for later. When :data:`LOOK_AHEAD_S` is spent, it is what is felt at the nearest
+        frame that is known.
 
         Raises
         ------
@@ -120,8 +131,10 @@ class Evaluation:
         if self._ahead is None or self._ahead.reason:
             return self.runs()
         if frame not in self._later:
-            if self._spent_s > LOOK_AHEAD_S:
+            if self._spent_s > LOOK_AHEAD_S and self._later:
                 return self._later[min(self._later, key=lambda known: abs(known - frame))]
+            if len(self._later) >= _MOST_KEPT:
+                self._later.clear()
             begun = time.perf_counter()
             self._later[frame] = self._ahead.runs(frame)
             self._spent_s += time.perf_counter() - begun

@@ -2,9 +2,9 @@
 """Live devices: what is felt now is sent to connected devices, while Blender plays, scrubs or
 drags.
 
-The output process does everything slow; here the open scene is evaluated once a change, its
-values are handed over, and a timer gives a sign of life. Nothing listens until a device is
-connected.
+Processes of their own do everything slow, rendering for the devices too; here the open scene is
+evaluated once a change and handed over as it is, and a timer gives a sign of life. Nothing listens
+until a device is connected.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from .. import resources
 from ..errors import InputError
 from . import live_listening, live_settings
 from .evaluation import evaluation
-from .live_targets import neutral_of, target_of, with_gain
-from .look_ahead import frame_ahead, latencies_ms, values_ahead
+from .live_targets import neutral_of, target_of
+from .look_ahead import frame_ahead, latencies_ms
 
 if TYPE_CHECKING:
     from ..devices.live.client import DeviceState, LiveClient
+    from ..devices.live.haptics import F64
     from ..engine.rendering.device import DeviceConfig
-    from ..engine.rendering.moment import MomentRenderer
-    from ..engine.samples import SampleRun
+    from ..engine.surface_drive import SurfaceDrive
 
 HOLD_S = 2.0
 """A scene that stands still is felt for so long; then it is silent until something moves."""
@@ -40,7 +40,6 @@ class _Connected:
     device: DeviceConfig
     has_script: bool
     late_ms: tuple[float, ...]  # latencies of its actuators
-    renderer: MomentRenderer | None = None
 
 
 class Live:
@@ -49,7 +48,8 @@ class Live:
     def __init__(self) -> None:
         self._client: LiveClient | None = None
         self._devices: dict[str, _Connected] = {}
-        self._generation = -1  # of the evaluation that renderers were made for
+        self._generation = -1  # of the evaluation that devices are told moments of
+        self._is_described = False
         self._changed_s = 0.0
         self._is_held = False
         self.fault = ""
@@ -143,10 +143,13 @@ class Live:
         if self._client is not None:
             self._client.set_offset(name, offset_ms)
 
-    def send_vibration(self, amplitude_m_s2: float, frequency_hz: float) -> None:
+    def send_vibration(
+        self, amplitude_m_s2: float, frequency_hz: float, drive: SurfaceDrive | None = None
+    ) -> None:
         """Let every vibration actuator play this now, within its device's limits.
 
         For what is tried by hand, without a body. A device that a script drives is left alone.
+        What a surface drives (``drive``) is as strong as was calibrated for each device.
         """
         if self._client is None or not self.is_armed:
             return
@@ -155,10 +158,13 @@ class Live:
             if each.has_script:
                 continue
             values = neutral_of(each.device)
+            own, played = each.device.surface_drive_per_m, amplitude_m_s2
+            if drive is not None:
+                played = float(drive.amplitude(amplitude_m_s2, own))
             first = 0
             for actuator in each.device.actuators:
                 if actuator.type.modality == "vibration":
-                    values[first : first + 2] = [amplitude_m_s2, frequency_hz]
+                    values[first : first + 2] = [played, frequency_hz]
                 first += len(actuator.type.controls)
             self._client.send(name, values)
 
@@ -175,11 +181,14 @@ class Live:
         """Something moved."""
         evaluation.touch()
 
+    def edited(self) -> None:
+        """Something changed but the time."""
+        evaluation.edited()
+
     def forget(self) -> None:
         """The scene may have become another one: nothing of it is kept."""
         evaluation.forget()
-        for each in self._devices.values():
-            each.renderer = None
+        self._is_described = False
 
     def fail(self, text: str) -> None:
         """Something is wrong here: everything stops, and the user is told."""
@@ -211,7 +220,7 @@ class Live:
 
     def describe(self, context: bpy.types.Context) -> None:
         """Find out what there is to feel, if that changed; never from within an update."""
-        from ..engine.rendering.moment import MomentRenderer
+        from ..engine.rendering.moment import moment_header
         from ..engine.rendering.room import needs_positions
 
         configs = [each.device for each in self._devices.values()]
@@ -225,71 +234,56 @@ class Live:
         self.late = ""
         if any(each.late_ms for each in self._devices.values()):
             self.late = evaluation.prepare_ahead()
-        for each in self._devices.values():
-            each.renderer = None
-            if found is not None:
-                body = found.description.bodies[0].id  # devices are worn by the first body
-                each.renderer = MomentRenderer(found.description, each.device, body_id=body)
-                each.renderer.prepare()
+        self._is_described = found is not None and self._client is not None
+        if found is not None and self._client is not None:
+            body = found.description.bodies[0].id  # devices are worn by the first body
+            self._client.describe(moment_header(found.description), body)
 
     def update(self, scene: bpy.types.Scene) -> None:
-        """Send what is felt now to every device.
+        """Hand over what is felt now; whoever renders it tells of devices that do not fit.
 
         Raises
         ------
         InputError
-            A device does not fit the body.
+            Something of the scene cannot be felt any more.
         """
         if self._client is None or not self.is_armed or evaluation.scene is None:
             return
-        if evaluation.generation != self._generation:
-            return  # described anew just now; renderers follow
+        if evaluation.generation != self._generation or not self._is_described:
+            return  # described anew just now; devices are told soon
+        from ..devices.live.moments import Moment
+
         self._changed_s, self._is_held = time.monotonic(), False
         runs = evaluation.runs()
-        if evaluation.with_positions:
-            self._follow_play_space(scene)
-        with self._client.together():
-            for name, each in self._devices.items():
-                if each.renderer is not None:
-                    self._send(self._client, name, each, runs, scene)
+        later = {}
+        if live_listening.is_playing():
+            for ms in {ms for each in self._devices.values() for ms in each.late_ms}:
+                later[ms] = evaluation.runs_at(frame_ahead(scene, ms))
+        self._client.show(
+            Moment(
+                scene.frame_current_final / (scene.render.fps / scene.render.fps_base),
+                runs,
+                self._gains(scene),
+                self._play_space(scene) if evaluation.with_positions else None,
+                later,
+            )
+        )
 
-    def _follow_play_space(self, scene: bpy.types.Scene) -> None:
+    def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
+        """What the user has set, by a device's number; 0 is mute."""
+        found = {}
+        for name, state in self.states.items():
+            item = scene.hfx.devices.get(name)
+            if item is not None and (item.is_muted or item.gain != 1.0):
+                found[state.number] = 0.0 if item.is_muted else item.gain
+        return found
+
+    def _play_space(self, scene: bpy.types.Scene) -> F64:
         from ..reading.play_space import pose_now
 
         assert evaluation.scene is not None
         objects = evaluation.scene.objects
-        matrix = pose_now(scene, objects.layer, objects.unit_m)
-        for each in self._devices.values():
-            if each.renderer is not None:
-                each.renderer.move_play_space(matrix)
-
-    @staticmethod
-    def _send(
-        client: LiveClient,
-        name: str,
-        each: _Connected,
-        runs: list[SampleRun],
-        scene: bpy.types.Scene,
-    ) -> None:
-        assert each.renderer is not None
-        item = scene.hfx.devices.get(name)
-        if each.late_ms and live_listening.is_playing():
-            values = values_ahead(
-                each.renderer, runs, lambda ms: evaluation.runs_at(frame_ahead(scene, ms))
-            )
-        else:
-            values = each.renderer.values(runs)
-        if item is not None:
-            values = with_gain(values, each.device, 0.0 if item.is_muted else item.gain)
-        if not each.has_script:
-            client.send(name, values)
-            return
-        from ..devices.live.haptics import packed
-
-        time_s = scene.frame_current_final / (scene.render.fps / scene.render.fps_base)
-        is_muted = item is not None and item.is_muted
-        felt = [] if is_muted else each.renderer.felt(runs)
-        client.send_haptics(name, packed(time_s, felt, values))
+        return pose_now(scene, objects.layer, objects.unit_m)
 
 
 live = Live()

@@ -102,6 +102,13 @@ def _on_change(scene: bpy.types.Scene, *_: object) -> None:
 
 
 @persistent
+def _on_update(scene: bpy.types.Scene, *_: object) -> None:
+    if _live is not None:
+        _live.edited()
+    _on_change(scene)
+
+
+@persistent
 def _on_load(*_: object) -> None:
     _stop("another file was opened")
 
@@ -137,7 +144,7 @@ def _redraw() -> None:
 
 _HANDLERS = {
     "frame_change_post": _on_change,
-    "depsgraph_update_post": _on_change,
+    "depsgraph_update_post": _on_update,
     "load_pre": _on_load,
     "undo_pre": _on_undo,
     "redo_pre": _on_undo,

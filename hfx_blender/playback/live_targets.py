@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a device is connected to, and how strongly it plays: the user's choice as plain data."""
+"""What a device is connected to: the user's choice as plain data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from ..errors import DeviceError
 from .live_settings import LiveSettings
 
 if TYPE_CHECKING:
-    from ..devices.live.haptics import F64
     from ..engine.rendering.device import DeviceConfig
 
 
@@ -51,19 +50,6 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
             raise DeviceError(f"Device '{device.id}': '{settings.port}' is no network port.")
         target["port"] = int(settings.port)
     return target
-
-
-def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
-    """Values (columns,) with every strength's way from silence times ``gain``."""
-    if gain == 1.0:
-        return values
-    values = values.copy()
-    first = 0
-    for actuator in device.actuators:
-        neutral = actuator.type.strength.neutral
-        values[first] = neutral + gain * (values[first] - neutral)
-        first += len(actuator.type.controls)
-    return values
 
 
 def neutral_of(device: DeviceConfig) -> list[float]:

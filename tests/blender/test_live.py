@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -306,25 +305,30 @@ def test_both_are_told_when_something_is_added(log: Path) -> None:
 
 
 def test_late_actuators_are_told_early_while_it_plays(
-    log: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The pad answers after 20 ms; it is made to answer after four frames."""
-    play(log)
-    each = live._devices[PAD]
-    kind = replace(each.device.actuators[0].type, latency_ms=4 * 1000.0 / 24.0)
-    actuators = tuple(replace(a, type=kind) for a in each.device.actuators)
-    each.device = replace(each.device, actuators=actuators)
-    each.late_ms = look_ahead.latencies_ms(each.device)
-    live._generation = -1
+    """The pad answers after 20 ms; one of ours answers after four frames."""
+    folder = tmp_path / "devices"
+    folder.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(folder))
+    content = json.loads((resources.device_configs() / f"{PAD}.json").read_text())
+    content["id"] = "late"
+    for kind in content["actuator_types"].values():
+        kind["latency_ms"] = 4 * 1000.0 / 24.0
+    (folder / "late.json").write_text(json.dumps(content))
+    path = tmp_path / "late.jsonl"
+    bpy.ops.hfx.live_add(name="late")
+    bpy.ops.hfx.live_connect(name="late", kind="SIMULATOR", path=str(path))
+    play(path)
     monkeypatch.setattr(live_listening, "is_playing", lambda: True)
     live_listening._describe()
     assert live.late == ""
     go(7)  # the clip begins at 10
-    until(lambda: is_loud(log))
+    until(lambda: is_loud(path) and not is_loud(log))
     monkeypatch.setattr(live_listening, "is_playing", lambda: False)
     go(6)
     go(7)
-    until(lambda: not is_loud(log))
+    until(lambda: not is_loud(path))
 
 
 def test_a_scene_that_cannot_be_known_ahead_says_why(log: Path) -> None:

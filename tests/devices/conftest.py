@@ -18,6 +18,7 @@ FULL: dict[str, Any] = {
         "vendor": "Nobody",
         "model": "None",
         "usb": [{"vendor_id": "0x2341", "product_id": "0x0043"}],
+        "serial": "HFX-*",
     },
     "size_m": {"width": 0.2, "height": 0.1},
     "side": "left",
@@ -31,6 +32,12 @@ FULL: dict[str, Any] = {
             "latency_ms": 30,
             "update_interval_ms": 20,
             "takes_waveform": False,
+            "resonance_hz": 175,
+            "drive": [
+                {"frequency_hz": 80, "points": [[0, 0], [0.5, 2], [1, 6]]},
+                {"frequency_hz": 175, "points": [[0, 0], [0.5, 6], [1, 15]]},
+            ],
+            "detection_thresholds": [[80, 0.3], [250, 0.05]],
             "limits": {"amplitude_m_s2": {"maximum": 12}},
         },
         "lra": {

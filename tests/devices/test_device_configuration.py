@@ -201,6 +201,29 @@ SEEN_BY_BOTH = [
     ("actuators/2/place/room/cone_deg", 361),
     ("actuator_types/motor/takes_waveform", "yes"),
     ("actuator_types/motor/takes_waveform", 1),
+    ("actuator_types/peltier/takes_waveform", True),
+    ("actuator_types/motor/resonance_hz", 0),
+    ("actuator_types/motor/resonance_hz", "high"),
+    ("actuator_types/peltier/resonance_hz", 100),
+    ("actuator_types/motor/drive", []),
+    ("actuator_types/motor/drive", {}),
+    ("actuator_types/motor/drive/0/frequency_hz", 1001),
+    ("actuator_types/motor/drive/0/frequency_hz", REMOVE),
+    ("actuator_types/motor/drive/0/points", [[0, 0]]),
+    ("actuator_types/motor/drive/0/points", [[0, 0], [2, 1]]),
+    ("actuator_types/motor/drive/0/points", [[0, 0], [1, "x"]]),
+    ("actuator_types/motor/drive/0/points", [[0, 0], [1, 1, 1]]),
+    ("actuator_types/motor/drive/0/phase", 1),
+    ("actuator_types/peltier/drive", [{"frequency_hz": 80, "points": [[0, 0], [1, 1]]}]),
+    ("actuator_types/motor/detection_thresholds", []),
+    ("actuator_types/motor/detection_thresholds", [[80]]),
+    ("actuator_types/motor/detection_thresholds", [[80, -1]]),
+    ("actuator_types/motor/detection_thresholds", [[0, 1]]),
+    ("actuator_types/motor/detection_thresholds", 0.1),
+    ("actuator_types/peltier/detection_thresholds", [[80, 1]]),
+    ("brand/serial", 7),
+    ("brand/serial", "a b"),
+    ("brand/serial", ""),
     ("rendering", {}),
     ("rendering/scheme", "magic"),
     ("rendering/options/statistic", "median"),
@@ -226,6 +249,12 @@ SEEN_BY_THE_READER = [
     ("actuator_types/peltier/limits/temperature_c/minimum", 41),
     ("actuators/0/type", "buzzer"),
     ("actuators/1/id", "a"),
+    ("actuators/2/place/room/aim", [0, 0, 0.05]),
+    ("actuator_types/motor/drive/0/frequency_hz", 175),
+    ("actuator_types/motor/drive/0/points", [[0.1, 0], [1, 1]]),
+    ("actuator_types/motor/drive/0/points", [[0, 0], [1, 1], [1, 2]]),
+    ("actuator_types/motor/drive/0/points", [[0, 0], [0.5, 2], [1, 2]]),
+    ("actuator_types/motor/detection_thresholds", [[80, 1], [80, 1]]),
     (f"{VERTICES}/ids", [5, 1]),
     ("substitutions/pressure", {"as": "wind", "scale": {"value": 1, "unit": "m/s per kPa"}}),
 ]
@@ -244,6 +273,27 @@ def test_each_field_wrong_in_turn(full, stored, path, value):
     assert any(key in message for key in keys[-2:])
     assert check(file) == [message]
     assert VALIDATOR.is_valid(document) == ((path, value) in SEEN_BY_THE_READER)
+
+
+def test_a_type_of_actuators_has_a_name_like_any_other(full, stored):
+    full["actuator_types"]["The Motor"] = full["actuator_types"]["motor"]
+    with pytest.raises(InputError, match="the name of an actuator type is"):
+        load_device(stored(full))
+
+
+def test_a_model_is_named_once(full, stored):
+    sets = full["actuators"][1]["place"]["vertices"]
+    sets.append(dict(sets[0]))
+    with pytest.raises(InputError, match="each model once"):
+        load_device(stored(full))
+
+
+def test_an_element_that_is_always_hotter_than_allowed_is_refused(full, stored):
+    peltier = full["actuator_types"]["peltier"]
+    del peltier["limits"]
+    peltier["parameters"]["temperature_c"] |= {"minimum": 41, "neutral": 42}
+    with pytest.raises(InputError, match="below 40 degC"):
+        load_device(stored(full))
 
 
 @pytest.mark.parametrize(

@@ -11,19 +11,25 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from queue import SimpleQueue
+from typing import IO, Any, Final, TypeVar
 
 import numpy.typing as npt
 
+from ... import resources
+from ...engine.samples import Stream
+from ...engine.track.header import TrackHeader
 from ...errors import DeviceError
 from .messages import EVERY_DEVICE, Kind, json_to, message, values_to
+from .moments import Moment, SceneMessage, Worn, moment_to, scene_to
 
 _PACKAGE: Final = Path(__file__).resolve().parents[2]  # its folder; in an extension too
 _MAX_EVENTS: Final = 1000
+_Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
 """If a stop is not confirmed by then, the output process is ended: its ports close with it."""
@@ -46,6 +52,9 @@ class DeviceState:
     number: int
     name: str
     state: str = "connecting"  # connected armed stopped fault lost closed
+    configuration: str = ""
+    folder: str | None = None
+    has_script: bool = False
     text: str = ""
     levels: tuple[float, ...] = field(default_factory=tuple)
 
@@ -63,14 +72,16 @@ class LiveClient:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
-        self._wake = threading.Condition()
+        # Between threads without a lock, which Blender would wait for: each step is atomic.
+        self._wake: SimpleQueue[None] = SimpleQueue()
         self._urgent: deque[bytes] = deque()
-        self._newest: dict[int, bytes] = {}
+        self._newest: dict[int, bytes | Moment] = {}
+        self._places: dict[Stream, int] = {}  # of the scene that moments are of
+        self._silences = 0  # how often everything before became void
         self._is_closing = False
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
         self._asked_silence_s: float | None = None
         self._numbers = 0
-        self._is_gathering = False
         self.devices: dict[str, DeviceState] = {}
         atexit.register(self.close)
 
@@ -98,6 +109,7 @@ class LiveClient:
         paths = [str(_PACKAGE.parent), environment.get("PYTHONPATH", "")]
         environment["PYTHONPATH"] = os.pathsep.join(each for each in paths if each)
         environment["OPENBLAS_NUM_THREADS"] = "1"  # its values are few
+        environment["HFX_BODY_MODELS"] = str(resources.user_body_models())
         try:
             process = subprocess.Popen(
                 [sys.executable, "-m", f"{_PACKAGE.name}.devices.live.host"],
@@ -111,7 +123,7 @@ class LiveClient:
         except OSError as error:
             raise DeviceError(f"The output process cannot be started ({error}).") from None
         self._process, self._is_closing, self._asked_silence_s = process, False, None
-        self._urgent, self._newest = deque(), {}
+        self._wake, self._urgent, self._newest = SimpleQueue(), deque(), {}
         for target in (self._write, self._listen):
             threading.Thread(target=target, args=(process,), daemon=True).start()
 
@@ -156,9 +168,11 @@ class LiveClient:
             self._numbers += 1
             known = self.devices[name] = DeviceState(self._numbers, name)
         known.state, known.text, known.levels = "connecting", "", ()
+        known.configuration, known.has_script = str(configuration), script is not None
+        known.folder = None if folder is None else str(folder)
         wish = {
-            "configuration": str(configuration),
-            "folder": None if folder is None else str(folder),
+            "configuration": known.configuration,
+            "folder": known.folder,
             "output": dict(output),
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
@@ -181,16 +195,30 @@ class LiveClient:
         """What a device's script is to be told now."""
         self._feed(name, Kind.HAPTICS, haptics)
 
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """What is sent within goes out as one: the writer is woken once."""
-        self._is_gathering = True
-        try:
-            yield
-        finally:
-            self._is_gathering = False
-            with self._wake:
-                self._wake.notify()
+    def describe(self, header: TrackHeader, body_id: str) -> None:
+        """Moments from now on are of this scene, felt by this body; silent until one comes.
+
+        They are for the devices that are connected now.
+        """
+        worn = tuple(
+            Worn(each.number, each.configuration, each.folder, each.has_script)
+            for each in self.devices.values()
+        )
+        body = scene_to(SceneMessage(header, body_id, worn))
+        self._newest.pop(EVERY_DEVICE, None)
+        self._silences += 1
+        self._places = {stream: k for k, stream in enumerate(header.streams)}
+        self._tell(Kind.SCENE, body=body)
+
+    def show(self, moment: Moment) -> None:
+        """What is felt now, for every device; what was not sent yet is replaced.
+
+        It is handed over as it is: nothing of it may be changed any more.
+        """
+        if self._process is None:
+            return
+        self._newest[EVERY_DEVICE] = moment
+        self._nudge()
 
     def pulse(self, name: str, actuator: int) -> None:
         """Let one actuator be felt for a moment, softly."""
@@ -213,8 +241,8 @@ class LiveClient:
         """Before work of several 100 ms: devices are silent until the next values, and no sign
         of life is missed meanwhile.
         """
-        with self._wake:
-            self._newest.clear()
+        self._newest.clear()
+        self._silences += 1
         self._tell(Kind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
@@ -231,24 +259,24 @@ class LiveClient:
         """
         if not self.is_running:
             return
-        with self._wake:
-            self._newest.clear()
-            self._urgent.appendleft(message(Kind.STOP, EVERY_DEVICE, reason.encode()))
-            if self._asked_silence_s is None:
-                self._asked_silence_s = time.monotonic()
-            self._wake.notify()
+        self._newest.clear()
+        self._silences += 1
+        self._urgent.appendleft(message(Kind.STOP, EVERY_DEVICE, reason.encode()))
+        if self._asked_silence_s is None:
+            self._asked_silence_s = time.monotonic()
+        self._nudge()
 
     def close(self) -> None:
         """Stop everything and end the output process; at most a moment, and at any time."""
         process, self._process = self._process, None
         if process is None:
             return
-        with self._wake:
-            self._newest.clear()
-            self._urgent.clear()
-            self._urgent.append(message(Kind.STOP))
-            self._is_closing = True
-            self._wake.notify()
+        self._newest.clear()
+        self._silences += 1
+        self._urgent.clear()
+        self._urgent.append(message(Kind.STOP))
+        self._is_closing = True
+        self._nudge()
         try:
             process.wait(1.0)
         except subprocess.TimeoutExpired:
@@ -291,24 +319,25 @@ class LiveClient:
         elif name in self.devices:
             self._tell(kind, self.devices[name].number)
 
+    def _nudge(self) -> None:
+        """There is something to write; who has been told so already is not told again."""
+        if self._wake.empty():
+            self._wake.put(None)
+
     def _tell(self, kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
         if not self.is_running:
             return
-        with self._wake:
-            if kind is Kind.HEARTBEAT and (self._urgent or self._newest):
-                return  # whatever waits is one
-            self._urgent.append(message(kind, device, body))
-            self._wake.notify()
+        if kind is Kind.HEARTBEAT and (self._urgent or self._newest):
+            return  # whatever waits is one
+        self._urgent.append(message(kind, device, body))
+        self._nudge()
 
     def _feed(self, name: str, kind: Kind, body: bytes) -> None:
         state = self.devices.get(name)
         if state is None or self._process is None:
             return
-        content = message(kind, state.number, body)
-        with self._wake:
-            self._newest[state.number] = content
-            if not self._is_gathering:
-                self._wake.notify()
+        self._newest[state.number] = message(kind, state.number, body)
+        self._nudge()
 
     def _kill(self, text: str) -> None:
         if self._process is not None:
@@ -319,22 +348,23 @@ class LiveClient:
     # Threads: pipes may make them wait.
 
     def _write(self, process: subprocess.Popen[bytes]) -> None:
-        stream = process.stdin
+        stream, wake = process.stdin, self._wake
         assert stream is not None
         try:
             while True:
-                with self._wake:
-                    while not (self._urgent or self._newest or self._is_closing):
-                        self._wake.wait()
-                    if process is not self._process and not self._is_closing:
-                        return
-                    waiting = [*self._urgent, *self._newest.values()]
-                    self._urgent.clear()
-                    self._newest.clear()
-                    is_last = self._is_closing
-                data = memoryview(b"".join(waiting))
-                while data:
-                    data = data[stream.write(data) or 0 :]
+                wake.get()
+                if process is not self._process and not self._is_closing:
+                    return
+                # What is new first: whatever is urgent that came before it is then there as well.
+                silences, is_last, places = self._silences, self._is_closing, self._places
+                newest = list(_taken(self._newest.popitem))[::-1]
+                waiting = list(_taken(self._urgent.popleft))
+                if waiting:
+                    _write_all(stream, b"".join(waiting))
+                data = b"".join(self._as_bytes(each, places) for _, each in newest)
+                if silences != self._silences and not is_last:
+                    continue  # a stop came meanwhile: nothing of before it is felt after it
+                _write_all(stream, data)
                 if is_last:
                     return
         except (OSError, ValueError):
@@ -342,6 +372,17 @@ class LiveClient:
         finally:
             with suppress(OSError):
                 stream.close()
+
+    def _as_bytes(self, newest: bytes | Moment, places: Mapping[Stream, int]) -> bytes:
+        if not isinstance(newest, Moment):
+            return newest
+        try:
+            return message(Kind.MOMENT, EVERY_DEVICE, moment_to(newest, places))
+        except KeyError:
+            return b""  # of the scene before
+        except Exception as error:
+            self.stop_all(f"what is felt cannot be handed over ({error})")
+            return b""
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
@@ -368,3 +409,16 @@ class LiveClient:
             self._asked_silence_s = None
         else:
             self._events.append(event)
+
+
+def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:
+    """What can be taken until nothing is left; others may add to it meanwhile."""
+    with suppress(IndexError, KeyError):
+        while True:
+            yield take()
+
+
+def _write_all(stream: IO[bytes], content: bytes) -> None:
+    data = memoryview(content)
+    while data:
+        data = data[stream.write(data) or 0 :]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 from ...engine.rendering.device import DeviceConfig
 from ...errors import DeviceError
@@ -16,6 +17,7 @@ class FoundPort:
     name: str
     description: str
     usb: tuple[int, int] | None  # vendor id, product id
+    serial: str = ""
 
 
 def serial_ports() -> list[FoundPort]:
@@ -29,13 +31,14 @@ def serial_ports() -> list[FoundPort]:
             each.device,
             each.description or "",
             None if each.vid is None or each.pid is None else (each.vid, each.pid),
+            each.serial_number or "",
         )
         for each in list_ports.comports()
     ]
 
 
 def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
-    """The one port whose USB ids are the device's.
+    """The one port whose USB ids are the device's, and its serial number if one is asked for.
 
     Raises
     ------
@@ -43,7 +46,12 @@ def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
         There is none, or more than one.
     """
     ids = device.brand.usb if device.brand is not None else ()
-    matching = [each.name for each in ports if each.usb in ids]
+    pattern = device.brand.serial if device.brand is not None else ""
+    matching = [
+        each.name
+        for each in ports
+        if each.usb in ids and (not pattern or fnmatchcase(each.serial, pattern))
+    ]
     if len(matching) == 1:
         return matching[0]
     there = ", ".join(f"{each.name} ({each.description})" for each in ports) or "none"

@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.device import ActuatorType, DeviceConfig
 from ...engine.rendering.device_output import BytesEncoder, TextEncoder
+from ...engine.rendering.drive import drive_of
 from ...engine.rendering.limits import limited
 
 F64 = npt.NDArray[np.float64]
@@ -37,6 +38,7 @@ class Channels:
 
     def __init__(self, device: DeviceConfig, *, strengths_only: bool = False) -> None:
         picked = []
+        self._driven: list[tuple[int, ActuatorType, int | None]] = []  # channel, that of its Hz
         self.names: list[tuple[str, str]] = []  # actuator, control
         column = 0
         for actuator in device.actuators:
@@ -44,6 +46,11 @@ class Channels:
                 is_strength = control is actuator.type.strength
                 if is_strength if strengths_only else control.minimum < control.maximum:
                     picked.append((column, control))
+                    if is_strength and actuator.type.drive:
+                        frequency = actuator.type.controls[1]
+                        is_sent = not strengths_only and frequency.minimum < frequency.maximum
+                        here = len(self.names)
+                        self._driven.append((here, actuator.type, here + 1 if is_sent else None))
                     self.names.append((actuator.id, control.name))
                 column += 1
         self._width = column
@@ -82,8 +89,15 @@ class Channels:
         return each[:, 0]
 
     def fractions(self, values: F64) -> F64:
-        """Channels (channels,) as 0..1 of the range that the hardware takes."""
-        return np.clip((values - self._minimum) / self._span, 0.0, 1.0)
+        """Channels (channels,) as 0..1 of the range that the hardware takes.
+
+        A strength whose output over drive was measured is the drive that it needs.
+        """
+        found = np.clip((values - self._minimum) / self._span, 0.0, 1.0)
+        for channel, kind, at in self._driven:
+            hz = np.asarray(kind.controls[1].neutral if at is None else values[at])
+            found[channel] = drive_of(kind.drive, values[channel], hz)
+        return found
 
     def whole(self, values: F64, full_scale: int) -> I64:
         """Channels (channels,) as whole numbers 0..full_scale, rounded to the nearest."""

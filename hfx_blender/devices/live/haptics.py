@@ -90,7 +90,7 @@ def _strength(effect: Effect) -> float:
     return effect.level * abs(next(iter(effect.parameters.values())))
 
 
-_ARRAYS: Final = ("positions", "velocities", "depth_m")
+ARRAYS: Final = ("positions", "velocities", "depth_m")
 
 
 def packed(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) -> bytes:
@@ -118,7 +118,7 @@ def packed(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) ->
         arrays[f"{k} vertices"] = run.vertices
         arrays[f"{k} weights"] = run.weights
         arrays[f"{k} gains"] = gains
-        for name in _ARRAYS:
+        for name in ARRAYS:
             found = getattr(run, name)
             if found is not None:
                 arrays[f"{k} {name}"] = found
@@ -149,7 +149,7 @@ def unpacked(body: bytes, device: DeviceConfig) -> Haptics:
                     arrays[f"{k} vertices"],
                     arrays[f"{k} weights"],
                     arrays[f"{k} gains"],
-                    *(arrays.get(f"{k} {name}") for name in _ARRAYS),
+                    *(arrays.get(f"{k} {name}") for name in ARRAYS),
                 )
             )
         return Haptics(float(content["time_s"]), tuple(felt), arrays["values"], device)

@@ -5,7 +5,8 @@ Run as ``python -m hfx_blender.devices.live.host``: messages come over standard 
 go out as JSON lines over standard output. It needs neither Blender nor a window.
 
 Silence comes from: a stop message, the end of standard input, SIGTERM, an exception here, no
-sign of life for 250 ms, a lost output, a fault of a script. Only an arm message ends it.
+sign of life for 250 ms, a lost output, a fault of a script or of what renders. Only an arm
+message ends it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from .messages import (
     values_from,
 )
 from .outputs import open_output
+from .render_process import RenderProcess
 from .script_process import ScriptProcess
 
 HEARTBEAT_S: Final = 0.25
@@ -91,6 +93,7 @@ class Host:
         self._end = ""
         self._patience_s = HEARTBEAT_S
         self._is_frozen = False
+        self._rendering = RenderProcess(self._rendered, self._cannot_render)
 
     def read(self, stream: BinaryIO) -> None:
         """Take messages until there are no more; ends the process's work then."""
@@ -120,6 +123,11 @@ class Host:
         if kind is Kind.CONNECT:
             self._connect(message.device, json_from(message.body))
             return
+        if kind is Kind.MOMENT:
+            self._rendering.show(message.body)
+            return
+        if kind in (Kind.STOP, Kind.PAUSE, Kind.SCENE):  # nothing of before is felt after it
+            self._rendering.forget()
         if message.device == EVERY_DEVICE:
             lanes = list(self._lanes.values())
         else:
@@ -129,7 +137,7 @@ class Host:
                 lane.stop(message.body.decode(errors="replace") or "stopped by you")
             elif kind is Kind.ARM:
                 lane.arm()
-            elif kind is Kind.PAUSE:
+            elif kind in (Kind.PAUSE, Kind.SCENE):
                 lane.pause()
             elif kind is Kind.VALUES:
                 lane.feed(values_from(message.body))
@@ -144,6 +152,30 @@ class Host:
                 lane.close("disconnected")
         if kind is Kind.STOP:
             self._report("silent")
+        elif kind is Kind.SCENE:
+            self._rendering.describe(message.body)
+        elif kind is Kind.ARM:
+            self._rendering.revive()
+
+    def _rendered(self, answer: Message) -> None:
+        """What a device is to play now, or its script is to be told."""
+        if answer.device == EVERY_DEVICE:
+            self._cannot_render(answer.body.decode(errors="replace"))
+            return
+        lane = self._lanes.get(answer.device)
+        if lane is None or not lane.is_armed:
+            return
+        if answer.kind is Kind.ANSWER:
+            lane.feed(values_from(answer.body))
+        elif answer.kind is Kind.HAPTICS and lane.script is not None:
+            lane.script.ask(answer.body)
+        elif answer.kind is Kind.FAULT:
+            lane.fault(answer.body.decode(errors="replace"))
+
+    def _cannot_render(self, text: str) -> None:
+        for lane in list(self._lanes.values()):
+            if lane.is_armed:
+                lane.fault(text)
 
     def _connect(self, number: int, wish: dict[str, Any]) -> None:
         before = self._lanes.pop(number, None)
@@ -198,6 +230,8 @@ class Host:
             if self._is_frozen and not was_frozen:
                 for lane in lanes:
                     lane.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
+            if self._rendering.is_overdue(now):
+                self._cannot_render("what is felt could not be rendered in time")
             for lane in lanes:
                 if lane.is_stuck(now):
                     lane.fault("its output does not answer")
@@ -207,6 +241,7 @@ class Host:
         lanes = list(self._lanes.values())
         for lane in lanes:
             lane.stop(reason)
+        self._rendering.close()
         for lane in lanes:
             lane.close(reason)
         for lane in lanes:
@@ -231,6 +266,7 @@ def main() -> None:
     # Whatever prints must not garble the events.
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
+    sys.setswitchinterval(0.001)  # whoever has something to send does not wait for others long
     host = Host(Reporter(events))
     reader = threading.Thread(
         target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True

@@ -17,8 +17,9 @@ import numpy.typing as npt
 
 from ...engine.rendering.device import DeviceConfig
 from .guard import Guard
-from .output import Output, OutputLostError
+from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
+from .tones import Sounding
 
 F64 = npt.NDArray[np.float64]
 
@@ -87,6 +88,8 @@ class Lane:
         self._guard = Guard(device)
         self._ramp = Ramp(device, self._tick_s)
         self._pace = Pace(device, self._tick_s)
+        self._sounding = Sounding(device)
+        self._sent: F64 | None = None  # last
         self._output: Output | None = None
         self._wake = threading.Condition()
         self._port = threading.Lock()  # held while values are handed over
@@ -106,6 +109,11 @@ class Lane:
     def start(self) -> None:
         threading.Thread(target=self._run_stops, name="stop", daemon=True).start()
         self._thread.start()
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether it plays."""
+        return self._is_armed
 
     # What the reader calls: none of these waits for hardware longer than a moment.
 
@@ -272,41 +280,55 @@ class Lane:
                     self._guard.reset()
                     self._ramp.reset()
                     self._pace.reset()
+                    self._sounding.reset()
+                    self._sent = None
             if self.script is not None and self.script.is_overdue(now):
                 self.fault(f"its script did not answer within {PATIENCE_S * 1000:.0f} ms")
                 continue
+            is_change = False
             try:
-                self._step(now, now - last)
+                is_change = self._step(now, now - last)
             except OutputLostError as error:
                 self.stop(str(error), "lost")
             except Exception as error:
                 _log.exception("device '%s'", self.device.id)
                 self.fault(f"{type(error).__name__}: {error}")
-            last = sent = now
+            last = now
+            if is_change:  # what repeats, for dead-men, keeps no frame waiting
+                sent = now
             due = self._ramp.next_s(max(due + self._tick_s, now + 0.5 * self._tick_s), now)
 
-    def _step(self, now: float, step_s: float) -> None:
+    def _step(self, now: float, step_s: float) -> bool:
+        """Send what is due; whether it is anything else than before."""
         newest = None
         with self._wake:
             while self._waiting and self._waiting[0][0] <= now:
                 newest = self._waiting.popleft()[1]
         if newest is not None:
-            self._ramp.aim(newest, now)
-        wanted = self._with_pulse(self._pace.paced(self._ramp.at(now), now), now)
+            self._ramp.aim(self._sounding.split(newest), now)
+        asked = self._ramp.at(now)
+        wanted = self._with_pulse(self._pace.paced(asked, now), now)
         with self._port:
             output = self._output
             if not self._is_armed or output is None:
-                return
+                return False
             values = self._guard.passed(wanted, step_s)
+            is_change = self._sent is None or not np.array_equal(values, self._sent)
+            self._sent = values
             self._sending_since = now
             try:
-                output.send(values)
+                if len(self._sounding) and isinstance(output, SoundingOutput):
+                    share = self._ramp.share
+                    output.send_tones(values, self._sounding.at(share, asked, values))
+                else:
+                    output.send(values)
             finally:
                 self._sending_since = math.inf
             was_stopped = not self._is_armed
         if was_stopped:  # meanwhile, without waiting for us
             self._silence()
         self._tell_levels(values, now)
+        return is_change
 
     def _with_pulse(self, wanted: F64, now: float) -> F64:
         if self._pulse is None:

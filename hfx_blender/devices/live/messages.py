@@ -44,7 +44,9 @@ class Kind(IntEnum):
     PULSE = 7  # JSON
     SETTINGS = 8  # JSON
     PAUSE = 9  # Blender works: silence, without a stop
-    # a script worker back to the output process
+    SCENE = 10  # JSON; what is to be known to render its moments, for all devices
+    MOMENT = 11  # packed: what is felt now
+    # a script worker, or the one that renders, back to the output process
     READY = 16
     ANSWER = 17  # float64
     FAULT = 18  # text

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+
+from .tones import Tones
 
 F64 = npt.NDArray[np.float64]
 
@@ -31,3 +33,16 @@ class Output(Protocol):
 
     def close(self) -> None:
         """Give the port back; never raises. The device has been stopped before."""
+
+
+@runtime_checkable
+class SoundingOutput(Output, Protocol):
+    """An output that plays sums of sines at the actuators that take a waveform."""
+
+    def send_tones(self, values: F64, tones: Tones) -> None:
+        """Hand over values, and what those actuators play instead of theirs.
+
+        Raises
+        ------
+        OutputLostError
+        """

@@ -60,6 +60,7 @@ class Ramp:
         self._here = self._neutral.copy()  # what was given last
         self._began_s, self._lasts_s = -np.inf, self._tick
         self._steps = 1
+        self.share = 1.0  # of the way to the newest frame, at what was given last
 
     def aim(self, values: F64, now_s: float) -> None:
         """A new frame: go to its values (columns,) from where we are now.
@@ -79,6 +80,7 @@ class Ramp:
     def at(self, now_s: float) -> F64:
         """Values (columns,) to send now; what is not finite stays so, for the guard to see."""
         step = int((now_s - self._began_s) / self._tick + _ROUNDING) + 1 if self._is_going else 1
+        self.share = min(step / self._steps, 1.0)
         if step >= self._steps:
             self._here = self._to.copy()
         else:

@@ -8,6 +8,14 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.rendering.waveform import (
+    cycles_on_the_way,
+    cycles_since_the_beginning,
+    kept_through_silence,
+    sines,
+)
+from .tones import Tones
+
 F64 = npt.NDArray[np.float64]
 
 Shape = Literal["sine", "square", "noise"]
@@ -27,18 +35,34 @@ class Oscillators:
         Noise is white and has no frequency.
     seed : int
         Of the noise.
+    begins_at : int
+        Samples that have been played before.
     """
 
-    def __init__(self, channels: int, rate_hz: float, shape: Shape = "sine", seed: int = 0) -> None:
+    def __init__(
+        self,
+        channels: int,
+        rate_hz: float,
+        shape: Shape = "sine",
+        seed: int = 0,
+        *,
+        begins_at: int = 0,
+    ) -> None:
         self._rate_hz = rate_hz
         self._shape = shape
         self._random = np.random.default_rng(seed)
         self._steps = max(1, round(RAMP_S * rate_hz))
-        self._cycles = np.zeros(channels)  # modulo 1
+        self._played = begins_at  # samples altogether
+        self._cycles = np.zeros(channels)  # at the beginning of the ramp, modulo 1
         # From, to: rows of amplitude and frequency.
         self._from = np.zeros((2, channels))
         self._to = np.zeros((2, channels))
-        self._done = self._steps  # of the ramp, in samples
+        self._done = self._steps  # samples since the ramp began
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing sounds any more."""
+        return self._done >= self._steps and not self._to[0].any()
 
     def aim(self, amplitudes: F64, frequencies_hz: F64) -> None:
         """Go to these from where we are now; what is no number is silence.
@@ -53,30 +77,75 @@ class Oscillators:
         wanted[:, ~np.isfinite(wanted).all(axis=0)] = 0.0
         wanted[0] = np.clip(wanted[0], 0.0, 1.0)
         wanted[1] = np.clip(wanted[1], 0.0, 0.5 * self._rate_hz)
-        here = self._at(np.array([self._done]))[:, 0]
-        is_silent = here[0] == 0.0
-        here[1, is_silent] = wanted[1, is_silent]  # what begins, begins with its own frequency
-        ends = wanted[0] == 0.0
-        wanted[1, ends] = here[1, ends]  # and what ends, ends with its own
+        share = min(self._done / self._steps, 1.0)
+        here = self._from * (1.0 - share) + self._to * share
+        cycles = self._cycles_at(np.array([self._done]))[0] % 1.0
+        begins = here[0] == 0.0
+        here[1], wanted[1] = kept_through_silence((here[0], wanted[0]), (here[1], wanted[1]))
+        since = cycles_since_the_beginning(wanted[1], self._played / self._rate_hz)
+        self._cycles = np.where(begins, since, cycles)
         self._from, self._to, self._done = here, wanted, 0
 
     def block(self, count: int) -> F64:
         """The next samples (count, C), in -1..1."""
         place = self._done + np.arange(1, count + 1)
-        amplitudes, frequencies_hz = self._at(place)
-        self._done = min(self._done + count, self._steps)
-        cycles = self._cycles + np.cumsum(frequencies_hz / self._rate_hz, axis=0)
-        if count:
-            self._cycles = cycles[-1] % 1.0
+        self._done += count
+        self._played += count
+        share = np.minimum(place / self._steps, 1.0)[:, None]
+        ends = self._from[0], self._to[0]
+        if self._shape == "sine":
+            return sines(ends, share, self._cycles_at(place))
+        amplitudes = ends[0] * (1.0 - share) + ends[1] * share
         if self._shape == "noise":
-            wave = self._random.uniform(-1.0, 1.0, cycles.shape)
-        elif self._shape == "square":
-            wave = np.where(cycles % 1.0 < 0.5, 1.0, -1.0)
-        else:
-            wave = np.sin(2.0 * np.pi * cycles)
-        return np.asarray(amplitudes * wave)
+            return np.asarray(amplitudes * self._random.uniform(-1.0, 1.0, amplitudes.shape))
+        is_high = self._cycles_at(place) % 1.0 < 0.5
+        return np.asarray(amplitudes * np.where(is_high, 1.0, -1.0))
 
-    def _at(self, place: npt.NDArray[np.int64]) -> F64:
-        """Amplitudes and frequencies (2, n, C) at samples of the ramp."""
-        share = np.minimum(place / self._steps, 1.0)[None, :, None]
-        return np.asarray(self._from[:, None] * (1.0 - share) + self._to[:, None] * share)
+    def _cycles_at(self, place: npt.NDArray[np.int64]) -> F64:
+        """Cycles (n, C) played at samples since the ramp began."""
+        share = np.minimum(place / self._steps, 1.0)[:, None]
+        beyond_s = np.maximum(place - self._steps, 0)[:, None] / self._rate_hz
+        ways = self._from[1], self._to[1]
+        on_the_way = cycles_on_the_way(ways, share, self._steps / self._rate_hz)
+        return np.asarray(self._cycles + on_the_way + ways[1] * beyond_s)
+
+
+class SumOfTones:
+    """Channels that play several tones at once, each with oscillators of its own.
+
+    Parameters
+    ----------
+    channels : int
+    rate_hz : float
+    """
+
+    def __init__(self, channels: int, rate_hz: float) -> None:
+        self._channels = channels
+        self._rate_hz = rate_hz
+        self._played = 0
+        self._sounding: dict[int, Oscillators] = {}
+
+    def aim(self, tones: Tones) -> None:
+        """Go to these, of amplitudes 0..1 of full scale; a tone that is not there any more ends."""
+        nothing = np.zeros(self._channels)
+        numbers = tones.numbers.tolist()
+        for number, each in self._sounding.items():
+            if number not in numbers:
+                each.aim(nothing, nothing)
+        for number, amplitudes, hz in zip(
+            numbers, tones.amplitudes, tones.frequencies_hz, strict=True
+        ):
+            if number not in self._sounding:
+                self._sounding[number] = Oscillators(
+                    self._channels, self._rate_hz, begins_at=self._played
+                )
+            self._sounding[number].aim(amplitudes, hz)
+
+    def block(self, count: int) -> F64:
+        """The next samples (count, C)."""
+        found = np.zeros((count, self._channels))
+        for each in self._sounding.values():
+            found += each.block(count)
+        self._played += count
+        self._sounding = {n: each for n, each in self._sounding.items() if not each.is_silent}
+        return found

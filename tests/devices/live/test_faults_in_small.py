@@ -7,15 +7,18 @@ import io
 import math
 import struct
 import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from live_process import BAND, playing
+from live_process import BAND, PATIENCE_S, playing
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import host as host_module
+from hfx_blender.devices.live import script_process
 from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.live.encoders import Channels
 from hfx_blender.devices.live.host import Host
@@ -139,6 +142,26 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     assert client._urgent[0] == message(Kind.STOP, EVERY_DEVICE, b"enough")
 
 
+def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Pipe(io.BytesIO):
+        def close(self) -> None: ...
+
+    process: Any = client._process
+    process.stdin = Pipe()
+
+    def packed(*_: Any) -> bytes:
+        client.stop_all("enough")
+        client._is_closing = True
+        return b"a moment"
+
+    monkeypatch.setattr(client, "_as_bytes", packed)
+    client.show(object())  # type: ignore[arg-type]
+    client._write(process)
+    assert process.stdin.getvalue() == message(Kind.STOP, EVERY_DEVICE, b"enough")
+
+
 def test_an_output_process_that_does_not_end_is_ended(client: LiveClient) -> None:
     process = client._process
     client.close()
@@ -168,6 +191,42 @@ def test_a_port_that_leads_elsewhere_is_refused(
         serial_port._reserved("/dev/ttyACM0")
 
 
+def test_what_is_no_ports_name_is_not_even_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[str] = []
+    monkeypatch.setattr(serial_port, "_reserved", looked.append)
+    for name in ("spy:///dev/ttyS0?file=x", "socket://1.2.3.4:5", "/tmp/x", "/dev/tty/../sda", ""):
+        with pytest.raises(OutputLostError, match="not a serial port"):
+            serial_port.SerialPort(name, 9600)
+    assert not looked
+
+
+@pytest.mark.parametrize("fault", [OSError("busy"), ValueError("baud"), RuntimeError("termios")])
+def test_a_port_that_cannot_be_opened_may_be_tried_again(
+    monkeypatch: pytest.MonkeyPatch, fault: Exception
+) -> None:
+    serial = pytest.importorskip("serial")
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise fault
+
+    released: list[Any] = []
+    monkeypatch.setattr(serial, "Serial", refuse)
+    monkeypatch.setattr(serial_port, "_reserved", lambda name: (name, 7))
+    monkeypatch.setattr(serial_port, "_release", released.append)
+    with pytest.raises(OutputLostError, match="cannot be opened"):
+        serial_port.SerialPort("/dev/ttyACM0", 9600)
+    assert released == [("/dev/ttyACM0", 7)]
+
+
+def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun() -> None:
+    port = serial_port.SerialPort.__new__(serial_port.SerialPort)
+    port._rest, port._next, port._port = b"the rest of a frame", b"a frame", None
+    written: list[bytes] = []
+    port._written = lambda content: written.append(content) or len(content)  # type: ignore[method-assign]
+    port.write_first(b"stop")
+    assert written == [b"stop"]
+
+
 def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
     class Worker:
         stdout = io.BytesIO(message(Kind.READY, 0) + message(Kind.ANSWER, 0, values_to(playing())))
@@ -182,6 +241,37 @@ def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
     assert faults == ["its script spoke without being asked"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems limit it otherwise or not")
+def test_a_script_can_only_take_so_much_memory() -> None:
+    source = (
+        "import os, resource\n"
+        "from hfx_blender.devices.live import script_worker\n"
+        "before = os.nice(0)\n"
+        "script_worker._restrain()\n"
+        "print(resource.getrlimit(resource.RLIMIT_AS)[0] == script_worker.MAX_MEMORY,"
+        " resource.getrlimit(resource.RLIMIT_CORE)[0], os.nice(0) > before)"
+    )
+    found = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    assert found.stdout.split() == ["True", "0", "True"], found.stderr
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes by /proc")
+def test_what_a_script_has_started_ends_with_it() -> None:
+    process = subprocess.Popen(
+        ["sh", "-c", "sleep 60 & echo $!; wait"], stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert process.stdout is not None
+    with process.stdout:
+        child = Path("/proc", process.stdout.readline().decode().strip(), "stat")
+    assert child.exists()
+    script_process._kill(process)
+    process.wait(PATIENCE_S)
+    end = time.monotonic() + PATIENCE_S
+    while child.exists() and child.read_text().rsplit(")", 1)[1].split()[0] != "Z":
+        assert time.monotonic() < end, "it lives on"
+        time.sleep(0.01)
+
+
 def test_a_board_that_is_ready_for_another_session_is_not_ready() -> None:
     board = WireBoard.__new__(WireBoard)
     board._crc, board._channels, board._is_ready = 7, Channels(DEVICE, strengths_only=True), False
@@ -190,3 +280,201 @@ def test_a_board_that_is_ready_for_another_session_is_not_ready() -> None:
     assert not board._is_ready
     board._understand_ready(struct.pack("<IB", 7, 8))
     assert board._is_ready
+
+
+@pytest.mark.parametrize("actuator", [-1, 8, 10**6])
+def test_a_pulse_of_an_actuator_that_is_not_there_is_none(actuator: int) -> None:
+    lane, _ = lane_of(DEVICE)
+    lane.arm()
+    lane.pulse(actuator)
+    assert lane._pulse is None
+
+
+def test_an_offset_holds_back_only_so_many_frames() -> None:
+    lane, _ = lane_of(DEVICE)
+    lane.offset_s = 60.0
+    lane.arm()
+    for _ in range(1000):
+        lane.feed(playing())
+    assert len(lane._waiting) == 64
+
+
+def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
+    def broken() -> Any:
+        raise RuntimeError("of somebody's")
+
+    told: list[tuple[str, str]] = []
+    lane = Lane(0, DEVICE, broken, lambda event, _, text="", **__: told.append((event, text)))
+    lane._run()
+    assert told == [("lost", "cannot be opened: of somebody's")]
+
+
+def test_a_lane_stops_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    lane, _ = lane_of(DEVICE)
+    told: list[tuple[str, bool]] = []
+    monkeypatch.setattr(lane, "stop", lambda reason: told.append((reason, lane._is_closed)))
+    lane.close("bye")
+    assert told == [("bye", False)] and lane._is_closed
+    lane.close("again")
+    assert len(told) == 1
+
+
+class Asked:
+    """A device's script, or a lane, that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.number, self.is_armed = 1, True
+
+    def start(self) -> None:
+        self.told.append("start")
+
+    def is_overdue(self, now_s: float) -> bool:
+        return True
+
+    def close(self, reason: str = "") -> None:
+        self.told.append("close")
+
+    def stop(self, reason: str) -> None:
+        self.told.append(f"stop: {reason}")
+
+    def pause(self) -> None:
+        self.told.append("pause")
+
+    def feed(self, values: Any) -> None:
+        self.told.append("feed")
+
+    def pulse(self, actuator: int) -> None:
+        self.told.append("pulse")
+
+    def fault(self, text: str) -> None:
+        self.told.append(f"fault: {text}")
+
+    def freeze(self, text: str) -> None:
+        self.told.append(f"freeze: {text}")
+
+    def is_stuck(self, now_s: float) -> bool:
+        return False
+
+
+def test_a_stop_ends_the_script_and_an_arm_starts_it() -> None:
+    lane, _ = lane_of(DEVICE)
+    lane.script = script = Asked()  # type: ignore[assignment]
+    lane.arm()
+    lane.stop("enough")
+    assert script.told == ["start", "close"]
+
+
+def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> None:
+    lane, output = lane_of(DEVICE)
+    lane.script = Asked()  # type: ignore[assignment]
+    lane.arm()
+    lane.feed(playing())
+    told: list[str] = []
+
+    def fault(text: str) -> None:
+        told.append(text)
+        lane._is_closed = True
+
+    lane.fault = fault  # type: ignore[method-assign]
+    lane._play()
+    assert told == ["its script did not answer within 100 ms"] and not output.given
+
+
+def host_of(monkeypatch: pytest.MonkeyPatch) -> tuple[Host, Asked]:
+    """An output process's heart, and its one lane."""
+    host, lane = Host(lambda *_, **__: None), Asked()  # type: ignore[arg-type]
+    host._lanes[1] = lane  # type: ignore[assignment]
+    return host, lane
+
+
+def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, lane = host_of(monkeypatch)
+    host.read(io.BytesIO(b""))
+    assert lane.told == ["stop: Blender has gone"]
+    assert host._end == "Blender has gone"
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"\xff" * 7, "Blender sent a message of"),
+        (message(Kind.PULSE, 1, json_to({"actuator": "x"})), "ValueError"),
+        (message(Kind.CONNECT, 1, b"[]"), "Blender sent not a JSON object"),
+    ],
+)
+def test_messages_that_are_none_stop_every_lane(
+    monkeypatch: pytest.MonkeyPatch, content: bytes, told: str
+) -> None:
+    host, lane = host_of(monkeypatch)
+    host.read(io.BytesIO(content))
+    assert lane.told[-1].startswith(f"stop: {told}")
+    assert host._end.startswith(told)
+
+
+def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, _ = host_of(monkeypatch)
+    seen: list[float] = []
+    monkeypatch.setattr(host, "take", lambda _: seen.append(host._patience_s))
+    host.read(io.BytesIO(message(Kind.PAUSE) + message(Kind.HEARTBEAT) + message(Kind.PAUSE)))
+    assert seen == [host_module.PAUSE_S, host_module.HEARTBEAT_S, host_module.PAUSE_S]
+    assert host_module.PAUSE_S <= 10.0
+
+
+def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, lane = host_of(monkeypatch)
+    monkeypatch.setattr(host_module.Lane, "start", lambda self: None)
+    wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
+    host.take(Message(Kind.CONNECT, 1, wish))
+    assert lane.told == ["close"] and host._lanes[1] is not lane
+
+
+def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[tuple[str, int, str]] = []
+    host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
+    host.take(Message(Kind.CONNECT, 5, json_to({"configuration": "none_such"})))
+    assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host._lanes
+
+
+def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, lane = host_of(monkeypatch)
+    for kind in (Kind.ANSWER, Kind.FAULT):
+        host._rendered(Message(kind, 1, values_to(playing())))
+        host._rendered(Message(kind, 2, values_to(playing())))
+    assert [each.split(":")[0] for each in lane.told] == ["feed", "fault"]
+    lane.told.clear()
+    lane.is_armed = False
+    for kind in (Kind.ANSWER, Kind.FAULT):
+        host._rendered(Message(kind, 1, values_to(playing())))
+    host._cannot_render("it has ended")
+    assert not lane.told
+    lane.is_armed = True
+    host._cannot_render("it has ended")
+    assert lane.told == ["fault: it has ended"]
+
+
+def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, lane = host_of(monkeypatch)
+    done: list[str] = []
+    for name in ("describe", "forget", "show", "revive"):
+        monkeypatch.setattr(host._rendering, name, lambda *_, name=name: done.append(name))
+    host.take(Message(Kind.SCENE, EVERY_DEVICE, b"{}"))
+    assert lane.told == ["pause"] and done == ["forget", "describe"]
+    host.take(Message(Kind.MOMENT, EVERY_DEVICE, b""))
+    host.take(Message(Kind.STOP, EVERY_DEVICE, b"enough"))
+    host.take(Message(Kind.PAUSE, EVERY_DEVICE, b""))
+    assert done[2:] == ["show", "forget", "forget"]
+    assert lane.told == ["pause", "stop: enough", "pause"]
+
+
+def test_events_that_nobody_reads_take_only_so_much_memory() -> None:
+    class Stuck(io.StringIO):
+        def write(self, text: str) -> int:
+            raise OSError("nobody reads")
+
+    reporter = host_module.Reporter(Stuck())
+    for _ in range(5000):
+        reporter("levels", 1)
+    assert len(reporter._events) <= 1000

@@ -127,6 +127,12 @@ def test_values_that_came_during_a_stop_are_not_played_after_it(played: Playing)
     assert not any(each[::2].any() for each in played.output.given[count:])
 
 
+def test_an_output_is_stopped_as_soon_as_it_is_open(opening: Opening) -> None:
+    opening.opens.set()
+    opening.until("connected")
+    assert opening.output.given[:3] == ["stop"] * 3
+
+
 def test_after_a_stop_it_plays_when_it_is_armed_and_from_silence(played: Playing) -> None:
     played.play()
     played.stop()

@@ -16,6 +16,7 @@ from hfx_blender.devices.live.messages import (
     Message,
     MessageError,
     json_from,
+    json_to,
     message,
     pack,
     read_message,
@@ -60,6 +61,19 @@ def test_a_length_beyond_the_bound_is_refused_before_anything_is_read():
         read_message(io.BytesIO(head))
     with pytest.raises(MessageError):
         message(Kind.VALUES, 0, bytes(MAX_BODY + 1))
+
+
+def test_a_kind_that_nobody_knows_is_refused():
+    assert 200 not in list(Kind)
+    with pytest.raises(MessageError, match="unknown kind 200"):
+        read_message(io.BytesIO(b"\0\0\0\0\xc8\0\0"))
+
+
+@pytest.mark.parametrize("dtype", ["<c16", "|O", "<U4", "|V8", "<f16"])
+def test_arrays_are_of_few_types(dtype):
+    head = json_to({"content": {}, "arrays": [["x", dtype, [0]]]})
+    with pytest.raises(MessageError, match="of type"):
+        unpack(len(head).to_bytes(4, "little") + head)
 
 
 def test_values_that_are_not_whole_numbers_of_bytes_are_no_values():

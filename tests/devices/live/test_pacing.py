@@ -15,8 +15,6 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live.pacing import LONGEST_RAMP_S, Pace, Ramp, tick_s
 from hfx_blender.engine.rendering.device import DeviceConfig
 
-pytestmark = pytest.mark.usefixtures("real_time")
-
 DEVICE = load_device(BAND)
 TICK = 0.01
 
@@ -72,7 +70,9 @@ def test_what_is_no_frame_goes_to_silence_at_once(wrong):
 def test_not_a_number_is_forgotten_with_the_next_frame():
     ramp = Ramp(DEVICE, TICK)
     ramp.aim(np.full(16, np.nan), 1.0)
+    assert np.isnan(ramp.at(1.0)).all()  # for the guard to see
     ramp.aim(playing(), 1.02)
+    assert ramp.at(1.02)[0] == 5.0  # half way from silence
     assert np.isfinite(ramp.at(1.03)).all()
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a board does and refuses to do: its C core on this computer, time moved by hand."""
 
+import struct
 import zlib
 
 import pytest
@@ -75,6 +76,17 @@ def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(b
     assert board.levels == LOUD
 
 
+def test_no_host_can_lengthen_the_dead_man(board):
+    payload = struct.pack("<IBHI", 1, 6, 5000, 0)
+    assert len(payload) == len(wire.configuration(1, 6, 0))
+    board.take(wire.frame(Kind.CONFIGURE, 0, payload))
+    play(board, zlib.crc32(payload), live_ms=65535)
+    board.wait(249)
+    assert board.levels == LOUD
+    board.wait(1)
+    assert board.levels == SILENT
+
+
 def test_values_live_no_longer_than_they_say(board):
     crc = configured(board)
     play(board, crc, live_ms=40)
@@ -104,6 +116,29 @@ def test_stop_passes_a_frame_that_was_cut_off(board):
     half = wire.frame(Kind.VALUES, 2, wire.values(crc, LOUD))[:11]
     board.take(half + wire.frame(Kind.STOP, 3))
     assert board.levels == SILENT
+
+
+def test_a_frame_of_another_version_is_not_taken(board):
+    crc = configured(board)
+    content = struct.pack("<BBH", wire.VERSION + 1, Kind.VALUES, 1) + wire.values(crc, LOUD)
+    board.take(wire.cobs(content + struct.pack("<I", zlib.crc32(content))) + b"\0")
+    assert board.levels == SILENT
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 7])
+def test_values_for_more_or_fewer_channels_are_not_taken(board, count):
+    crc = configured(board)
+    play(board, crc)
+    play(board, crc, [7] * count, sequence=2)
+    assert board.levels == LOUD
+
+
+def test_bytes_without_an_end_harm_nothing(board):
+    """Memory beyond the buffer is trapped here."""
+    crc = configured(board)
+    board.take(b"\x01" * 1000 + b"\0")
+    play(board, crc)
+    assert board.levels == LOUD
 
 
 def test_older_and_repeated_values_are_dropped_also_where_numbers_wrap(board):

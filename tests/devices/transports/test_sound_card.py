@@ -79,6 +79,14 @@ def test_each_motor_has_a_channel_of_its_own_amplitude_and_frequency(card: Any) 
         assert np.argmax(spectrum) * 2 == hz
 
 
+def test_no_frequency_above_1000_hz_is_played(card: Any) -> None:
+    found = card()
+    (stream,) = Stream.made
+    found.send(np.array([5.0, 9000.0, 29.0, 0.0, 100.0]))
+    stream.ask(4800)
+    assert np.argmax(np.abs(np.fft.rfft(stream.ask(RATE_HZ // 2)[:, 0]))) * 2 == 1000
+
+
 def test_a_stop_is_silence_within_5_ms_and_without_a_click(card: Any) -> None:
     found = card()
     (stream,) = Stream.made

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A multichannel sound card through PortAudio: one channel for each vibration actuator.
 
+An actuator that takes a waveform plays the sum of its tones, any other the one sine of its values.
 PortAudio comes with the optional package ``sounddevice`` (the extra ``audio``).
 """
 
@@ -16,8 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ....engine.rendering.device import DeviceConfig
+from ....engine.rendering.drive import driven
 from ..output import OutputLostError
-from ..waveform import Oscillators
+from ..tones import LONE, Tones
+from ..waveform import SumOfTones
 
 F64 = npt.NDArray[np.float64]
 
@@ -56,7 +59,10 @@ class SoundCard:
         self._name = interface or "the sound card"
         self._first = first_channel - 1
         self._lock = threading.Lock()
-        self._oscillators = Oscillators(len(kinds), RATE_HZ)
+        self._curves = [kind.drive for kind in kinds]
+        sounding = [k for k, kind in enumerate(kinds) if kind.takes_waveform]
+        self._sounding = np.array(sounding, np.int64)  # channels
+        self._waves = SumOfTones(len(kinds), RATE_HZ)
         self._values_s = time.monotonic()
         self._is_silent = True
         self._lost = ""
@@ -85,13 +91,44 @@ class SoundCard:
         OutputLostError
             The card is gone.
         """
+        self._play_on(self._of_values(values))
+
+    def send_tones(self, values: F64, tones: Tones) -> None:
+        """Hand over values (columns,), and tones of the actuators that take a waveform.
+
+        Raises
+        ------
+        OutputLostError
+            The card is gone.
+        """
+        found = self._of_values(values)
+        found.amplitudes[:, self._sounding] = 0.0
+        rest = np.zeros((2, len(tones.numbers), found.amplitudes.shape[1]))
+        rest[0][:, self._sounding] = tones.amplitudes
+        rest[1][:, self._sounding] = np.minimum(tones.frequencies_hz, MAX_FREQUENCY_HZ)
+        totals = np.broadcast_to(rest[0].sum(axis=0), rest[0].shape)
+        rest[0] = driven(self._curves, rest[0], rest[1], self._full_scale, totals)
+        # What is no tone has a number of its own beside theirs.
+        self._play_on(
+            Tones(
+                np.append(found.numbers - 1, tones.numbers),
+                np.vstack([found.amplitudes, rest[0]]),
+                np.vstack([found.frequencies_hz, rest[1]]),
+            )
+        )
+
+    def _of_values(self, values: F64) -> Tones:
+        frequencies = np.minimum(values[self._frequency_columns], MAX_FREQUENCY_HZ)
+        asked = values[self._amplitude_columns]
+        amplitudes = driven(self._curves, asked, frequencies, self._full_scale)
+        return Tones(np.array([LONE], np.int64), amplitudes[None], frequencies[None])
+
+    def _play_on(self, tones: Tones) -> None:
         if self._lost:
             raise OutputLostError(f"{self._name} is lost ({self._lost}).")
-        amplitudes = values[self._amplitude_columns] / self._full_scale
-        frequencies = np.minimum(values[self._frequency_columns], MAX_FREQUENCY_HZ)
         with self._lock:
             self._values_s, self._is_silent = time.monotonic(), False
-            self._oscillators.aim(amplitudes, frequencies)
+            self._waves.aim(tones)
 
     def stop(self) -> None:
         """Fade to silence within 5 ms."""
@@ -109,8 +146,7 @@ class SoundCard:
     def _silence(self) -> None:
         if not self._is_silent:
             self._is_silent = True
-            nothing = np.zeros(len(self._amplitude_columns))
-            self._oscillators.aim(nothing, nothing)
+            self._waves.aim(Tones.none(len(self._amplitude_columns)))
 
     def _play(self, outdata: Any, frames: int, _time: Any, _status: Any) -> None:
         """In PortAudio's thread."""
@@ -118,7 +154,7 @@ class SoundCard:
         with self._lock:
             if time.monotonic() - self._values_s > DEAD_MAN_S:
                 self._silence()
-            outdata[:, self._first :] = self._oscillators.block(frames)
+            outdata[:, self._first :] = self._waves.block(frames)
 
     def _finished(self) -> None:
         """The stream has ended; if nobody closed it, the card is gone."""

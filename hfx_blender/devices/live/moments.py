@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A scene and its moments on their way to the process that renders them for all devices.
+
+What Blender's frame has evaluated is handed over as it is; it is made into bytes in a thread.
+A moment holds a few arrays, whatever the number of its effects, and is bounded as any message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.modality import MODALITIES
+from ...engine.samples import Drive, SampleRun, Stream
+from ...engine.track.header import TrackHeader
+from ...engine.track.header_json import from_json, to_json
+from .haptics import ARRAYS
+from .messages import Array, MessageError, json_from, json_to, pack, unpack
+
+F64 = npt.NDArray[np.float64]
+
+_PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What is felt now.
+
+    Attributes
+    ----------
+    time_s : float
+        On the scene's clock.
+    runs : sequence of SampleRun
+        At most one sample each.
+    gains : mapping
+        By a device's number, what the user has set; 0 is mute, what is left out is 1.
+    play_space : (4, 4) float64, optional
+        Play space to world, metres.
+    later : mapping
+        What is felt some milliseconds later, for actuators that answer late.
+    """
+
+    time_s: float
+    runs: Sequence[SampleRun]
+    gains: Mapping[int, float] = field(default_factory=dict)
+    play_space: F64 | None = None
+    later: Mapping[float, Sequence[SampleRun]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Worn:
+    """A device that is rendered."""
+
+    number: int
+    configuration: str
+    folder: str | None
+    has_script: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMessage:
+    """What is to be known before moments can be rendered."""
+
+    header: TrackHeader
+    body_id: str
+    devices: tuple[Worn, ...]
+
+
+def scene_to(scene: SceneMessage) -> bytes:
+    """A scene as a body."""
+    devices = [
+        [each.number, each.configuration, each.folder, each.has_script] for each in scene.devices
+    ]
+    header = to_json(scene.header, {}).decode()
+    return json_to({"header": header, "body": scene.body_id, "devices": devices})
+
+
+def scene_from(body: bytes) -> SceneMessage:
+    """The scene of a body.
+
+    Raises
+    ------
+    MessageError
+        It is none.
+    """
+    content = json_from(body)
+    try:
+        header, _ = from_json(content["header"].encode())
+        devices = tuple(Worn(*each) for each in content["devices"])
+        return SceneMessage(header, str(content["body"]), devices)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MessageError(f"not a scene: {error}") from None
+
+
+def moment_to(moment: Moment, places: Mapping[Stream, int]) -> bytes:
+    """A moment as a body; ``places`` are those of streams in the scene's header."""
+    arrays: dict[str, Array] = {}
+    latencies_ms = list(moment.later)
+    content: dict[str, Any] = {
+        "time_s": moment.time_s,
+        "gains": [[number, gain] for number, gain in moment.gains.items()],
+        "later": latencies_ms,
+        "drives": [],
+    }
+    if moment.play_space is not None:
+        arrays["play_space"] = np.asarray(moment.play_space, np.float64)
+    for prefix, runs in enumerate((moment.runs, *moment.later.values())):
+        content["drives"].append(_add_runs(f"{prefix} ", runs, places, arrays))
+    return pack(content, arrays)
+
+
+def _add_runs(
+    prefix: str, runs: Iterable[SampleRun], places: Mapping[Stream, int], arrays: dict[str, Array]
+) -> list[Any]:
+    felt = [run for run in runs if len(run)]
+    parameters = np.full((len(felt), _PARAMETERS), np.nan)
+    focus = np.full((len(felt), 4), np.nan)
+    drives = []
+    for k, run in enumerate(felt):
+        parameters[k, : run.parameters.shape[1]] = run.parameters[0]
+        if run.focus is not None:
+            focus[k] = run.focus[0]
+        if run.drive is not None:
+            drive = run.drive
+            drives.append([k, drive.device_id, list(drive.actuators), drive.values[0].tolist()])
+    arrays[prefix + "streams"] = np.array([places[run.stream] for run in felt], np.int32)
+    arrays[prefix + "levels"] = np.array([run.levels[0] for run in felt], np.float64)
+    arrays[prefix + "parameters"] = parameters
+    arrays[prefix + "focus"] = focus
+    arrays[prefix + "counts"] = np.array([len(run.vertices) for run in felt], np.int32)
+    arrays[prefix + "vertices"] = _joined([run.vertices for run in felt], np.int32)
+    arrays[prefix + "weights"] = _joined([run.weights for run in felt], np.float32)
+    for name in ARRAYS:
+        found = [getattr(run, name) for run in felt]
+        if any(each is not None for each in found):
+            has = [each is not None for each in found]
+            arrays[f"{prefix}has {name}"] = np.array(has, np.int32)
+            parts = [each for each in found if each is not None]
+            arrays[prefix + name] = np.concatenate(parts).astype(np.float32)
+    return drives
+
+
+def _joined(parts: Sequence[Array], dtype: npt.DTypeLike) -> Array:
+    return np.concatenate(parts) if parts else np.zeros(0, dtype)
+
+
+def moment_from(body: bytes, streams: Sequence[Stream]) -> Moment:
+    """The moment of a body.
+
+    Raises
+    ------
+    MessageError
+        It is none.
+    """
+    content, arrays = unpack(body)
+    try:
+        later = content["later"]
+        time_s = float(content["time_s"])
+        runs = [
+            _runs(f"{k} ", content["drives"][k], time_s, streams, arrays)
+            for k in range(1 + len(later))
+        ]
+        gains = {int(number): float(gain) for number, gain in content["gains"]}
+        return Moment(
+            time_s,
+            runs[0],
+            gains,
+            arrays.get("play_space"),
+            {float(ms): each for ms, each in zip(later, runs[1:], strict=True)},
+        )
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise MessageError(f"not a moment: {error}") from None
+
+
+def _runs(
+    prefix: str,
+    drives: Sequence[Any],
+    time_s: float,
+    streams: Sequence[Stream],
+    arrays: Mapping[str, Array],
+) -> list[SampleRun]:
+    counts = arrays[prefix + "counts"]
+    ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    driven = {k: Drive(device, tuple(names), _row(values)) for k, device, names, values in drives}
+    first = dict.fromkeys(ARRAYS, 0)
+    found = []
+    for k, place in enumerate(arrays[prefix + "streams"].tolist()):
+        part = slice(int(ends[k]), int(ends[k + 1]))
+        more: dict[str, Any] = {}
+        for name in ARRAYS:
+            if prefix + name in arrays and arrays[f"{prefix}has {name}"][k]:
+                stop = first[name] + int(counts[k])
+                more[name] = arrays[prefix + name][first[name] : stop]
+                first[name] = stop
+        width = len(MODALITIES[streams[place].modality].parameters)
+        parameters = arrays[prefix + "parameters"][k : k + 1, :width]
+        focus = arrays[prefix + "focus"][k]
+        found.append(
+            SampleRun(
+                streams[place],
+                np.zeros(1, np.int64),
+                np.array([time_s]),
+                arrays[prefix + "levels"][k : k + 1],
+                parameters,
+                np.array([0, part.stop - part.start]),
+                arrays[prefix + "vertices"][part],
+                arrays[prefix + "weights"][part],
+                focus=None if np.isnan(focus).all() else focus[None].astype(np.float32),
+                drive=driven.get(k),
+                **more,
+            )
+        )
+    return found
+
+
+def _row(values: Sequence[float]) -> npt.NDArray[np.float32]:
+    return np.array([values], np.float32)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The output process's side of rendering: starts its worker, asks it, ends it.
+
+One question at a time; of moments that wait, only the newest. A worker that does not answer in
+time, ends or talks nonsense is ended, and every device that it renders for has a fault.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final
+
+from .messages import Kind, Message, MessageError, message, read_message
+
+SCENE_S: Final = 60.0
+"""So long a scene may take: body models are loaded, and distances on skin are worked out."""
+
+MOMENT_S: Final = 0.25
+"""As long as Blender itself may be silent."""
+
+
+class RenderProcess:
+    """Whoever renders moments for devices.
+
+    Parameters
+    ----------
+    answer : callable
+        Takes a message for one device: ANSWER, HAPTICS or FAULT.
+    fault : callable
+        Takes one sentence, which concerns all devices. Both are called from a thread.
+    """
+
+    def __init__(self, answer: Callable[[Message], None], fault: Callable[[str], None]) -> None:
+        self._answer, self._fault = answer, fault
+        self._wake = threading.Condition(threading.RLock())
+        self._process: subprocess.Popen[bytes] | None = None
+        self._known: bytes | None = None  # the newest scene
+        self._scene: bytes | None = None  # if it has not been told yet
+        self._moment: bytes | None = None
+        self._deadline_s: float | None = None  # while it is busy
+        self._is_void = False  # what it is busy with does not matter any more
+
+    def describe(self, scene: bytes) -> None:
+        """Another scene: moments that come from now on are of it."""
+        with self._wake:
+            self._known = self._scene = scene
+            self.forget()
+            self._start()
+            self._wake.notify()
+
+    def show(self, moment: bytes) -> None:
+        """The newest moment."""
+        with self._wake:
+            self._moment = moment
+            self._wake.notify()
+
+    def forget(self) -> None:
+        """What was asked before does not matter any more: nobody gets its answers."""
+        with self._wake:
+            self._moment = None
+            self._is_void = self._deadline_s is not None
+
+    def revive(self) -> None:
+        """Start again, if it had to be ended."""
+        with self._wake:
+            if self._process is None and self._known is not None:
+                self.describe(self._known)
+
+    def is_overdue(self, now_s: float) -> bool:
+        """Whether an answer is late; then it has been ended."""
+        with self._wake:
+            is_late = self._deadline_s is not None and now_s > self._deadline_s
+        if is_late:
+            self.close()
+        return is_late
+
+    def close(self) -> None:
+        """End the worker at once, whatever it does."""
+        with self._wake:
+            process, self._process = self._process, None
+            self._deadline_s, self._moment, self._is_void = None, None, False
+            self._wake.notify_all()
+        if process is not None:
+            process.kill()
+            threading.Thread(target=process.wait, daemon=True).start()
+
+    def _start(self) -> None:
+        if self._process is not None:
+            return
+        package = __package__.rsplit(".", 2)[0]
+        self._process = process = subprocess.Popen(
+            [sys.executable, "-m", f"{package}.devices.live.render_worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+        for target in (self._write, self._listen):
+            threading.Thread(target=target, args=(process,), daemon=True).start()
+
+    def _write(self, process: subprocess.Popen[bytes]) -> None:
+        """A pipe may make it wait; nobody else does."""
+        stream = process.stdin
+        assert stream is not None
+        with suppress(OSError, ValueError):  # the listener tells
+            with stream:
+                while True:
+                    asked = self._next(process)
+                    if asked is None:
+                        return
+                    stream.write(asked)
+                    stream.flush()
+
+    def _next(self, process: subprocess.Popen[bytes]) -> bytes | None:
+        with self._wake:
+            while process is self._process:
+                if self._deadline_s is None and self._scene is not None:
+                    body, self._scene = self._scene, None
+                    self._deadline_s = time.monotonic() + SCENE_S
+                    return message(Kind.SCENE, body=body)
+                if self._deadline_s is None and self._moment is not None:
+                    body, self._moment = self._moment, None
+                    self._deadline_s = time.monotonic() + MOMENT_S
+                    return message(Kind.MOMENT, body=body)
+                self._wake.wait()
+        return None
+
+    def _listen(self, process: subprocess.Popen[bytes]) -> None:
+        stream = process.stdout
+        assert stream is not None
+        text = "the process that renders has ended"
+        try:
+            with stream:
+                while (found := read_message(stream)) is not None:
+                    with self._wake:
+                        if process is not self._process:
+                            return
+                        if found.kind is Kind.READY:
+                            self._deadline_s, self._is_void = None, False
+                            self._wake.notify()
+                        elif not self._is_void or found.kind is Kind.FAULT:
+                            self._answer(found)
+        except (MessageError, OSError, ValueError) as error:
+            text = f"the process that renders sent {error}"
+        with self._wake:
+            if process is not self._process:
+                return
+            self.close()
+        self._fault(text)

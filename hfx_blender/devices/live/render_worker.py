@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Renders moments for all devices, in a process of its own: no frame of Blender's waits for it.
+
+Started by the output process as ``python -m hfx_blender.devices.live.render_worker``. It is told
+one scene or one moment at a time and says READY after each. What device a fault belongs to, it
+tells; the others go on.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import BinaryIO, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.modality import MODALITIES
+from ...engine.rendering.device import DeviceConfig
+from ...engine.rendering.moment import MomentRenderer
+from ..configuration import load_device
+from .haptics import packed
+from .messages import (
+    EVERY_DEVICE,
+    Kind,
+    Message,
+    MessageError,
+    message,
+    read_message,
+    values_to,
+)
+from .moments import Moment, SceneMessage, Worn, moment_from, scene_from
+from .tones import Tones, frame_of, of_partials
+
+F64 = npt.NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+_LONGEST_TEXT: Final = 500
+
+
+@dataclass(eq=False)
+class _Rendered:
+    """A device, and who renders for it."""
+
+    worn: Worn
+    device: DeviceConfig
+    renderer: MomentRenderer
+    numbers: dict[str, int]  # of tones, by effect or by the modality that is substituted
+    width: int  # actuators that take a waveform
+
+    def answer(self, moment: Moment) -> bytes:
+        """What its lane is told, or its script."""
+        if moment.play_space is not None:
+            self.renderer.move_play_space(moment.play_space)
+        values, partials = self.renderer.ahead(moment.runs, moment.later)
+        gain = moment.gains.get(self.worn.number, 1.0)
+        values = with_gain(values, self.device, gain)
+        if self.worn.has_script:
+            felt = self.renderer.felt(moment.runs) if gain else []
+            return message(Kind.HAPTICS, self.worn.number, packed(moment.time_s, felt, values))
+        tones = of_partials(partials, self.numbers, self.width)
+        louder = Tones(tones.numbers, gain * tones.amplitudes, tones.frequencies_hz)
+        return message(Kind.ANSWER, self.worn.number, values_to(frame_of(values, louder)))
+
+
+def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
+    """Values (columns,) with every strength's way from silence times ``gain``."""
+    if gain == 1.0:
+        return values
+    values = values.copy()
+    first = 0
+    for actuator in device.actuators:
+        neutral = actuator.type.strength.neutral
+        values[first] = neutral + gain * (values[first] - neutral)
+        first += len(actuator.type.controls)
+    return values
+
+
+class Renderers:
+    """All devices that follow one scene.
+
+    Parameters
+    ----------
+    scene : SceneMessage
+    """
+
+    def __init__(self, scene: SceneMessage) -> None:
+        self._streams = scene.header.streams
+        self._rendered: dict[int, _Rendered] = {}
+        self.faults: list[bytes] = []
+        names = [*(effect.id for effect in scene.header.effects), *MODALITIES]
+        numbers = {name: k for k, name in enumerate(names)}
+        for worn in scene.devices:
+            try:
+                folder = None if worn.folder is None else Path(worn.folder)
+                device = load_device(worn.configuration, folder)
+                renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
+                renderer.prepare()
+            except Exception as error:  # one device's fault is not another's
+                self.faults.append(_fault(worn.number, error))
+                continue
+            width = sum(actuator.type.takes_waveform for actuator in device.actuators)
+            self._rendered[worn.number] = _Rendered(worn, device, renderer, numbers, width)
+
+    def answers(self, body: bytes) -> list[bytes]:
+        """Messages for all devices.
+
+        Raises
+        ------
+        MessageError
+            The body is no moment.
+        """
+        moment = moment_from(body, self._streams)
+        found = []
+        for number, each in self._rendered.items():
+            try:
+                found.append(each.answer(moment))
+            except Exception as error:
+                found.append(_fault(number, error))
+        return found
+
+
+def _fault(number: int, error: Exception) -> bytes:
+    _log.info("device %d", number, exc_info=error)
+    return message(Kind.FAULT, number, str(error)[:_LONGEST_TEXT].encode(errors="replace"))
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever prints must not garble the answers
+    waiting: SimpleQueue[Message] = SimpleQueue()
+    source = os.fdopen(os.dup(0), "rb")
+    threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
+    renderers: Renderers | None = None
+    while True:
+        asked = waiting.get()
+        answers: list[bytes] = []
+        try:
+            if asked.kind is Kind.SCENE:
+                renderers = None
+                renderers = Renderers(scene_from(asked.body))
+                answers = renderers.faults
+            elif asked.kind is Kind.MOMENT and renderers is not None:
+                answers = renderers.answers(asked.body)
+        except MessageError as error:
+            answers = [_fault(EVERY_DEVICE, error)]
+        out.write(b"".join((*answers, message(Kind.READY))))
+        out.flush()
+
+
+def _read(source: BinaryIO, waiting: SimpleQueue[Message]) -> None:
+    """Ends the process with its owner, whatever it does."""
+    with suppress(MessageError, OSError):
+        while True:
+            found = read_message(source)
+            if found is None:
+                break
+            waiting.put(found)
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Moments are rendered in a process of its own: as an export renders, and silent if it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_process import BAND, PATIENCE_S, is_loud, rows_of, wait
+
+from hfx_blender import resources
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live import render_process
+from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.live.messages import (
+    EVERY_DEVICE,
+    Kind,
+    Message,
+    MessageError,
+    json_to,
+    pack,
+    values_from,
+)
+from hfx_blender.devices.live.moments import (
+    Moment,
+    SceneMessage,
+    Worn,
+    moment_from,
+    moment_to,
+    scene_from,
+    scene_to,
+)
+from hfx_blender.devices.live.render_process import RenderProcess
+from hfx_blender.devices.live.render_worker import Renderers
+from hfx_blender.devices.live.tones import frame_of, of_partials
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.rendering.moment import MomentRenderer
+from hfx_blender.engine.samples import Drive, SampleRun, Stream
+from hfx_blender.engine.scene import TimeBase
+from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
+
+real_time = pytest.mark.usefixtures("real_time")
+
+MODEL = load_model("hfx-vibration-1")
+BODY = "someone"
+STREAMS = tuple(Stream(name, BODY, "vibration", MODEL.id) for name in ("low", "high"))
+HEADER = TrackHeader(
+    time=TimeBase(Fraction(1), Fraction(1), 0, 0, 0),
+    models=(TrackModel(MODEL.id, "vibration", MODEL.content_hash, len(MODEL)),),
+    bodies=(TrackBody(BODY, "Someone"),),
+    effects=tuple(
+        TrackEffect(s.effect_id, s.effect_id, "vibration", "volume", MODEL.id) for s in STREAMS
+    ),
+    streams=STREAMS,
+)
+
+
+def felt(stream: Stream, amplitude: float, hz: float, **more: object) -> SampleRun:
+    """A vibration of all skin."""
+    count = len(MODEL)
+    return SampleRun(
+        stream,
+        np.zeros(1, np.int64),
+        np.zeros(1),
+        np.ones(1),
+        np.array([[amplitude, hz]]),
+        np.array([0, count]),
+        np.arange(count, dtype=np.int32),
+        np.ones(count, np.float32),
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def moment(low: float = 3.0, high: float = 0.0, **more: object) -> Moment:
+    runs = [felt(STREAMS[0], low, 80.0)]
+    if high:
+        runs.append(felt(STREAMS[1], high, 250.0))
+    return Moment(1.0, runs, **more)  # type: ignore[arg-type]
+
+
+def places() -> dict[Stream, int]:
+    return {stream: k for k, stream in enumerate(STREAMS)}
+
+
+def worn(name: str, number: int = 1, *, folder: Path | None = None, script: bool = False) -> Worn:
+    return Worn(number, name, None if folder is None else str(folder), script)
+
+
+def test_a_scene_and_a_moment_arrive_as_they_were():
+    scene = scene_from(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
+    assert scene.header.streams == STREAMS and scene.devices == (worn(BAND),)
+    drive = Drive("band", ("a", "b"), np.float32([[0.5, 0.25]]))
+    runs = [
+        felt(STREAMS[0], 3.0, 80.0, positions=np.ones((len(MODEL), 3), np.float32)),
+        felt(STREAMS[1], 2.0, 250.0, focus=np.float32([[1, 2, 3, 4]]), drive=drive),
+    ]
+    sent = Moment(2.5, runs, {7: 0.5}, np.eye(4), {20.0: runs[:1]})
+    found = moment_from(moment_to(sent, places()), STREAMS)
+    assert (found.time_s, found.gains) == (2.5, {7: 0.5})
+    assert found.play_space is not None and found.play_space.tolist() == np.eye(4).tolist()
+    assert list(found.later) == [20.0] and len(found.later[20.0]) == 1
+    for before, after in zip(runs, found.runs, strict=True):
+        assert after.stream == before.stream
+        names = "levels parameters offsets vertices weights positions focus"
+        for name in names.split():
+            one, other = getattr(before, name), getattr(after, name)
+            assert (one is None) == (other is None)
+            if one is not None:
+                assert other.tolist() == one.tolist(), name
+    got = found.runs[1].drive
+    assert got is not None and (got.device_id, got.actuators) == ("band", ("a", "b"))
+    assert got.values.tolist() == [[0.5, 0.25]]
+    empty = moment_from(moment_to(Moment(0.0, []), places()), STREAMS)
+    assert list(empty.runs) == []
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"nonsense", json_to({}), pack({}, {}), pack({"later": []}, {})]
+)
+def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
+    with pytest.raises(MessageError):
+        moment_from(body, STREAMS)
+    with pytest.raises(MessageError):
+        scene_from(body)
+
+
+def answered(devices: tuple[Worn, ...], shown: Moment) -> dict[int, bytes]:
+    """What the worker would say, by device."""
+    renderers = Renderers(SceneMessage(HEADER, BODY, devices))
+    assert not renderers.faults
+    found = {}
+    for each in renderers.answers(moment_to(shown, places())):
+        length = int.from_bytes(each[:4], "little")
+        found[int.from_bytes(each[5:7], "little")] = each[7:]
+        assert len(each) == 7 + length
+    return found
+
+
+def test_what_is_rendered_is_what_the_engine_renders_with_tones_where_they_are_played():
+    devices = worn(BAND, 1), worn("mango_pad", 2)
+    shown = moment(3.0, 2.0)
+    found = answered(devices, shown)
+    for each in devices:
+        device = load_device(each.configuration)
+        renderer = MomentRenderer(HEADER, device)
+        expected = renderer.values(shown.runs)
+        width = sum(a.type.takes_waveform for a in device.actuators)
+        tones = of_partials(renderer.tones(), {"low": 0, "high": 1}, width)
+        assert expected.any()
+        assert len(tones.numbers) == (2 if width else 0)
+        assert values_from(found[each.number]).tolist() == frame_of(expected, tones).tolist()
+
+
+def test_gain_and_mute_are_of_one_device():
+    devices = worn(BAND, 1), worn(BAND, 2), worn("mango_pad", 3), worn("mango_pad", 4)
+    found = answered(devices, moment(4.0, gains={2: 0.5, 4: 0.0}))
+    whole, half = values_from(found[1])[::2], values_from(found[2])[::2]
+    assert whole.any() and half.tolist() == (0.5 * whole).tolist()
+    columns = 2 * len(load_device("mango_pad").actuators)
+    assert values_from(found[3])[:columns:2].any()
+    muted = values_from(found[4])
+    assert not muted[:columns:2].any()
+    assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # of its tone
+
+
+def test_late_actuators_get_what_is_felt_later(tmp_path: Path) -> None:
+    content = json.loads((resources.device_configs() / "mango_pad.json").read_text())
+    content["id"] = "late"
+    for kind in content["actuator_types"].values():
+        kind["latency_ms"] = 30
+    (tmp_path / "late.json").write_text(json.dumps(content))
+    later = {30.0: [felt(STREAMS[1], 2.0, 250.0)]}
+    device = worn("late", folder=tmp_path)
+    now = values_from(answered((device,), moment(3.0))[1])
+    ahead = values_from(answered((device,), moment(3.0, later=later))[1])
+    alone = values_from(answered((device,), Moment(1.0, later[30.0]))[1])
+    assert ahead.tolist() == alone.tolist() != now.tolist()
+
+
+def test_one_device_that_does_not_fit_is_told_and_the_others_are_rendered(tmp_path: Path) -> None:
+    devices = worn("not_there", 1, folder=tmp_path), worn(BAND, 2)
+    renderers = Renderers(SceneMessage(HEADER, BODY, devices))
+    assert len(renderers.faults) == 1 and b"not_there" in renderers.faults[0]
+    assert len(renderers.answers(moment_to(moment(), places()))) == 1
+
+
+def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    renderers = Renderers(SceneMessage(HEADER, BODY, (worn(BAND, 1), worn(BAND, 2))))
+
+    def broken(*_: object) -> None:
+        raise RuntimeError("of somebody's")
+
+    monkeypatch.setattr(renderers._rendered[1].renderer, "ahead", broken)
+    one, other = renderers.answers(moment_to(moment(), places()))
+    assert one[4] == Kind.FAULT and one[7:] == b"of somebody's"
+    assert other[4] == Kind.ANSWER
+
+
+def test_what_renders_ends_with_the_output_process():
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "hfx_blender.devices.live.render_worker"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert worker.stdin is not None and worker.stdout is not None
+    with worker.stdout:
+        worker.stdin.close()
+        assert worker.wait(PATIENCE_S) == 0
+
+
+def loud(log: Path) -> bool:
+    rows = rows_of(log)
+    return bool(rows) and is_loud(rows[-1])
+
+
+def follow(client: LiveClient, log: Path) -> None:
+    client.connect("band", BAND, {"kind": "simulator", "path": str(log)})
+    client.describe(HEADER, BODY)
+    wait(client, lambda: loud(log), lambda: client.show(moment()), is_patient=True)
+    client.events()
+
+
+@real_time
+def test_a_device_plays_moments_and_a_stop_is_not_followed_by_one(
+    client: LiveClient, log: Path
+) -> None:
+    follow(client, log)
+    for _ in range(20):
+        client.show(moment())
+    client.stop_all()
+    for _ in range(20):
+        client.show(moment())
+        client.heartbeat()
+        time.sleep(0.005)
+    wait(client, lambda: client.devices["band"].state == "stopped")
+    assert "stop" in rows_of(log)[-1]
+    client.arm()
+    wait(client, lambda: loud(log), lambda: client.show(moment()), is_patient=True)
+
+
+def _worker(client: LiveClient) -> int:
+    """The process that renders: the child of the output process."""
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            try:
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+                is_ours = b"render_worker" in (entry / "cmdline").read_bytes()
+            except OSError:
+                continue
+            if parent == client.pid and is_ours:
+                return int(entry.name)
+    raise AssertionError("there is none")
+
+
+@real_time
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds a child by /proc")
+@pytest.mark.parametrize(
+    ("how", "text"), [(signal.SIGKILL, "has ended"), (signal.SIGSTOP, "in time")]
+)
+def test_devices_stop_when_what_renders_ends_or_hangs_and_play_starts_it_again(
+    client: LiveClient, log: Path, how: signal.Signals, text: str
+) -> None:
+    follow(client, log)
+    before = _worker(client)
+    os.kill(before, how)
+    wait(
+        client,
+        lambda: client.devices["band"].state == "fault",
+        lambda: client.show(moment()),
+    )
+    assert text in client.devices["band"].text
+    wait(client, lambda: "stop" in rows_of(log)[-1])
+    client.arm()
+    wait(client, lambda: loud(log), lambda: client.show(moment()), is_patient=True)
+    assert _worker(client) != before
+
+
+class Asked:
+    """A process that renders, and what it said."""
+
+    def __init__(self) -> None:
+        self.told: list[Message] = []
+        self.faults: list[str] = []
+        self.process = RenderProcess(self.told.append, self.faults.append)
+
+    def until(self, happened: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not happened():
+            assert time.monotonic() < end, f"never happened: {self.told} {self.faults}"
+            time.sleep(0.002)
+
+    def is_idle(self) -> bool:
+        with self.process._wake:
+            return self.process._deadline_s is None and self.process._scene is None
+
+
+@pytest.fixture
+def asked() -> Iterator[Asked]:
+    found = Asked()
+    yield found
+    found.process.close()
+
+
+@real_time
+def test_what_was_asked_before_a_stop_is_not_answered_after_it(asked: Asked) -> None:
+    asked.process.describe(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
+    asked.process.show(moment_to(moment(), places()))
+    asked.until(lambda: asked.told)
+    asked.until(asked.is_idle)
+    count = len(asked.told)
+    for _ in range(50):
+        asked.process.show(moment_to(moment(), places()))
+        with asked.process._wake:
+            asked.process._wake.wait(0.0005)
+        asked.process.forget()
+        before = len(asked.told)
+        asked.until(asked.is_idle)
+        assert len(asked.told) == before
+    asked.process.show(moment_to(moment(), places()))
+    asked.until(lambda: len(asked.told) > count)
+
+
+@real_time
+def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:
+    asked.process.describe(b"nonsense")
+    asked.until(lambda: asked.told)
+    assert asked.told[0].kind is Kind.FAULT and asked.told[0].device == EVERY_DEVICE
+
+
+@real_time
+def test_one_that_does_not_answer_is_ended(asked: Asked, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(render_process, "SCENE_S", 0.0)
+    asked.process.describe(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
+    asked.until(lambda: asked.process.is_overdue(time.monotonic()))
+    assert asked.process._process is None
+    assert not asked.process.is_overdue(time.monotonic())
+
+
+def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
+    huge = replace(felt(STREAMS[0], 1.0, 80.0), weights=np.ones(1 << 23, np.float32))
+    stopped: list[str] = []
+    client.stop_all = stopped.append  # type: ignore[method-assign, assignment]
+    assert client._as_bytes(Moment(0.0, [huge]), places()) == b""
+    assert "cannot be handed over" in stopped[0]
+    assert client._as_bytes(moment(), {}) == b""  # of the scene before
