@@ -62,7 +62,7 @@ def surfaces() -> None:
     """The textile renderer's output against measured roughness."""
     from hfx_blender.bench import texture, texture_chart
 
-    chart = texture_chart.svg(texture.correlation(1))
+    chart = texture_chart.svg(texture.correlation(20))
     (PICTURES / "surfaces-roughness.svg").write_text(chart, encoding="utf-8")
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-from .authoring import effects, painting
+from .authoring import effects, painting, surface_updates
 
 
 @persistent
@@ -19,7 +19,9 @@ def _before_saving(*_: object) -> None:
 
 def register() -> None:
     bpy.app.handlers.save_pre.append(_before_saving)
+    surface_updates.register()
 
 
 def unregister() -> None:
+    surface_updates.unregister()
     bpy.app.handlers.save_pre.remove(_before_saving)

@@ -188,16 +188,26 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     layers_of: StringProperty(options={"HIDDEN"}, description="Settings of the layers")
     note: StringProperty(options={"HIDDEN"}, description="What was done, or why it could not be")
     is_faulty: BoolProperty(options={"HIDDEN"})
+    material_state: StringProperty(
+        options={"HIDDEN"}, description="State of the material that the relief is made of"
+    )
+    is_outdated: BoolProperty(
+        options={"HIDDEN"}, description="Whether the material was edited since the maps were made"
+    )
 
 
 def _keep_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> None:
-    from .authoring import surface_calibration
+    from .devices import surface_calibration
 
     surface_calibration.store(self.drive * 1000.0, self.device)
+    if not self.device:
+        from .playback.live import live
+
+        live.forget()  # surfaces are described anew, with it
 
 
 def _show_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> None:
-    from .authoring import surface_calibration
+    from .devices import surface_calibration
 
     self["drive"] = surface_calibration.drive_per_m(self.device) / 1000.0
 

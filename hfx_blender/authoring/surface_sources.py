@@ -22,6 +22,8 @@ F32 = npt.NDArray[np.float32]
 
 PICTURES = {".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg"}
 
+_LIKELY_M = (1e-3, 5.0)  # length of a scan
+
 
 @dataclass(frozen=True, eq=False)
 class Relief:
@@ -141,7 +143,15 @@ def read_scan(
     span = np.ptp(points[:, :2], axis=0)
     # A texel for each point, and no more of them than were asked for.
     texel = max(float(np.sqrt(span.prod() / len(points))), float(span.max()) / resolution)
-    return Relief(from_points(points, texel))
+    return Relief(from_points(points, texel), notes=_unlikely(span))
+
+
+def _unlikely(span_m: np.ndarray) -> tuple[str, ...]:
+    """A note on a size that a wrong unit would explain."""
+    longest = float(span_m.max())
+    if _LIKELY_M[0] <= longest <= _LIKELY_M[1]:
+        return ()
+    return (f"the scan is {1000.0 * longest:.3g} mm long; is the unit of its numbers right?",)
 
 
 def _of_library(name: str, seed: int, texels: int) -> Relief:

@@ -9,6 +9,7 @@ when the settings that they were made of are no longer the object's.
 from __future__ import annotations
 
 import json
+import time
 import uuid
 from typing import TYPE_CHECKING
 
@@ -98,6 +99,14 @@ def is_stale(obj: bpy.types.Object) -> bool:
     return settings.made_of != _relief_key(obj) or settings.layers_of != _layer_key(obj)
 
 
+def differs_from_material(obj: bpy.types.Object) -> bool:
+    """Whether the material was edited since it was baked; False where that is not known."""
+    from . import material_state
+
+    known = obj.hfx.surface.material_state
+    return known != "" and known != material_state.state_of(obj)
+
+
 def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
     """Make an object's maps and keep them in the .blend; returns what was noted.
 
@@ -111,12 +120,18 @@ def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
     InputError
         The maps cannot be made; those that there were are kept.
     """
-    from . import surface_sources
+    from . import material_state, surface_sources, surface_updates
 
     settings = obj.hfx.surface
     try:
         if settings.source != "MAP" and (anew or settings.made_of != _relief_key(obj)):
+            begin = time.monotonic()
             _keep_relief(obj, surface_sources.relief_of(obj))
+            settings.is_outdated = False
+            settings.material_state = ""
+            if settings.source == "MATERIAL":
+                settings.material_state = material_state.state_of(obj)
+                surface_updates.baked(obj, time.monotonic() - begin)
         _keep_layers(obj)
     except HfxError as error:
         settings.note, settings.is_faulty = str(error), True
@@ -278,8 +293,8 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
     InputError
         Its maps cannot be made.
     """
+    from ..devices import surface_calibration
     from ..engine.texture.surface_texture import Renderer, SurfaceTexture
-    from . import surface_calibration
 
     ensure(obj)
     settings, field = obj.hfx.surface, field_of(obj)
@@ -290,7 +305,14 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
             "micro-collisions can render it."
         )
     drive = settings.drive * 1000.0 or surface_calibration.drive_per_m()
-    return SurfaceTexture(field, _map_of(obj, field), renderer, drive, device_of(obj))
+    return SurfaceTexture(
+        field,
+        _map_of(obj, field),
+        renderer,
+        drive,
+        device_of(obj),
+        is_calibrated=not settings.drive,
+    )
 
 
 def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:

@@ -56,7 +56,7 @@ def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
     import numpy as np
 
     if hfx.shape == "CUBOID":
-        return np.array(hfx.size, np.float64) / 2
+        return np.array(hfx.size[:], np.float64) / 2
     if hfx.shape == "CYLINDER":
         return np.array([hfx.radius, hfx.radius, hfx.height / 2])
     if hfx.shape == "MESH":

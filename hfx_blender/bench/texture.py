@@ -33,7 +33,8 @@ _FRAMES: Final = 4  # followed together, as the engine does with 100 contacts
 
 def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
     """All of it, as plain data."""
-    result: dict[str, Any] = {"roughness": correlation(1 if short else 4)}
+    rough = correlation(1 if short else 20, progress=lambda share: progress(0.3 * share))
+    result: dict[str, Any] = {"roughness": rough}
     progress(0.3)
     result["identification"] = identification(1 if short else 3, 1 if short else 2)
     progress(0.6)
@@ -50,7 +51,7 @@ def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
 # Roughness
 
 
-def woven_surfaces(seed: int) -> list[weave.Weave]:
+def dealt_surfaces(seed: int) -> list[weave.Weave]:
     """36 cloths: each weave in six periods from 0.2 to 2 mm, from fine shirting to rough tweed.
 
     Depths (15 to 600 micrometres, half of the period at most), directions and shapes are dealt
@@ -68,33 +69,59 @@ def woven_surfaces(seed: int) -> list[weave.Weave]:
     return made
 
 
-def correlation(rounds: int, texels: int = 512) -> dict[str, Any]:
+def drawn_surfaces(seed: int) -> list[weave.Weave]:
+    """36 cloths of which everything is drawn at random within the same bounds."""
+    rng = np.random.default_rng([seed, 1])
+    made = []
+    for _ in range(36):
+        period = float(np.exp(rng.uniform(np.log(0.2e-3), np.log(2e-3))))
+        depth = min(float(np.exp(rng.uniform(np.log(15e-6), np.log(600e-6)))), 0.5 * period)
+        draft = str(rng.choice(list(weave.DRAFTS)))
+        direction, dive = float(rng.uniform(0.0, np.pi)), float(rng.uniform(0.4, 0.9))
+        made.append(weave.Weave(draft, period, depth, direction, dive, 0.01 * depth))
+    return made
+
+
+RECIPES: Final = {"dealt": dealt_surfaces, "drawn": drawn_surfaces}
+
+
+def correlation(
+    rounds: int, texels: int = 512, progress: Callable[[float], None] = lambda _: None
+) -> dict[str, Any]:
     """How the textile renderer's output goes with measured roughness, over woven surfaces.
 
-    Round 0 gives the surfaces that are listed; the others tell how far that was luck.
+    The first set of the first recipe gives the surfaces that are listed; all others, ``rounds``
+    of each recipe, tell how far that was luck.
     """
-    per_round = []
+    sets: dict[str, list[Any]] = {name: [] for name in RECIPES}
     rows: list[dict[str, Any]] = []
     for seed in range(rounds):
-        found = [_cloth(each, texels, seed) for each in woven_surfaces(seed)]
-        rows = rows or found
-        per_round.append(
-            [
-                [
-                    float(np.corrcoef([r["drive"][v] for r in found], [r[p] for r in found])[0, 1])
-                    for p in PARAMETERS
-                ]
-                for v in range(len(SPEEDS_M_S))
-            ]
-        )
+        for name, surfaces in RECIPES.items():
+            found = [_cloth(each, texels, seed) for each in surfaces(seed)]
+            rows = rows or found
+            sets[name].append(_correlations(found))
+        progress((seed + 1) / rounds)
     return {
         "cutoff_mm": 1e3 * CUTOFF_M,
         "speeds_m_s": list(SPEEDS_M_S),
         "surfaces": rows,
-        "r": per_round[0],
-        "lowest_r": np.min(per_round, axis=0).tolist(),
+        "r": sets["dealt"][0],
+        "sets": sets,  # by recipe: set, speed, parameter
+        "median_r": {name: np.median(found, axis=0).tolist() for name, found in sets.items()},
+        "lowest_r": {name: np.min(found, axis=0).tolist() for name, found in sets.items()},
         "rounds": rounds,
     }
+
+
+def _correlations(found: list[dict[str, Any]]) -> list[list[float]]:
+    """r of drive and roughness, for each speed and parameter."""
+    return [
+        [
+            float(np.corrcoef([r["drive"][v] for r in found], [r[p] for r in found])[0, 1])
+            for p in PARAMETERS
+        ]
+        for v in range(len(SPEEDS_M_S))
+    ]
 
 
 def _cloth(cloth: weave.Weave, texels: int, seed: int) -> dict[str, Any]:
@@ -318,12 +345,15 @@ def as_text(result: dict[str, Any]) -> str:
     rough, told = result["roughness"], result["identification"]
     lines = [
         f"Textile renderer against measured roughness: {len(rough['surfaces'])} woven surfaces, "
-        f"cut-off {rough['cutoff_mm']:g} mm, correlation r (lowest of {rough['rounds']} sets):",
-        f"  {'speed':>8} " + " ".join(f"{name:>14}" for name in PARAMETERS),
+        f"cut-off {rough['cutoff_mm']:g} mm, correlation r; median (lowest) of "
+        f"{rough['rounds']} sets of each recipe:",
+        f"  {'':6}{'speed':>8} " + " ".join(f"{name:>14}" for name in PARAMETERS),
     ]
-    for speed, found, low in zip(rough["speeds_m_s"], rough["r"], rough["lowest_r"], strict=True):
-        cells = " ".join(f"{a:6.3f} ({b:5.3f})" for a, b in zip(found, low, strict=True))
-        lines.append(f"  {100 * speed:3g} cm/s {cells}")
+    for recipe in rough["sets"]:
+        found = zip(rough["median_r"][recipe], rough["lowest_r"][recipe], strict=True)
+        for speed, (middle, low) in zip(rough["speeds_m_s"], found, strict=True):
+            cells = " ".join(f"{a:6.3f} ({b:5.3f})" for a, b in zip(middle, low, strict=True))
+            lines.append(f"  {recipe:6}{100 * speed:3g} cm/s {cells}")
     lines += [
         f"Nearest neighbour of {told['learnt']} strokes, unseen maps, directions and speeds: "
         f"{100 * told['share']:.1f} % right; rows are, columns were found:",

@@ -14,12 +14,16 @@ _TOP: Final = 44
 _GAP: Final = 70
 _TEXT: Final = 'font-family="sans-serif" font-size="11"'
 _COLOURS: Final = ("#2e6f9e", "#b03a2e")  # slow, fast
+_ROW: Final = 22
+_LEAST_R: Final = 0.85
+PAPER_R: Final = (0.92, 0.93, 0.95)
+"""What the textile paper measured, for each of the parameters."""
 
 
 def svg(result: dict[str, Any]) -> str:
     """The chart of what :func:`texture.correlation` found."""
     width = _LEFT + len(PARAMETERS) * (_SIZE + _GAP)
-    height = _TOP + _SIZE + 64
+    height = _TOP + _SIZE + 64 + _strip_height(result)
     title = (
         f"{len(result['surfaces'])} woven surfaces: drive at c_v = 1 against roughness "
         f"(ISO 4287, cut-off {result['cutoff_mm']:g} mm)"
@@ -32,6 +36,7 @@ def svg(result: dict[str, Any]) -> str:
     ]
     for k, name in enumerate(PARAMETERS):
         parts += _panel(result, k, name, _LEFT + k * (_SIZE + _GAP))
+        parts += _strip(result, k, name, _LEFT + k * (_SIZE + _GAP))
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
@@ -65,4 +70,49 @@ def _panel(result: dict[str, Any], parameter: int, name: str, left: float) -> li
             f'<text x="{left + 8}" y="{_TOP + 16 + 15 * v}" fill="{_COLOURS[v]}" {_TEXT}>'
             f"{100 * speed:g} cm/s: r = {result['r'][v][parameter]:.3f}</text>"
         )
+    return parts
+
+
+def _strip_height(result: dict[str, Any]) -> int:
+    return _ROW * len(result["sets"]) * len(result["speeds_m_s"]) + 46
+
+
+def _strip(result: dict[str, Any], parameter: int, name: str, left: float) -> list[str]:
+    """r of every set, a row for each recipe and speed; the paper's as a line."""
+    top = _TOP + _SIZE + 64
+
+    def at(r: float) -> float:
+        return left + _SIZE * (max(r, _LEAST_R) - _LEAST_R) / (1.0 - _LEAST_R)
+
+    rows = [
+        (recipe, v, [each[v][parameter] for each in found])
+        for recipe, found in result["sets"].items()
+        for v in range(len(result["speeds_m_s"]))
+    ]
+    bottom, line = top + _ROW * len(rows), at(PAPER_R[parameter])
+    parts = [
+        f'<rect x="{left}" y="{top}" width="{_SIZE}" height="{bottom - top}" fill="none" '
+        'stroke="#999"/>',
+        f'<line x1="{line:.1f}" y1="{top}" x2="{line:.1f}" y2="{bottom}" stroke="#222" '
+        'stroke-dasharray="3 3"/>',
+        f'<text x="{left + _SIZE / 2}" y="{bottom + 30}" text-anchor="middle" fill="#222" {_TEXT}>'
+        f"r with {name} in {result['rounds']} sets of each recipe; the paper: "
+        f"{PAPER_R[parameter]:g}</text>",
+    ]
+    for r in (_LEAST_R, 0.9, 0.95, 1.0):
+        parts.append(
+            f'<text x="{at(r):.1f}" y="{bottom + 15}" text-anchor="middle" fill="#555" {_TEXT}>'
+            f"{r:g}</text>"
+        )
+    for k, (recipe, v, found) in enumerate(rows):
+        y = top + _ROW * (k + 0.5)
+        if parameter == 0:
+            parts.append(
+                f'<text x="{left - 5}" y="{y + 4:.1f}" text-anchor="end" fill="{_COLOURS[v]}" '
+                f"{_TEXT}>{recipe}</text>"
+            )
+        parts += [
+            f'<circle cx="{at(r):.1f}" cy="{y:.1f}" r="3" fill="{_COLOURS[v]}" fill-opacity="0.5"/>'
+            for r in found
+        ]
     return parts

@@ -12,6 +12,7 @@ from ..errors import InputError, UsageError
 from . import texture_source
 
 _RENDERERS = ("mcha", "textile", "direct")
+_FAINT = 0.01  # of full strength
 
 
 def add_parser(commands: Any) -> None:
@@ -47,6 +48,7 @@ def add_parser(commands: Any) -> None:
     )
     stroke.add_argument("--rate", type=float, default=120.0, metavar="HZ", help="of the pointer")
     stroke.add_argument("--drive", type=float, metavar="1/MM", help="c_v instead of your own")
+    stroke.add_argument("--device", default="", metavar="NAME", help="c_v that you set for it")
     stroke.add_argument(
         "-o",
         "--output",
@@ -103,7 +105,7 @@ def _check_folder(path: Path) -> None:
 def _stroke(options: argparse.Namespace, console: Console) -> int:
     import numpy as np
 
-    from ..authoring import surface_calibration
+    from ..devices import surface_calibration
     from ..engine.texture.render import render_stroke
     from ..engine.texture.surface_texture import Renderer, SurfaceTexture
     from ..formats import stroke_files
@@ -115,7 +117,11 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     source = texture_source.read(options)
     if options.drive is not None and not 0.0 < options.drive < 1e6:
         raise UsageError(f"--drive {options.drive:g}: expected a number above 0")
-    drive = surface_calibration.drive_per_m() if options.drive is None else options.drive * 1000.0
+    drive = (
+        surface_calibration.drive_per_m(options.device)
+        if options.drive is None
+        else options.drive * 1000.0
+    )
     renderer = Renderer(options.renderer)
     if source.height is None and renderer is not Renderer.MCHA:
         raise InputError(
@@ -140,6 +146,8 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
         f"at most {facts['peak_amplitude_m_s2']:.2f}; {facts['mean_frequency_hz']:.0f} Hz"
     )
     notes, files = list(source.notes), []
+    if facts["peak_amplitude_m_s2"] < _FAINT * float(source.map.device.amplitude_m_s2(1.0)):
+        notes.append("hardly anything is felt: less than 1 % of the device's strongest")
     for path in options.output:
         written = stroke_files.write(felt, stroke, source.map.device, path)
         notes += [f"{path}: {note}" for note in written.notes]

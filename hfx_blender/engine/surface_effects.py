@@ -156,24 +156,19 @@ class SurfaceEffects:
         reached = ((bounds.low[at] <= high[:, None]) & (bounds.high[at] >= low[:, None])).all(
             axis=2
         )
-        clusters = skin.skin.clusters
-        found: list[tuple[I64, I64, F64]] = []
-        for cluster in np.flatnonzero(reached.any(axis=0)).tolist():
-            times = np.flatnonzero(reached[:, cluster])
-            points = skin.vertices.cluster_points(
-                cluster, pose, rows[times], pose.to_world[rows[times]]
-            ).transpose(1, 2, 0)
-            self._counters.vertices_posed += points.shape[0] * points.shape[1]
-            inside = ((points >= low[times][:, None]) & (points <= high[times][:, None])).all(
-                axis=2
-            )
-            row, column = np.nonzero(inside)
-            found.append((times[row], clusters[cluster][column].astype(np.int64), points[inside]))
-        if not found:
+        cluster, times = reached.T.nonzero()
+        if not len(times):
             return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
-        time, ids, places = (np.concatenate(part) for part in zip(*found, strict=True))
-        order = np.lexsort((ids, time))
-        return time[order], ids[order], places[order]
+        posed = skin.vertices.posed(np.unique(cluster), pose, rows, pose.to_world[rows])
+        places = posed.all_points(cluster, times)
+        members = [skin.skin.clusters[each] for each in cluster.tolist()]
+        ids = np.concatenate(members)
+        time = times.repeat([len(each) for each in members])
+        self._counters.vertices_posed += len(time)
+        inside = (places >= low.T.take(time, axis=1)) & (places <= high.T.take(time, axis=1))
+        near = (inside[0] & inside[1] & inside[2]).nonzero()[0]
+        near = near[np.lexsort((ids[near], time[near]))]
+        return time[near], ids[near].astype(np.int64), places[:, near].T
 
 
 def _parts(counts: I64) -> list[slice]:

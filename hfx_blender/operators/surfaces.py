@@ -191,7 +191,7 @@ class HFX_OT_calibrate_surfaces(HfxOperator):
     )
 
     def work(self, _context: bpy.types.Context) -> str:
-        from ..authoring import surface_calibration
+        from ..devices import surface_calibration
 
         surface_calibration.store(self.drive * 1000.0, self.device)
         return f"c_v of {self.device or 'any device'}: {self.drive:g} per mm"

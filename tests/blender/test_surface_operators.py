@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring import surface_calibration, surfaces
+from hfx_blender.authoring import surfaces
+from hfx_blender.devices import surface_calibration
 from hfx_blender.engine.texture.surface_texture import DRIVE_PER_M, Renderer
 from hfx_blender.formats import texture_map
 

@@ -35,6 +35,9 @@ class SurfaceMesh:
     triangles: I32  # (F, 3)
     coordinates_m: F64  # (F, 3, 2) of the corners, metres
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coordinates_m", np.ascontiguousarray(self.coordinates_m))
+
 
 @dataclass(frozen=True, eq=False)
 class ContactPaths:
@@ -51,20 +54,27 @@ class ContactPaths:
     weights: F64  # (n, 3) barycentric
     distance_m: F64  # (n,) from skin to surface
     coordinates_m: F64  # (n, 2)
-    pieces_m: F64  # (n, 2, 2, 2) piece, begin and end, coordinate; no way at a new contact
+    ends_m: F64  # (4, 2, n) begin and end of both pieces; coordinate. No way at a new contact
     moved_m: F64  # (n, 3) the way in the space of the mesh, relative to the material
     before: I64  # (n,) the same contact at the time before, by its place here; -1: new
+    seams: I64  # those whose two pieces are apart
     carried: int  # the first so many are those of the last time of the call before, at time -1
 
     def __len__(self) -> int:
         return len(self.ids)
 
     @property
+    def pieces_m(self) -> F64:
+        """The ways, (n, 2, 2, 2): piece, begin and end, coordinate."""
+        return self.ends_m.transpose(2, 0, 1).reshape(-1, 2, 2, 2)
+
+    @property
     def way_m(self) -> F64:
         """Length of each way in surface coordinates, (n,)."""
-        steps = self.pieces_m[:, :, 1] - self.pieces_m[:, :, 0]
-        length: F64 = np.sqrt(np.einsum("npc,npc->np", steps, steps)).sum(axis=1)
-        return length
+        steps = self.ends_m[1::2] - self.ends_m[::2]
+        steps *= steps
+        lengths = np.sqrt(steps[:, 0] + steps[:, 1])
+        return np.asarray(lengths[0] + lengths[1])
 
     def speed_m_s(self, step_s: float) -> F64:
         """Tangential speed relative to the surface, (n,)."""
@@ -97,6 +107,8 @@ class ContactFollower:
         self._max_contacts = max_contacts
         self._first = first
         self._still: _Still | None = None
+        self._known_turn: tuple[F64, F64] | None = None  # of a placing, the linear part
+        self._places_stand = True  # those of the last time are in the space of the grid
         self._last = _none_yet()
         self._last_ids = np.zeros(0, np.int64)
 
@@ -121,20 +133,24 @@ class ContactFollower:
         """
         found, space = self._nearest(matrices, vertices, time, points)
         found = self._chosen(found, time, ids)
-        time, ids = time[found.point], ids[found.point]
+        if len(found.point) < len(points):
+            time, ids = time[found.point], ids[found.point]
         carried = len(self._last_ids) if follows[0] else 0
-        last = len(matrices) - 1
-        now = _part(found, np.flatnonzero(time == last))
-        now_ids = ids[time == last]
+        now, now_ids = found, ids
+        if len(matrices) > 1:
+            mine = (time == len(matrices) - 1).nonzero()[0]
+            now, now_ids = _part(found, mine), ids[mine]
         if carried:
             found = _joined([self._last, found])
             time = np.concatenate([np.full(carried, -1), time])
             ids = np.concatenate([self._last_ids, ids])
-        if len(space) == 1:  # all in one space that stands still: places tell ways at once
+        is_still = self._still is not None and space is self._still.placed
+        if not (is_still and self._places_stand) and len(space) == 1:
+            # All in one space that stands still: places tell ways at once.
             corners = space[0][self._mesh.triangles[found.triangle[:carried]]]
             found.place[:carried] = np.einsum("nk,nkc->nc", found.weights[:carried], corners)
         paths = self._paths(space, found, time, ids, follows, carried)
-        self._last, self._last_ids = now, now_ids
+        self._last, self._last_ids, self._places_stand = now, now_ids, is_still
         return paths
 
     def restart(self) -> None:
@@ -143,7 +159,9 @@ class ContactFollower:
 
     def _chosen(self, found: Nearest, time: I64, ids: I64) -> Nearest:
         """No more contacts at a time than are allowed."""
-        counts = np.bincount(time[found.point]) if len(found.point) else np.zeros(1, np.int64)
+        if len(found.point) <= self._max_contacts:
+            return found
+        counts = np.bincount(time[found.point])
         if counts.max() <= self._max_contacts:
             return found
         later = np.zeros(len(found.point), np.bool_)
@@ -161,7 +179,8 @@ class ContactFollower:
         turns = self._turns(matrices, vertices)
         if turns is not None:
             assert self._still is not None
-            offset = points - matrices[time, :3, 3]
+            places = matrices[:, :3, 3]
+            offset = points - (places if len(places) == 1 else places[time])
             if len(turns) == 1:
                 turned = offset @ turns[0]
             else:
@@ -179,13 +198,19 @@ class ContactFollower:
         if self._still is None:
             self._still = _still(self._mesh, vertices[0], linear[0], self._reach_m)
         still = self._still
-        if not np.array_equal(vertices[0], still.local):
+        if not (vertices[0] == still.local).all():
             return None  # it deforms, one call after the other
-        if (linear == linear[0]).all():
+        if len(linear) > 1 and (linear == linear[0]).all():
             linear = linear[:1]
+        if self._known_turn is not None and np.array_equal(linear, self._known_turn[0]):
+            return self._known_turn[1]
         turns = linear @ still.inverse
         error = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
-        return turns if error <= 1e-6 else None
+        if not error <= 1e-6:
+            return None
+        if len(linear) == 1:
+            self._known_turn = linear.copy(), turns
+        return turns
 
     def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> Nearest:
         """At one time of a mesh that deforms: a grid of what is near the points only."""
@@ -210,57 +235,80 @@ class ContactFollower:
         self, vertices: F64, found: Nearest, time: I64, ids: I64, follows: Bool, carried: int
     ) -> ContactPaths:
         triangle, weights = found.triangle, found.weights
-        now = np.einsum("nk,nkc->nc", weights, self._mesh.coordinates_m[triangle])
-        pieces = np.repeat(now[:, None], 4, axis=1).reshape(-1, 2, 2, 2)
+        coordinates = self._mesh.coordinates_m.take(triangle, axis=0)
+        now = np.einsum("nk,nkc->cn", weights, coordinates)
+        ends = np.zeros((4, 2, len(ids)))
+        ends[:] = now
         moved = np.zeros((len(ids), 3))
         before = np.full(len(ids), -1, np.int64)
+        seams = np.zeros(0, np.int64)
         key = time * _IDS + ids
-        slot = np.searchsorted(key, key - _IDS)
-        kept = np.flatnonzero((key[slot] == key - _IDS) & (time >= 0) & follows[time])
+        slot = key.searchsorted(key - _IDS)
+        kept = ((key.take(slot) == key - _IDS) & (time >= 0) & follows[time]).nonzero()[0]
         if len(kept):
             was = before[kept] = slot[kept]
-            if len(vertices) == 1:
-                moved[kept] = found.place[kept] - found.place[was]
-            else:
+            material = found.place.take(was, axis=0)
+            if len(vertices) > 1:
                 at = time[kept][:, None], self._mesh.triangles[triangle[was]]
                 material = np.einsum("nk,nkc->nc", weights[was], vertices[at])
-                moved[kept] = found.place[kept] - material
-            pieces[kept] = self._pieces(vertices, time[kept], triangle, now, kept, was, moved[kept])
+            all_new = len(kept) == len(ids) - carried
+            chosen = slice(carried, None) if all_new else kept
+            way = moved[chosen] = found.place[chosen] - material
+            start = ends[0][:, chosen] = now.take(was, axis=1)
+            ends[1:3, :, chosen] = 0.5 * (start + now[:, chosen])
+            other = (triangle[was] != triangle[kept]).nonzero()[0]
+            if len(other):
+                kept, was = kept[other], was[other]
+                seams = self._over_seams(
+                    vertices, time[kept], triangle, ends, kept, was, way[other]
+                )
         return ContactPaths(
-            time, ids, triangle, weights, found.distance, now, pieces, moved, before, carried
+            time,
+            ids,
+            triangle,
+            weights,
+            found.distance,
+            now.T,
+            ends,
+            moved,
+            before,
+            seams,
+            carried,
         )
 
-    def _pieces(
-        self, vertices: F64, time: I64, triangle: I64, places: F64, kept: I64, was: I64, way: F64
-    ) -> F64:
-        """The way in surface coordinates as two pieces, (n, 2, 2, 2)."""
-        start, end = places[was], places[kept]
-        arriving = self._along(vertices, time, triangle[kept], way)
-        leaving = arriving.copy()
-        other = np.flatnonzero(triangle[was] != triangle[kept])
-        if len(other):
-            leaving[other] = self._along(vertices, time[other], triangle[was][other], way[other])
-        expected = 0.5 * (arriving + leaving)
-        error = end - start - expected
-        apart = np.zeros(len(way), np.bool_)
-        apart[other] = np.einsum("nc,nc->n", error[other], error[other]) > (
-            _SEAM_SHARE**2 * np.einsum("nc,nc->n", expected[other], expected[other]) + 1e-24
-        )
-        middle = 0.5 * (start + end)
-        pieces = np.stack([start, middle, middle, end], axis=1)
-        seam = np.flatnonzero(apart)
-        pieces[seam, 1] = start[seam] + 0.5 * leaving[seam]
-        pieces[seam, 2] = end[seam] - 0.5 * arriving[seam]
-        return pieces.reshape(-1, 2, 2, 2)
+    def _over_seams(
+        self, vertices: F64, time: I64, triangle: I64, ends: F64, kept: I64, was: I64, way: F64
+    ) -> I64:
+        """Make ways go on on the other side where coordinates jump; which of ``kept`` they are."""
+        sides = self._along(vertices, time, np.stack([triangle[was], triangle[kept]]), way)
+        expected = 0.5 * (sides[0] + sides[1])
+        error = ends[3].take(kept, axis=1) - ends[0].take(kept, axis=1) - expected
+        error *= error
+        expected *= expected
+        apart = error[0] + error[1] > _SEAM_SHARE**2 * (expected[0] + expected[1]) + 1e-24
+        seams = kept[apart]
+        if len(seams):
+            leaving, arriving = sides[:, :, apart]
+            ends[1][:, seams] = ends[0][:, seams] + 0.5 * leaving
+            ends[2][:, seams] = ends[3][:, seams] - 0.5 * arriving
+        return seams
 
     def _along(self, vertices: F64, time: I64, triangle: I64, way: F64) -> F64:
-        """A way (n, 3) in the mesh's space as one in surface coordinates (n, 2)."""
+        """Ways (n, 3) in the mesh's space as ones in the coordinates of triangles (s, n).
+
+        Returns
+        -------
+        (s, 2, n) float64
+        """
         if self._still is not None and vertices is self._still.placed:
-            charts = self._still.charts[triangle]
+            charts = self._still.charts.take(triangle, axis=0)
         else:
             corners = vertices[time[:, None], self._mesh.triangles[triangle]]
-            charts = _charts(corners, self._mesh.coordinates_m[triangle])
-        return np.asarray(np.einsum("nci,ni->nc", charts, way))
+            count = triangle.size
+            charts = _charts(
+                corners.reshape(count, 3, 3), self._mesh.coordinates_m[triangle.reshape(count)]
+            ).reshape(*triangle.shape, 2, 3)
+        return np.asarray(np.einsum("snci,ni->scn", charts, way))
 
 
 @dataclass(frozen=True, eq=False)

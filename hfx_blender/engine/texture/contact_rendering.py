@@ -8,15 +8,15 @@ sample before; the others need the heights of one window, which are kept for eac
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from .contact_path import ContactPaths
-from .height_field import HeightField, sample_at
-from .lookup import REST_M_S, crossed_texels
+from .height_field import HeightField
+from .lookup import REST_M_S, strongest_crossed
 from .surface_texture import Renderer, SurfaceTexture
 from .synthesis import amplitude_and_frequency, without_waviness
 from .textile import RATE_HZ, WINDOW_S, weighted_rms
@@ -25,7 +25,8 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 _MAX_FACTOR: Final = 32
-_TEXEL_BITS: Final = 31
+_AT_ONCE: Final = 1 << 13
+"""Heights looked up together: more, and what is in between leaves the processor's cache."""
 
 
 class ContactRenderer:
@@ -51,6 +52,8 @@ class ContactRenderer:
             assert texture.height is not None
             is_direct = texture.renderer is Renderer.DIRECT
             self._field = without_waviness(texture.height) if is_direct else texture.height
+            across, up = self._field.texel_m
+            self._per_texel = np.array([[1.0 / up], [1.0 / across]])
 
     def render(self, paths: ContactPaths) -> tuple[F64, F64]:
         """Drive 0..1 and frequency (Hz; 0: the device's own) of each contact, two (n,).
@@ -61,10 +64,10 @@ class ContactRenderer:
         drive, frequency = np.zeros(len(paths)), np.zeros(len(paths))
         moves = paths.way_m > REST_M_S * self._step_s
         moves[: paths.carried] = False
-        felt = np.flatnonzero(moves)
+        felt = moves.nonzero()[0]
         if self._field is None:
             if len(felt):
-                self._collide(paths.pieces_m[felt], felt, drive, frequency)
+                self._collide(paths, felt, drive, frequency)
             return drive, frequency
         heights = self._heights(self._field, paths, felt)
         if not len(felt):
@@ -76,99 +79,117 @@ class ContactRenderer:
         drive[felt] = np.minimum(self._texture.drive_per_m * level, 1.0)
         return drive, frequency
 
-    def _collide(self, pieces_m: F64, felt: I64, drive: F64, frequency: F64) -> None:
+    def _collide(self, paths: ContactPaths, felt: I64, drive: F64, frequency: F64) -> None:
         """The strongest texel that each contact crossed."""
         map_ = self._texture.map
         assert map_ is not None
-        pieces = pieces_m.reshape(-1, 2, 2)
-        found = crossed_texels(
-            pieces[:, 0], pieces[:, 1], map_.intensity.shape, map_.texel_m, map_.tiles
-        )
-        # The float's bits rise with its value. Of equally strong ones, the texel with the lowest
-        # number is it, whatever the direction.
-        bits = map_.intensity.ravel()[found.texel].view(np.int32).astype(np.int64)
-        code = (bits << _TEXEL_BITS) - found.texel
-        segment = found.segment
-        best = np.full(len(pieces), np.iinfo(np.int64).min)
-        borders = np.flatnonzero(np.diff(segment)) + 1  # each segment's texels come in runs
-        starts = np.concatenate([[0], borders])
-        runs = np.maximum.reduceat(code, starts)
-        for part in _ascending(segment[starts]):
-            mine = segment[starts[part]]
-            best[mine] = np.maximum(best[mine], runs[part])
-        best = best.reshape(-1, 2).max(axis=1)
-        strongest = -(-best >> _TEXEL_BITS)
-        texel = (strongest << _TEXEL_BITS) - best
-        drive[felt] = strongest.astype(np.int32).view(np.float32)
-        frequency[felt] = self._texture.device.frequency_of(map_.sharpness.ravel()[texel])
+        starts, ends = paths.ends_m[0].take(felt, axis=1), paths.ends_m[3].take(felt, axis=1)
+        seam = np.isin(felt, paths.seams).nonzero()[0] if len(paths.seams) else paths.seams
+        if len(seam):  # the first piece ends elsewhere, and the second comes after all others
+            ends = np.concatenate([ends, ends[:, seam]], axis=1)
+            ends[:, seam] = paths.ends_m[1][:, felt[seam]]
+            starts = np.concatenate([starts, paths.ends_m[2][:, felt[seam]]], axis=1)
+        strongest, texel = strongest_crossed(starts, ends, map_)
+        if len(seam):
+            count = len(felt)
+            second = (strongest[count:] > strongest[seam]) | (
+                (strongest[count:] == strongest[seam]) & (texel[count:] < texel[seam])
+            )
+            strongest[seam[second]] = strongest[count:][second]
+            texel[seam[second]] = texel[count:][second]
+            strongest, texel = strongest[:count], texel[:count]
+        drive[felt] = strongest
+        frequency[felt] = self._texture.device.frequency_of(map_.sharpness.ravel().take(texel))
 
     def _heights(self, field: HeightField, paths: ContactPaths, felt: I64) -> F64:
         """Windows of heights up to now of some contacts; all are remembered for the next call."""
-        carried, steps = paths.carried, self._steps
-        new = np.zeros((len(paths), steps))
-        new[carried:] = self._new_heights(field, paths.pieces_m[carried:])
-        # Heights of the call before stand before the carried contacts, as if they were known.
-        old = self._kept if carried else self._kept[:0]
-        everything = np.concatenate([old.transpose(1, 0, 2).reshape(-1, steps), new[carried:]])
-        shift = self._blocks * carried - carried
-        before = np.where(paths.before >= 0, paths.before + shift, -1)
-        chain = np.arange(self._blocks * carried) - carried
-        before = np.concatenate([np.maximum(chain, -1), before[carried:]])
-        windows = self._windows(everything, before, felt + shift)
-        is_last = paths.time == paths.time.max(initial=-1)
-        last = np.flatnonzero(is_last)
-        self._kept = self._windows(everything, before, last + shift).reshape(
-            -1, self._blocks, steps
-        )
-        return windows[:, -self._window :]
+        carried, blocks, steps = paths.carried, self._blocks, self._steps
+        known = self._kept[:carried].reshape(-1, steps)
+        new = self._new_heights(field, paths)
+        if not len(paths) or paths.time[carried:].max(initial=0) == 0:
+            return self._at_once(new, paths, felt)
+        heights = np.concatenate([known, new])
+        # The row of heights before each row; of a new contact, its own: its heights stand still,
+        # and so they did before it touched.
+        back = np.arange(-1, len(heights) - 1)
+        back[: len(known) : blocks] += 1
+        shift = len(known) - carried
+        before = paths.before[carried:]
+        row = np.where(before < carried, before * blocks + blocks - 1, before + shift)
+        back[len(known) :] = np.where(before >= 0, row, np.arange(len(known), len(heights)))
+        last = np.arange(paths.time.searchsorted(paths.time[-1:].max(initial=0)), len(paths))
+        self._kept = self._windows(heights, back, last + shift)
+        windows = self._windows(heights, back, felt + shift)
+        return windows.reshape(len(felt), blocks * steps)[:, -self._window :]
 
-    def _windows(self, heights: F64, before: I64, which: I64) -> F64:
-        """The heights of some contacts with those before them, (n, blocks * steps).
+    def _at_once(self, new: F64, paths: ContactPaths, felt: I64) -> F64:
+        """The same where there is one time only."""
+        before = paths.before[paths.carried :]
+        fresh = (before < 0).nonzero()[0]
+        kept = np.zeros((len(new), self._blocks, self._steps))
+        kept[:, -1] = new
+        if len(fresh) < len(new):
+            kept[:, :-1] = self._kept.take(np.maximum(before, 0), axis=0)[:, 1:]
+        if len(fresh):
+            kept[fresh] = new[fresh, None]
+        self._kept = kept
+        windows = kept if len(felt) == len(new) else kept[felt - paths.carried]
+        return windows.reshape(len(felt), self._blocks * self._steps)[:, -self._window :]
 
-        Where a contact is new its heights stand still, and so they did before it touched.
-        """
-        windows = np.zeros((len(which), self._blocks, heights.shape[1]))
-        at = which
+    def _windows(self, heights: F64, back: I64, which: I64) -> F64:
+        """Rows of heights with those before them, (n, blocks, steps)."""
+        rows = np.zeros((len(which), self._blocks), np.int64)
         for block in range(self._blocks - 1, -1, -1):
-            windows[:, block] = heights[at]
-            at = np.where(before[at] >= 0, before[at], at)
-        return windows.reshape(len(which), self._blocks * heights.shape[1])
+            rows[:, block] = which
+            which = back.take(which)
+        return heights.take(rows, axis=0)
 
-    def _new_heights(self, field: HeightField, pieces: F64) -> F64:
-        """Heights on each way, (n, steps)."""
-        count, steps = len(pieces), self._steps
-        if not count:
-            return np.zeros((0, steps))
-        texels = np.abs(pieces[:, :, 1] - pieces[:, :, 0]).sum(axis=1) / np.asarray(field.texel_m)
-        most = texels.max(axis=1) / steps
-        factors = np.clip(np.ceil(most - 1e-9), 1, _MAX_FACTOR).astype(np.int64)
-        new = np.zeros((count, steps))
-        for factor in np.unique(factors).tolist():
-            mine = np.flatnonzero(factors == factor)
-            new[mine] = _on_the_way(field, pieces[mine], steps, factor)
+    def _new_heights(self, field: HeightField, paths: ContactPaths) -> F64:
+        """Heights on each way that is not carried, (n, steps)."""
+        steps = self._steps
+        # Rows and columns of where the pieces begin and end, (4, 2, n).
+        places = paths.ends_m[:, ::-1, paths.carried :] * self._per_texel
+        texels = np.abs(places[1::2] - places[::2])
+        texels = texels[0] + texels[1]
+        most = texels.max(initial=0.0)
+        new = np.zeros((texels.shape[1], steps))
+        seams = paths.seams - paths.carried
+        if most <= steps * (1.0 + 1e-9) and new.size <= _AT_ONCE:
+            return _on_the_way(field, places, seams, steps, 1)
+        factors = np.ceil(texels.max(axis=0) / steps - 1e-9).clip(1, _MAX_FACTOR)
+        for factor in set(factors.tolist()):
+            mine = (factors == factor).nonzero()[0]
+            at_once = max(_AT_ONCE // (steps * int(factor)), 1)
+            for first in range(0, len(mine), at_once):
+                part = mine[first : first + at_once]
+                apart = np.isin(part, seams).nonzero()[0]
+                new[part] = _on_the_way(field, places[:, :, part], apart, steps, int(factor))
         return new
 
 
-def _on_the_way(field: HeightField, pieces: F64, steps: int, factor: int) -> F64:
+@lru_cache(maxsize=64)
+def _shares(count: int) -> F64:
+    """Where on a way the middles of its parts are."""
+    shares: F64 = (np.arange(count) + 0.5) / count
+    return shares
+
+
+def _on_the_way(field: HeightField, ends: F64, seams: I64, steps: int, factor: int) -> F64:
     """Heights (n, steps), each the mean of ``factor`` ones: so no texel is skipped.
 
     The way takes the time of a sample: its first half the first piece, then the second.
+    ``ends`` holds where both begin and end, in rows and columns of texels, (4, 2, n).
     """
-    share = (np.arange(steps * factor) + 0.5) / (steps * factor)
-    begin, end = pieces[:, 0, 0], pieces[:, 1, 1]
-    x, y = (begin[:, [c]] + share * (end - begin)[:, [c]] for c in (0, 1))
-    seam = np.flatnonzero((pieces[:, 0, 1] != pieces[:, 1, 0]).any(axis=1))
-    if len(seam):
-        piece = (share > 0.5).astype(np.int64)
-        first, way = pieces[seam, :, 0], pieces[seam, :, 1] - pieces[seam, :, 0]
-        x[seam], y[seam] = (
-            first[:, piece, c] + (2.0 * share - piece) * way[:, piece, c] for c in (0, 1)
-        )
-    heights = sample_at(field.heights_m, x, y, field.texel_m, field.tiles)
-    return heights if factor == 1 else heights.reshape(len(pieces), steps, factor).mean(axis=2)
-
-
-def _ascending(values: I64) -> list[slice]:
-    """The stretches in which values rise strictly."""
-    borders = np.concatenate([[0], np.flatnonzero(np.diff(values) <= 0) + 1, [len(values)]])
-    return [slice(int(a), int(b)) for a, b in pairwise(borders)]
+    shares = _shares(steps * factor)
+    places = np.multiply.outer(ends[3] - ends[0], shares)
+    places += (ends[0] - 0.5)[..., None]
+    if len(seams):
+        half = int(shares.searchsorted(0.5, "right"))
+        for begin, part in ((0, slice(None, half)), (2, slice(half, None))):
+            first, end = ends[begin : begin + 2, :, seams, None]
+            along = 2.0 * shares[part] - (begin == 2)
+            places[:, seams, part] = first - 0.5 + along * (end - first)
+    heights = field.at_places(places)
+    if factor == 1:
+        return heights
+    return np.asarray(heights.reshape(-1, steps, factor).mean(axis=2))

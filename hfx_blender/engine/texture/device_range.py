@@ -51,7 +51,8 @@ class DeviceRange:
     def frequency_of(self, sharpness: npt.ArrayLike) -> F64:
         """Frequency of sharpness 0..1, Hz."""
         low, high = self.frequency_hz
-        return low + np.clip(np.asarray(sharpness, np.float64), 0.0, 1.0) * (high - low)
+        share = np.minimum(np.maximum(np.asarray(sharpness, np.float64), 0.0), 1.0)
+        return np.asarray(low + share * (high - low))
 
 
 @dataclass(frozen=True)

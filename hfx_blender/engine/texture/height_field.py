@@ -78,6 +78,42 @@ class HeightField:
             ]
         )
 
+    @cached_property
+    def _pairs(self) -> npt.NDArray[np.complex128]:
+        """Each height with its right neighbour as one number, a row and a column more than (H, W).
+
+        So one access to memory finds two corners of a cell, and none has to be wrapped.
+        """
+        mode: Literal["wrap", "edge"] = "wrap" if self.tiles else "edge"
+        more = np.pad(self.heights_m, ((0, 1), (0, 2)), mode)
+        size = more.size - 1
+        return np.ndarray((size,), np.complex128, more, 0, (more.itemsize,))
+
+    def at_places(self, places: F64) -> F64:
+        """Heights at rows and columns (2, ...), 0 the middle of the first texel; linear.
+
+        The same as :meth:`sample` for places in texels, and quicker; ``places`` is used up.
+        """
+        rows, columns = self.heights_m.shape
+        if not self.tiles:
+            last = np.array([rows - 1.0, columns - 1.0]).reshape(2, *[1] * (places.ndim - 1))
+            places = np.minimum(np.maximum(places, 0.0), last)
+        low = np.floor(places)
+        places -= low
+        row, column = wrapped_cells(low.astype(np.int64), rows, columns, self.tiles)
+        row *= columns + 2
+        row += column
+        lower = self._pairs[row]
+        row += columns + 2
+        upper = self._pairs[row]
+        upper -= lower
+        upper *= places[0]
+        lower += upper
+        height = lower.imag - lower.real
+        height *= places[1]
+        height += lower.real
+        return height
+
     def sample(self, points_m: F64, order: Order = "linear") -> F64:
         """Heights at any points.
 
@@ -173,26 +209,16 @@ def sample_at(
             part = slice(first, first + _AT_ONCE)
             found[part] = sample_at(grid, flat_x[part], flat_y[part], texel_m, tiles, order)
         return found.reshape(x_m.shape)
-    rows, columns = grid.shape
-    x = x_m * (1.0 / texel_m[0])
-    y = y_m * (1.0 / texel_m[1])
-    x -= 0.5
-    y -= 0.5
-    left, low = np.floor(x), np.floor(y)
-    x -= left
-    y -= low
-    i, j = left.astype(np.int64), low.astype(np.int64)
-    flat = grid.ravel()
+    places = np.stack([y_m, x_m])
+    places *= np.array([1.0 / texel_m[1], 1.0 / texel_m[0]]).reshape(2, *[1] * x_m.ndim)
+    places -= 0.5
     if order == "linear":
-        column, right = wrapped(i, columns, tiles), wrapped(i + 1, columns, tiles)
-        row, above = wrapped(j, rows, tiles), wrapped(j + 1, rows, tiles)
-        row *= columns
-        above *= columns
-        lower = flat.take(row + column)
-        lower += x * (flat.take(row + right) - lower)
-        upper = flat.take(above + column)
-        upper += x * (flat.take(above + right) - upper)
-        return np.asarray(lower + y * (upper - lower), np.float64)
+        return bilinear(grid, places, tiles)
+    rows, columns = grid.shape
+    low = np.floor(places)
+    y, x = places - low
+    j, i = low.astype(np.int64)
+    flat = grid.ravel()
     shares_x, shares_y = _catmull_rom(x), _catmull_rom(y)
     columns_at = [wrapped(i + k, columns, tiles) for k in (-1, 0, 1, 2)]
     total = np.zeros(x.shape)
@@ -203,6 +229,43 @@ def sample_at(
             line += share_x * flat[start + column_at]
         total += share_y * line
     return total
+
+
+def bilinear(grid: npt.NDArray[np.floating[Any]], places: F64, tiles: bool) -> F64:
+    """Values of a grid (H, W) at rows and columns (2, ...), 0 the middle of the first texel.
+
+    ``places`` is used up.
+    """
+    rows, columns = grid.shape
+    low = np.floor(places)
+    places -= low
+    index = low.astype(np.int64)
+    row, column = wrapped_cells(index, rows, columns, tiles)
+    index += 1
+    above, right = wrapped_cells(index, rows, columns, tiles)
+    row = row * columns
+    above = above * columns
+    flat = grid.ravel()
+    lower = _between(flat.take(row + column), flat.take(row + right), places[1])
+    upper = _between(flat.take(above + column), flat.take(above + right), places[1])
+    return np.asarray(_between(lower, upper, places[0]), np.float64)
+
+
+def _between(
+    first: npt.NDArray[np.floating[Any]], second: npt.NDArray[np.floating[Any]], share: F64
+) -> npt.NDArray[np.floating[Any]]:
+    way = second - first
+    way = way * share
+    way += first
+    return way
+
+
+def wrapped_cells(index: I64, rows: int, columns: int, tiles: bool) -> I64:
+    """Row and column indices (2, ...) brought into a grid: around, or to the edge."""
+    if tiles and rows & (rows - 1) == 0 and columns & (columns - 1) == 0:
+        last = np.array([rows - 1, columns - 1]).reshape(2, *[1] * (index.ndim - 1))
+        return np.asarray(index & last)
+    return np.stack([wrapped(index[0], rows, tiles), wrapped(index[1], columns, tiles)])
 
 
 def wrapped(index: I64, count: int, tiles: bool) -> I64:

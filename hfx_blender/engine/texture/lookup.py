@@ -9,14 +9,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ..indexing import ramp
 from .haptic_map import HapticMap
-from .height_field import wrapped
+from .height_field import wrapped_cells
 from .stroke import Stroke
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
+
+_TEXEL_BITS: Final = 31  # a number of a texel has no more
 
 REST_M_S: Final = 1e-4
 """Slower than this, a finger rests: a tenth of a millimetre per second."""
@@ -66,35 +67,101 @@ def crossed_texels(
     shape : (int, int)
         Rows and columns of the map.
     """
-    a, b = (np.ascontiguousarray((each / np.asarray(texel_m)).T) for each in (starts_m, ends_m))
-    first, last = np.floor(a), np.floor(b)
+    lines = _lines(starts_m.T, ends_m.T, texel_m)
+    count = len(starts_m)
+    segment = lines.owner % max(count, 1)
+    per_line, base = (each.ravel().take(lines.owner) for each in (lines.per_line, lines.base))
+    share = np.where(lines.step > 0, base + per_line * lines.step, 0.0)
+    once = (lines.step > 0) | (lines.owner < count)  # begins are listed for both axes
+    texel = _numbered(lines.texel, shape, tiles)
+    return Crossings(segment[once], share[once], texel[once])
+
+
+def strongest_crossed(
+    starts_m: F64, ends_m: F64, map_: HapticMap
+) -> tuple[npt.NDArray[np.float32], I64]:
+    """The intensity of the strongest texel on each straight segment, and its number.
+
+    Of equally strong ones, it is the texel with the lowest number, whatever the direction.
+
+    Parameters
+    ----------
+    starts_m, ends_m : (2, M) float64
+        Surface coordinates, metres.
+    """
+    if not starts_m.size:
+        return np.zeros(0, np.float32), np.zeros(0, np.int64)
+    lines = _lines(starts_m, ends_m, map_.texel_m)
+    texel = _numbered(lines.texel, map_.intensity.shape, map_.tiles)
+    # The bits of a float that is not negative rise with its value.
+    code = map_.intensity.ravel().take(texel).view(np.int32).astype(np.int64)
+    code <<= _TEXEL_BITS
+    code -= texel
+    best = np.maximum.reduceat(code, lines.begins).reshape(2, -1).max(axis=0)
+    bits = -(-best >> _TEXEL_BITS)
+    return bits.astype(np.int32).view(np.float32), (bits << _TEXEL_BITS) - best
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Where segments enter texels: for each segment by columns, then for each by rows.
+
+    Each of these 2 M lists begins with the texel in which the segment begins.
+    """
+
+    owner: I64  # (n,) which list
+    step: I64  # (n,) which line between texels was crossed to enter; 0: the begin
+    begins: I64  # (2 M,)
+    texel: I64  # (2, n) row and column, not yet brought into the map
+    per_line: F64  # (2, M) share of the segment from line to line
+    base: F64  # (2, M) of "line 0"
+
+
+def _lines(starts_m: F64, ends_m: F64, texel_m: tuple[float, float]) -> _Lines:
+    per_texel = np.array([[1.0 / texel_m[0]], [1.0 / texel_m[1]]])
+    a, b = starts_m * per_texel, ends_m * per_texel
+    count = a.shape[1]
+    first = np.floor(a)
     way = b - a
-    crossed = np.abs(last - first).astype(np.int64)
-    share = [np.zeros(a.shape[1])]
-    which = [np.arange(a.shape[1])]
-    texel = [_texel(first[0], first[1], shape, tiles)]
-    for axis in (0, 1):
-        # To the right, line first + 1 + k leads into the column of that number; to the left,
-        # line first - k leads into the column before it.
-        count = crossed[axis]
-        sign = np.where(way[axis] < 0.0, -1.0, 1.0)
-        line = np.where(way[axis] < 0.0, first[axis], first[axis] + 1.0) - a[axis]
-        per_line = 1.0 / np.where(count > 0, way[axis], 1.0)
-        step, owner = ramp(count)
-        at = np.repeat(line * per_line, count) + step * np.repeat(sign * per_line, count)
-        mine = np.repeat(first[axis] + sign, count) + step * np.repeat(sign, count)
-        other = np.floor(np.repeat(a[1 - axis], count) + at * np.repeat(way[1 - axis], count))
-        columns, rows = (mine, other) if axis == 0 else (other, mine)
-        share.append(at)
-        which.append(owner)
-        texel.append(_texel(columns, rows, shape, tiles))
-    return Crossings(np.concatenate(which), np.concatenate(share), np.concatenate(texel))
+    crossed = np.abs(np.floor(b) - first)
+    # To the right, line first + k leads into the column of that number; to the left, line
+    # first - k + 1 leads into the column before it.
+    back = way < 0.0
+    sign = np.where(back, -1.0, 1.0)
+    one = 1.0 / np.where(crossed > 0.0, way, np.inf)
+    per_line = sign * one
+    base = (first - a + back) * one
+    # The other index there is a rounding down of its place at the line.
+    other = a[::-1] + base * way[::-1]
+    other_step = per_line * way[::-1]
+    # Row and column of "line 0", then what a line adds to them.
+    table = np.zeros((4, 2 * count))
+    columns, rows = slice(0, count), slice(count, None)
+    table[0, columns], table[1, columns] = other[0], first[0]
+    table[2, columns], table[3, columns] = other_step[0], sign[0]
+    table[0, rows], table[1, rows] = first[1], other[1]
+    table[2, rows], table[3, rows] = sign[1], other_step[1]
+    counts = crossed.astype(np.int64).ravel() + 1
+    begins = counts.cumsum() - counts
+    owner = np.arange(2 * count).repeat(counts)
+    number = np.arange(len(owner)) - begins.take(owner)
+    lines = table.take(owner, axis=1)
+    place = lines[2:]
+    place *= number
+    place += lines[:2]
+    texel = np.floor(place, out=place).astype(np.int64)
+    texel[0][begins] = np.concatenate([first[1], first[1]])
+    texel[1][begins] = np.concatenate([first[0], first[0]])
+    return _Lines(owner, number, begins, texel, per_line, base)
 
 
-def _texel(column: F64, row: F64, shape: tuple[int, ...], tiles: bool) -> I64:
+def _numbered(texel: I64, shape: tuple[int, ...], tiles: bool) -> I64:
+    """Row times columns plus column, wrapped or clamped into a map."""
     high, wide = shape
-    j = wrapped(row.astype(np.int64), high, tiles)
-    return j * wide + wrapped(column.astype(np.int64), wide, tiles)
+    row, column = wrapped_cells(texel, high, wide, tiles)
+    number = row * wide
+    number += column
+    return number
 
 
 def trace(map_: HapticMap, stroke: Stroke) -> Collisions:

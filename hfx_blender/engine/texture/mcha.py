@@ -24,6 +24,7 @@ F64 = npt.NDArray[np.float64]
 TRUNCATE: Final = 4.0
 """Standard deviations after which the Gaussian kernel ends."""
 
+_MOST_SIZES: Final = 3
 _WORKERS: Final = 2
 
 
@@ -69,7 +70,8 @@ def make_map(
     """
     settings = settings or MapSettings()
     slope = blurred_slope(field, settings.blur_m)
-    intensity = np.minimum(slope / np.float32(settings.full_slope), np.float32(1.0))
+    slope *= np.float32(1.0 / settings.full_slope)
+    intensity = np.minimum(slope, np.float32(1.0), out=slope)
     sharpness = _sharpness(field, roughness, settings.default_roughness)
     made = HapticMap(intensity, sharpness, field.texel_m, tiles=field.tiles, device=settings.device)
     return made if settings.steps is None else made.in_steps(settings.steps)
@@ -86,8 +88,13 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
 
     heights = field.heights_m
     rows, columns = heights.shape
-    heights = (heights - heights.mean()).astype(np.float32)
-    reach = [int(TRUNCATE * blur_m / t + 0.5) + 1 for t in field.texel_m]
+    # Large arrays are written in place throughout: asking for fresh memory costs as much as
+    # what is done in it.
+    centred = np.zeros(heights.shape, np.float32)
+    heights = np.subtract(heights, heights.mean(), out=centred, casting="same_kind")
+    # Of a surface that is much smaller than the blur nothing is left, however far it goes on.
+    most = _MOST_SIZES * max(rows, columns)
+    reach = [min(int(TRUNCATE * blur_m / t + 0.5) + 1, most) for t in field.texel_m]
     top = left = 0
     if not field.tiles:
         top, left = reach[1], reach[0]
@@ -95,21 +102,21 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
         right = fft.next_fast_len(columns + 2 * left, real=True) - columns - left
         heights = np.pad(heights, ((top, below), (left, right)), "edge")
     spectrum = fft.rfft2(heights, workers=_WORKERS)
-    squared = np.zeros((rows, columns), np.float32)
+    squared: F32 | None = None
     along = [
         _transfers(np.arange(n), heights.shape[k], field.texel_m[1 - k], blur_m)
         for k, n in enumerate(spectrum.shape)
     ]
     for axis in (0, 1):
         factors = [along[k][int(k == axis)].astype(np.complex64) for k in (0, 1)]
-        slope = fft.irfft2(
-            spectrum * factors[0][:, None] * factors[1],
-            heights.shape,
-            workers=_WORKERS,
-            overwrite_x=True,
-        )[top : top + rows, left : left + columns]
-        squared += slope * slope
-    return np.asarray(np.sqrt(squared, out=squared))
+        waves = np.multiply(spectrum, factors[0][:, None], out=spectrum if axis else None)
+        waves *= factors[1]
+        slope = fft.irfft2(waves, heights.shape, workers=_WORKERS, overwrite_x=True)
+        slope = slope[top : top + rows, left : left + columns]
+        slope *= slope
+        squared = slope if squared is None else np.add(squared, slope, out=squared)
+    assert squared is not None
+    return np.ascontiguousarray(np.sqrt(squared, out=squared))
 
 
 def _transfers(
@@ -136,7 +143,8 @@ def _sharpness(field: HeightField, roughness: npt.ArrayLike | None, default: flo
     if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
         raise InputError(f"Roughness picture: expected finite rows and columns, {values.shape}.")
     values = _stretched(_stretched(values, shape[1], field.tiles).T, shape[0], field.tiles).T
-    return np.ascontiguousarray(np.float32(1.0) - np.clip(values, 0.0, 1.0))
+    sharpness = np.subtract(np.float32(1.0), values)
+    return np.ascontiguousarray(sharpness.clip(0.0, 1.0, out=sharpness))
 
 
 def _stretched(values: F32, count: int, tiles: bool) -> F32:

@@ -80,7 +80,7 @@ def _direct(
     drive = texture.drive_per_m * profile(texture.height, stroke, rate_hz)
     waveform = full * np.clip(drive, -1.0, 1.0)
     begins = np.minimum(np.rint(step * rate_hz * np.arange(count)).astype(np.int64), len(drive) - 1)
-    length = max(round(step * rate_hz), 2)
+    length = max(round(step * rate_hz), 3)
     window = np.minimum(begins[:, None] + np.arange(length), len(drive) - 1)
     amplitude, frequency = amplitude_and_frequency(waveform[window], rate_hz)
     return Signal(

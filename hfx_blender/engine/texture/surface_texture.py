@@ -38,6 +38,9 @@ class SurfaceTexture:
         c_v of equation 3: drive (0..1) per metre of height; calibrated per user and device.
     device : DeviceRange
         What a drive of 0..1 means. A map is rendered with this device, not with its own.
+    is_calibrated : bool
+        ``drive_per_m`` is what the user set for any device: one with a c_v of its own takes that
+        (:mod:`..surface_drive`).
 
     Raises
     ------
@@ -50,6 +53,7 @@ class SurfaceTexture:
     renderer: Renderer = Renderer.MCHA
     drive_per_m: float = DRIVE_PER_M
     device: DeviceRange = field(default_factory=DeviceRange)
+    is_calibrated: bool = False
 
     def __post_init__(self) -> None:
         if self.renderer is Renderer.MCHA and self.map is None:

@@ -21,6 +21,10 @@ WAVINESS_M: Final = 8e-3
 FULL_M_S: Final = 2e-3
 """From rest to this speed the waveform is faded in, so that a resting finger is silent."""
 
+_MOST_OF_PAIRS: Final = 3.0
+"""How much stronger than the mean one of a sine's two parts, a quarter of a period apart, can be
+in a window; of half a period or more it is never so strong."""
+
 _FADE_S: Final = 4e-3
 _LOBES: Final = 8  # of the low-pass before decimation, each side
 _MAX_FACTOR: Final = 64
@@ -52,24 +56,42 @@ def profile(field: HeightField, stroke: Stroke, rate_hz: float) -> F64:
 def amplitude_and_frequency(waveform: F64, rate_hz: float) -> tuple[F64, F64]:
     """Peak amplitude and frequency of the sine that is like each window of a waveform.
 
-    The amplitude is root 2 times the RMS; the frequency is that of zero crossings (Rice), by
-    differences of neighbours: exact for a sine over whole halves of its period.
+    Of a sine, ``x[k - 1] + x[k + 1] = 2 c x[k]`` with c the cosine of its angle from value to
+    value, and ``(x[k + 1] - x[k])^2 / (2 - 2 c) + (x[k + 1] + x[k])^2 / (2 + 2 c)`` is the square
+    of its amplitude, at every k: exact in windows that hold no whole number of periods, too. Of
+    other waveforms the amplitude is root 2 times the RMS and the frequency that of zero crossings
+    (Rice), but for what begin and end of a window add.
 
     Parameters
     ----------
     waveform : (..., n) float64
+        Three values or more; its mean over time is nothing.
 
     Returns
     -------
     (...) float64, (...) float64
         Unit of the waveform; Hz, 0 where it is silent.
     """
-    power = np.mean(waveform**2, axis=-1)
-    moved = np.mean(np.diff(waveform, axis=-1) ** 2, axis=-1)
-    # For a sine, mean (difference)^2 = 4 sin^2(pi f / rate) mean (value)^2.
-    share = np.clip(np.sqrt(moved / np.where(power > 0.0, power, 1.0)) / 2.0, 0.0, 1.0)
-    frequency = np.where(power > 0.0, np.arcsin(share) * rate_hz / np.pi, 0.0)
-    return np.sqrt(2.0 * power), frequency
+    change = waveform[..., 1:] - waveform[..., :-1]
+    changes = np.einsum("...k,...k->...", change, change)
+    squares = np.einsum("...k,...k->...", waveform, waveform)
+    first, last = waveform[..., 0], waveform[..., -1]
+    ends = first * first + last * last
+    pairs = squares - 0.5 * ends
+    sums = np.maximum(4.0 * pairs - changes, 0.0)
+    inside = np.maximum(squares - ends, 0.0)
+    lagged = pairs - 0.5 * (changes + first * waveform[..., 1] + waveform[..., -2] * last)
+    some = np.where(pairs > 0.0, pairs, 1.0)
+    cosine = lagged / np.where(inside > 0.0, inside, np.inf)
+    # A ramp is a sine without frequency and without bounds.
+    cosine = np.minimum(cosine, 1.0 - changes / (2.0 * _MOST_OF_PAIRS * some))
+    cosine = np.maximum(cosine, sums / (2.0 * _MOST_OF_PAIRS * some) - 1.0)
+    cosine = np.minimum(np.maximum(cosine, -1.0), 1.0)
+    tiny = np.finfo(np.float64).tiny
+    power = changes / np.maximum(2.0 - 2.0 * cosine, tiny)
+    power += sums / np.maximum(2.0 + 2.0 * cosine, tiny)
+    frequency = np.where(pairs > 0.0, np.arccos(cosine) * (rate_hz / (2.0 * np.pi)), 0.0)
+    return np.sqrt(power / (waveform.shape[-1] - 1)), frequency
 
 
 _KNOWN: WeakKeyDictionary[HeightField, HeightField] = WeakKeyDictionary()

@@ -7,6 +7,7 @@ window, weighted by the sensitivity of the skin's receptors, and summed to one d
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -26,6 +27,13 @@ WINDOW_S: Final = 0.05
 
 MAX_FACTOR: Final = 64
 """Bound of that factor: a stroke of metres per second over a fine map is no surface any more."""
+
+
+_MOST_UNLIKE: Final = 40
+"""Products that are quicker than a Fourier transform of a window."""
+
+_FEW_PRODUCTS: Final = 1 << 18
+"""Of numbers in one product of matrices: more, and OpenBLAS would wake threads for it."""
 
 
 def receptor_weights(frequencies_hz: npt.ArrayLike) -> F64:
@@ -52,16 +60,55 @@ def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
     """
     n = heights_m.shape[-1]
     heights = heights_m - heights_m[..., :1]  # first: what is constant becomes exactly nothing
+    unlike = _unlike_full(n, rate_hz)
+    if unlike.shape[1] > _MOST_UNLIKE:
+        return _by_fourier(heights, rate_hz)
+    rows = heights.reshape(-1, n)
+    power = np.einsum("rk,rk->r", rows, rows) / n
+    at_once = max(_FEW_PRODUCTS // max(unlike.size, 1), 1)
+    for first in range(0, len(rows), at_once):
+        less = rows[first : first + at_once] @ unlike
+        power[first : first + at_once] -= np.einsum("rk,rk->r", less, less)
+    return np.sqrt(np.maximum(power, 0.0)).reshape(heights.shape[:-1])
+
+
+def _by_fourier(heights: F64, rate_hz: float) -> F64:
+    """The weighted RMS as it is defined."""
+    n = heights.shape[-1]
     spectrum = np.fft.rfft(heights - heights.mean(axis=-1, keepdims=True), axis=-1)
-    weights = receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz))
-    doubled = np.full(len(weights), 2.0)
-    doubled[0] = 1.0
-    if n % 2 == 0:
-        doubled[-1] = 1.0
     # Not a matrix product: OpenBLAS would wake threads for it.
-    power = np.einsum("...k,k->...", spectrum.real**2 + spectrum.imag**2, doubled * weights**2)
+    shares = _multiplicity(n) * receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz)) ** 2
+    power = np.einsum("...k,k->...", spectrum.real**2 + spectrum.imag**2, shares)
     rms: F64 = np.sqrt(power) / n
     return rms
+
+
+def _multiplicity(n: int) -> F64:
+    """How often each frequency of a real transform counts: positive and negative, but the ends."""
+    times = np.full(n // 2 + 1, 2.0)
+    times[0] = 1.0
+    if n % 2 == 0:
+        times[-1] = 1.0
+    return times
+
+
+@lru_cache(maxsize=16)
+def _unlike_full(n: int, rate_hz: float) -> F64:
+    """What must be taken from a window's mean square, as squares of products with it, (n, m).
+
+    By Parseval's theorem the sum over all frequencies is the mean square; most have weight 1,
+    and only the others are transformed: the mean, 20 Hz and what is not felt any more.
+    """
+    weights = receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz))
+    weights[0] = 0.0  # the mean
+    lost = _multiplicity(n) * (1.0 - weights**2)
+    waves = np.flatnonzero(lost)
+    angle = 2.0 * np.pi * (np.outer(np.arange(n), waves) % n) / n
+    columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+    columns *= np.sqrt(np.tile(lost[waves], 2)) / n
+    is_there = np.ones(columns.shape[1], np.bool_)
+    is_there[len(waves) :] = (waves > 0) & (2 * waves != n)  # their sine is nothing
+    return np.ascontiguousarray(columns[:, is_there])
 
 
 def drive_levels(

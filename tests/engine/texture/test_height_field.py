@@ -92,3 +92,15 @@ def test_codes_of_srgb_are_made_linear() -> None:
     )
     assert luminance([0.0, 1.0, 0.0]) == pytest.approx(0.7152)
     assert height_from_colour(np.ones((2, 2, 4))).tolist() == [[1.0, 1.0], [1.0, 1.0]]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 17), st.integers(1, 17), st.booleans(), st.integers(0, 1000))
+def test_places_in_texels_have_the_heights_of_the_same_points(
+    rows: int, columns: int, tiles: bool, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    field = HeightField(rng.normal(size=(rows, columns)), (1e-3, 3e-3), tiles)
+    points = rng.uniform(-0.05, 0.05, (3, 7, 2))
+    places = np.stack([points[..., 1] / 3e-3 - 0.5, points[..., 0] / 1e-3 - 0.5])
+    np.testing.assert_allclose(field.at_places(places), field.sample(points), atol=1e-9)

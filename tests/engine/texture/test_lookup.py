@@ -15,6 +15,7 @@ from hfx_blender.engine.texture.lookup import (
     collisions,
     crossed_texels,
     most_salient,
+    strongest_crossed,
     strongest_in_steps,
     trace,
 )
@@ -45,6 +46,38 @@ def test_every_texel_that_a_fine_walk_meets_is_crossed(seed: int, tiles: bool) -
         assert met <= crossed
         assert len(crossed - met) <= 1  # a corner that the walk steps over
         assert np.isclose(found.share[found.segment == k].min(), 0.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 1_000_000))
+def test_a_texel_is_entered_on_a_line_between_texels(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shape, texel = (64, 64), (1.1, 0.6)
+    starts, ends = rng.uniform(1.0, 35.0, (2, 4, 2))
+    found = crossed_texels(starts, ends, shape, texel)
+    way = (ends - starts)[found.segment]
+    places = (starts[found.segment] + found.share[:, None] * way) / texel
+    to_line = np.abs(places - np.rint(places)).min(axis=1)
+    np.testing.assert_allclose(to_line[found.share > 0.0], 0.0, atol=1e-9)
+    # A little farther on, it is the texel that is named.
+    column, row = np.floor(places + 1e-9 * way / texel).astype(int).T % 64
+    np.testing.assert_array_equal(found.texel, row * 64 + column)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 1_000_000))
+def test_the_strongest_on_the_way_is_the_strongest_of_all_that_are_crossed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    map_ = _map(rng.integers(0, 4, (12, 9)) / 4.0, (1.1, 0.6))  # many are equally strong
+    ends = rng.uniform(-20.0, 20.0, (2, 2, 6))
+    ends[1, :, 0] = ends[0, :, 0]  # one that goes nowhere
+    level, texel = strongest_crossed(ends[0], ends[1], map_)
+    found = crossed_texels(ends[0].T, ends[1].T, (12, 9), map_.texel_m)
+    for k in range(6):
+        crossed = found.texel[found.segment == k]
+        levels = map_.intensity.ravel()[crossed]
+        assert level[k] == levels.max()
+        assert texel[k] == crossed[levels == levels.max()].min()
 
 
 def test_one_sharp_texel_between_two_pointer_samples_is_felt() -> None:

@@ -45,6 +45,21 @@ def test_the_slope_is_that_of_an_independent_computation(texel: tuple[float, flo
     np.testing.assert_allclose(found, expected, atol=2e-6 * expected.max(), rtol=1e-4)
 
 
+def test_a_blur_that_is_far_wider_than_the_surface_leaves_nothing_of_it() -> None:
+    heights = np.random.default_rng(0).normal(size=(20, 24)) * 1e-9
+    field = HeightField(heights, (1e-9, 1e-9), tiles=False)  # a scan whose unit is wrong
+    rough, blurred = (blurred_slope(field, blur) for blur in (0.0, 1e-3))
+    assert blurred.shape == heights.shape and blurred.max() < 1e-3 * rough.max()
+
+
+def test_where_the_surface_lies_changes_nothing() -> None:
+    heights = np.random.default_rng(0).normal(size=(20, 24)) * 1e-6
+    slopes = [
+        blurred_slope(HeightField(heights + far, (1e-4, 1e-4)), 1.2e-4) for far in (0.0, 10.0)
+    ]
+    np.testing.assert_allclose(slopes[1], slopes[0], rtol=1e-4, atol=1e-7)
+
+
 def test_a_ramp_has_its_own_slope_in_non_square_texels() -> None:
     x, y = np.arange(40) * 1e-4, np.arange(30) * 2e-4
     heights = 0.3 * x[None, :] + 0.4 * y[:, None]
