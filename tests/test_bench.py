@@ -72,6 +72,23 @@ def test_the_front_is_what_nothing_beats() -> None:
     assert trade_chart.front(points) == [1, 0, 4]
 
 
+def test_what_is_dearer_by_no_more_than_noise_is_on_the_front() -> None:
+    points = [(1.0, 0.5), (1.02, 0.5), (1.04, 0.5), (2.0, 0.1)]
+    assert trade_chart.on_front(points) == [0, 1, 3]
+
+
+def test_what_bounds_no_error_is_a_cross_beside_the_front() -> None:
+    paper = row("paper", 0.5, 0.2, is_bounded=False)
+    root = ET.fromstring(trade_chart.svg(result(*ROWS, paper)))
+    space = "{http://www.w3.org/2000/svg}"
+    assert len(root.findall(f"{space}path")) == 3
+    assert len(root.findall(f"{space}circle")) == 3 * len(ROWS)
+    without = ET.fromstring(trade_chart.svg(result(*ROWS)))
+    for tree in (root, without):
+        lines = [line.get("points").split() for line in tree.findall(f"{space}polyline")]
+        assert [len(line) for line in lines] == [2, 2, 2]
+
+
 def test_the_chart_is_xml_with_a_circle_for_each_setting_and_panel(tmp_path: Path) -> None:
     root = ET.fromstring(trade_chart.svg(result(*ROWS)))
     circles = root.findall("{http://www.w3.org/2000/svg}circle")

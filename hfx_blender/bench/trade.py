@@ -3,7 +3,8 @@
 
 The reference is the preset ``exact`` at the same samples, and for the begin of contacts at a
 much higher rate. Every setting is run once to see what it finds, with its memory traced, and
-then timed in turn with the others, so that a busy machine is unfair to all of them.
+then timed in turn with the others: in processor time, so that other work on the machine hardly
+counts, and is unfair to all of them.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from ..devices.configuration import load_device
 from ..engine.samples import Stream
 from ..engine.tolerance import EXACT, PRESETS, Tolerance, parse
 from ..export import scene_devices
+from .trade_chart import NOISE
 from .trade_judge import Judge, events
 from .trade_recording import Times, record, traced
 
@@ -40,7 +42,6 @@ STANDARD_DEVICES: Final = (
 """Worn where a scene names no devices."""
 
 REFERENCE_RATE_HZ: Final = Fraction(1000)
-_NOISE: Final = 1.03  # a setting must be faster by more than this to count as faster
 
 
 def settings(sweep: bool = True) -> tuple[Tolerance, ...]:
@@ -104,7 +105,9 @@ def measure(
         for tolerance, each, errors in zip(tolerances, times, found, strict=True)
     ]
     for row in rows:
-        row["on_front"] = not any(_beats(other, row) for other in rows)
+        row["on_front"] = row["is_bounded"] and not any(
+            _beats(other, row) for other in rows if other["is_bounded"]
+        )
     return {
         "scene": scene.name,
         "frames": count,
@@ -125,6 +128,7 @@ def _setting(tolerance: Tolerance) -> dict[str, Any]:
     return {
         "setting": tolerance.name,
         "is_preset": tolerance.name in PRESETS,
+        "is_bounded": tolerance.is_bounded,
         "mm": None if np.isinf(tolerance.distance_m) else 1000.0 * tolerance.distance_m,
         "spacings": None if np.isinf(tolerance.spacing_share) else tolerance.spacing_share,
         "ms": 1000.0 * tolerance.time_s,
@@ -133,7 +137,7 @@ def _setting(tolerance: Tolerance) -> dict[str, Any]:
 
 
 def _cost(times: Sequence[Times], frames: int) -> dict[str, float]:
-    """Milliseconds per frame: the median run, and how far the runs were apart."""
+    """Milliseconds of processor time per frame: the median run, and how far runs were apart."""
     scale = 1000.0 / frames
     totals = [each.total_s * scale for each in times]
     return {
@@ -155,7 +159,7 @@ front."""
 
 def _beats(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether a setting is faster than another and at least as exact in every way."""
-    faster = one["ms_per_frame"] * _NOISE < other["ms_per_frame"]
+    faster = one["ms_per_frame"] * NOISE < other["ms_per_frame"]
     return faster and all(one[name] <= other[name] + 1e-9 for name in ERRORS)
 
 

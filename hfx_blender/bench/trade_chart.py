@@ -12,6 +12,9 @@ _PANELS: Final = (
     ("amplitude_mean", 100.0, "error at actuators, % of full scale"),
     ("onset_mean_ms", 1.0, "error of the begin of contacts, ms"),
 )
+NOISE: Final = 1.03
+"""A setting must be faster by more than this to count as faster."""
+
 _WIDTH: Final = 340
 _HEIGHT: Final = 260
 _LEFT: Final = 56
@@ -31,8 +34,8 @@ def svg(result: dict[str, Any]) -> str:
         f'viewBox="0 0 {width} {height}">',
         f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
         f'<text x="8" y="18" fill="#222" font-weight="bold" {_TEXT}>'
-        f"{escape(_printable(result['scene']))}: time against error; filled and joined: on the "
-        "front</text>",
+        f"{escape(_printable(result['scene']))}: time against error; joined: the front; filled: on "
+        "it within noise; cross: bounds no error</text>",
     ]
     for k, (name, scale, label) in enumerate(_PANELS):
         parts += _panel(result["settings"], name, scale, label, _LEFT + k * (_WIDTH + _GAP))
@@ -47,6 +50,15 @@ def front(points: list[tuple[float, float]]) -> list[int]:
         if not kept or points[k][1] < points[kept[-1]][1]:
             kept.append(k)
     return kept
+
+
+def on_front(points: list[tuple[float, float]], noise: float = NOISE) -> list[int]:
+    """Which points (cost, error) no other surely beats: cheaper by more than noise, no worse."""
+    return [
+        k
+        for k, (cost, error) in enumerate(points)
+        if not any(other * noise < cost and least <= error for other, least in points)
+    ]
 
 
 def _panel(
@@ -86,19 +98,27 @@ def _panel(
             f'<text x="{x(tick):.1f}" y="{bottom + 16}" text-anchor="middle" fill="#777" '
             f"{_TEXT}>{tick:g}</text>"
         )
-    best = front(list(zip(costs, values, strict=True)))
-    line = " ".join(f"{x(costs[k]):.1f},{y(values[k]):.1f}" for k in best)
+    bounded = [k for k, row in enumerate(rows) if row.get("is_bounded", True)]
+    points = [(costs[k], values[k]) for k in bounded]
+    line = " ".join(f"{x(points[k][0]):.1f},{y(points[k][1]):.1f}" for k in front(points))
+    filled = {bounded[k] for k in on_front(points)}
     parts.append(f'<polyline points="{line}" fill="none" stroke="#c9a227" stroke-width="1.5"/>')
     taken: list[tuple[float, float]] = []
     for k, row in enumerate(rows):
         colour = _PRESET if row["is_preset"] else _OTHER
-        fill = colour if k in best else "#ffffff"
-        centre = f'cx="{x(costs[k]):.1f}" cy="{y(values[k]):.1f}"'
-        parts.append(
-            f'<circle {centre} r="{5 if row["is_preset"] else 3.5}" fill="{fill}" '
-            f'stroke="{colour}" stroke-width="1.5"><title>{escape(row["setting"])}: '
-            f"{costs[k]:.3g} ms, {values[k]:.3g}</title></circle>"
-        )
+        fill = colour if k in filled else "#ffffff"
+        title = f"<title>{escape(row['setting'])}: {costs[k]:.3g} ms, {values[k]:.3g}</title>"
+        if k in bounded:
+            parts.append(
+                f'<circle cx="{x(costs[k]):.1f}" cy="{y(values[k]):.1f}" '
+                f'r="{5 if row["is_preset"] else 3.5}" fill="{fill}" stroke="{colour}" '
+                f'stroke-width="1.5">{title}</circle>'
+            )
+        else:
+            parts.append(
+                f'<path d="M{x(costs[k]) - 5:.1f} {y(values[k]) - 5:.1f}l10 10m0-10l-10 10" '
+                f'fill="none" stroke="{colour}" stroke-width="1.5">{title}</path>'
+            )
         if row["is_preset"]:
             parts.append(_label(row["setting"], x(costs[k]), y(values[k]), left, taken))
     return parts

@@ -39,7 +39,10 @@ class Recording:
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds that one run of a setting took."""
+    """Processor time that one run of a setting took, seconds.
+
+    What else the machine does meanwhile hardly counts; what runs on several cores counts in full.
+    """
 
     read_s: float
     engine_s: float
@@ -60,7 +63,7 @@ def record(
     keep_blocks: bool = False,
 ) -> tuple[Recording, Times]:
     """Read, evaluate and render a scene, and time each."""
-    start = time.perf_counter()
+    start = time.process_time()
     reader = SceneReader(scene, frames=frames, rate_hz=rate_hz, tolerance=tolerance)
     description = reader.description
     engine = Engine(description, tolerance=tolerance)
@@ -75,20 +78,20 @@ def record(
     blocks: list[AnimationBlock] = []
     engine_s = render_s = 0.0
     for block in reader.blocks():
-        before = time.perf_counter()
+        before = time.process_time()
         felt = engine.evaluate(block)
-        between = time.perf_counter()
+        between = time.process_time()
         for _, renderer in renderers:
             renderer.add(felt)
-        render_s += time.perf_counter() - between
+        render_s += time.process_time() - between
         engine_s += between - before
         runs += felt
         if keep_blocks:
             blocks.append(block)
-    before = time.perf_counter()
+    before = time.process_time()
     rasters = [(device, renderer.raster()) for device, renderer in renderers]
-    render_s += time.perf_counter() - before
-    total_s = time.perf_counter() - start
+    render_s += time.process_time() - before
+    total_s = time.process_time() - start
     recording = Recording(
         description,
         runs,

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,18 +14,31 @@ from .scene import AnimationBlock, BodyDescription, EffectBlock, EffectDescripti
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
-_FARTHEST = 1e12
-"""Metres, and entries of bone matrices: a pose beyond it is none, and its speed no float32."""
+FARTHEST = 1e12
+"""Metres, and entries of matrices: a place beyond it is none, and its speed no float32."""
 
 
 def active_rows(
+    effects: Sequence[EffectDescription], block: AnimationBlock, counters: Counters
+) -> list[I64]:
+    """Rows at which each effect is on and all its values are numbers."""
+    if not effects:
+        return []
+    levels = np.stack([animated.levels for animated in block.effects])
+    parameters = np.concatenate([animated.parameters.ravel() for animated in block.effects])
+    if np.isfinite(levels).all() and np.isfinite(parameters).all():
+        on = levels > 0.0
+        on[:, : block.history] = False
+        return [each.nonzero()[0] for each in on]
+    return [
+        _finite_rows(effect, animated, block, counters)
+        for effect, animated in zip(effects, block.effects, strict=True)
+    ]
+
+
+def _finite_rows(
     effect: EffectDescription, animated: EffectBlock, block: AnimationBlock, counters: Counters
 ) -> I64:
-    """Rows at which an effect is on and all its values are numbers."""
-    if np.isfinite(animated.levels).all() and np.isfinite(animated.parameters).all():
-        on = animated.levels > 0.0
-        on[: block.history] = False
-        return np.flatnonzero(on)
     finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
     finite[: block.history] = True
     if not finite.all():
@@ -42,7 +57,7 @@ def posed_rows(pose: PoseBlock) -> I64:
     for values in (pose.to_world, pose.bones, pose.surface):
         if values is not None:
             # NaN compares as false, too.
-            finite &= (np.abs(values) <= _FARTHEST).reshape(len(values), -1).all(axis=1)
+            finite &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
     return np.flatnonzero(finite)
 
 

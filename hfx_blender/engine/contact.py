@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .active_rows import FARTHEST
 from .counters import Counters
 from .coverage import BodySkin
 from .details import Details
@@ -106,6 +107,7 @@ def find(
     heard = everyone if heard is None else heard
     follows = ~everyone if follows is None else follows
     inverses, usable = inverse_placement(effect.matrices[rows])
+    usable = usable & (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
     if not usable.all():
         counters.warn(
             "a volume is flattened, endless or not a number: it is not felt",

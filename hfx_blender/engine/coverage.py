@@ -19,7 +19,8 @@ import numpy.typing as npt
 from .body.cells import cell_of_skin
 from .body.clusters import clusters_of
 from .body.model import PerceptualModel
-from .body.posing import PosableModel
+from .body.posing import PosableModel, SkinnedModel
+from .cell_sizes import CellSizes
 from .indexing import ramp
 from .skin_table import SkinTable
 from .tolerance import Tolerance
@@ -128,28 +129,6 @@ class Skin:
         if self.is_split:
             self.outlines, self.margins_m = self._outlined()
 
-    def changes(self, slopes: F64) -> F64:
-        """How far a cell's mean may be from the value at its vertex, (n, number of clusters).
-
-        ``slopes`` (n,) are the largest changes of that value in a metre of the rest pose.
-        """
-        changes: F64 = slopes[:, None] * self._sizes_m
-        return changes
-
-    @cached_property
-    def _sizes_m(self) -> F64:
-        """Mean distance of a cell's skin from its vertex, the largest of each cluster."""
-        if not self.is_split:
-            return np.zeros(len(self.clusters))
-        areas = self.surface.areas_m2.astype(np.float64)
-        own = 2.0 / 3.0 * np.sqrt(areas / np.pi)  # of a disc's points from its middle
-        away = np.linalg.norm(
-            self.surface.vertices - self.model.vertices[self._owner].astype(np.float64), axis=1
-        )
-        sums = np.bincount(self._owner, areas * np.maximum(away, own), len(self.model))
-        means = sums / np.bincount(self._owner, areas, len(self.model))
-        return np.array([means[cells].max() for cells in self.clusters])
-
     def _outlined(self) -> tuple[list[I32], F64]:
         """Each cluster's units and the corners around them, and how far skin may bulge there."""
         order, starts = self._units_of_cells
@@ -240,6 +219,15 @@ class BodySkin:
         return self._bind(self.skin.model, self.skin.clusters)
 
     @cached_property
+    def cell_sizes(self) -> CellSizes | None:
+        """How large cells are in a pose; None where that is not known without posing them."""
+        if not isinstance(self.surface, SkinnedModel):
+            return None
+        own = self.vertices if self.is_grouped else None
+        assert own is None or isinstance(own, SkinnedModel)
+        return CellSizes(self.skin.table, self.surface, own)
+
+    @cached_property
     def cluster_of(self) -> I64:
         """The skin's cluster of each vertex of the model."""
         return _owners(self.skin.clusters, len(self.skin.model))
@@ -250,6 +238,11 @@ class BodySkin:
         if self.skin.surface is self.skin.model:
             return self.vertices
         return self._bind(self.skin.model, clusters_of(self.skin.model))
+
+    @cached_property
+    def group_sizes(self) -> I64:
+        """How many vertices each group has."""
+        return np.array([len(ids) for ids in self.groups.clusters], np.int64)
 
     @property
     def is_grouped(self) -> bool:

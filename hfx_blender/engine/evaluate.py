@@ -72,10 +72,13 @@ class Engine:
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Samples of a block: one run for each effect and body that felt something."""
         effects = list(zip(self.scene.effects, block.effects, strict=True))
-        rows_of = [active_rows(e, b, block, self.counters) for e, b in effects]
-        active = np.unique(np.concatenate([np.zeros(0, np.int64), *rows_of]))
-        self.counters.times_evaluated += len(active)
-        self.counters.times_skipped += len(block.indices) - block.history - len(active)
+        rows_of = active_rows(self.scene.effects, block, self.counters)
+        is_active = np.zeros(len(block.indices), np.bool_)
+        for rows in rows_of:
+            is_active[rows] = True
+        count = int(np.count_nonzero(is_active))
+        self.counters.times_evaluated += count
+        self.counters.times_skipped += len(block.indices) - block.history - count
         reach = BlockReach(block, self.scene.bodies, self._skins)
         runs: list[SampleRun] = []
         for (effect, animated), rows in zip(effects, rows_of, strict=True):

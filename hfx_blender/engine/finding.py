@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -15,15 +17,15 @@ from .details import Details, tell_deepest
 from .narrow import Inside, covered
 from .placed import Placed
 from .posed_skin import PosedSkin
-from .swept import crossings
+from .swept import crossings, passing
 
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 Weights = npt.NDArray[np.floating[Any]]
 
-_AT_ONCE: Final = 1 << 14
-"""Points that are looked at together: their arrays stay in the processor's cache."""
+_AT_ONCE: Final = 1 << 16
+"""Points that are looked at together: with fewer, calls cost more; with more, memory does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +66,16 @@ class Found:
             if whole.any():
                 self.weights[whole[:, skin.cluster_of[self.columns]]] = 1.0
             asked = asked & ~enclosed
-        groups, rows_of_groups = _asked(skin.asked_groups(asked))
+        is_asked = skin.asked_groups(asked)
+        groups, rows = np.nonzero(is_asked.T)
         if not len(groups):
             return
-        posed = skin.groups.posed(groups, placed.pose, placed.rows, placed.to_shape)
-        for batch in _batches(groups, rows_of_groups, skin.groups.clusters):
-            members = [skin.groups.clusters[group] for group, _ in batch]
-            rows_of = [rows for _, rows in batch]
-            points = posed.all_points(batch)
-            pairs = list(zip(rows_of, members, strict=True))
-            sizes = np.repeat([len(ids) for ids in members], [len(rows) for rows in rows_of])
-            row = np.repeat(np.concatenate(rows_of), sizes)
-            vertex = np.concatenate([ids for rows, ids in pairs for _ in range(len(rows))])
+        members, some = skin.groups.clusters, np.flatnonzero(is_asked.any(axis=0))
+        posed = skin.groups.posed(some, placed.pose, placed.rows, placed.to_shape)
+        for part in _batches(groups, skin.group_sizes):
+            points = posed.all_points(groups[part], rows[part])
+            row = np.repeat(rows[part], skin.group_sizes[groups[part]])
+            vertex = np.concatenate([members[group] for group in groups[part].tolist()])
             self.counters.vertices_posed += points.shape[1]
             found = placed.target.weights(points, row)
             if skin.is_grouped:
@@ -89,61 +89,55 @@ class Found:
         placed, surface = self.placed, self.placed.skin.surface
         needed = wide | followed
         needed[:-1] |= followed[1:]
-        clusters, rows_of_clusters = _asked(needed)
+        clusters, rows = np.nonzero(needed.T)
         if not len(clusters):
             return
-        table = placed.skin.skin.table
-        table.need(clusters)
-        posed = surface.posed(clusters, placed.pose, placed.rows, placed.to_shape)
-        for batch in _batches(clusters, rows_of_clusters, surface.clusters):
-            parts = [
-                posed.skin(cluster, rows, int(table.unit_counts[cluster]), table.links)
-                for cluster, rows in batch
-            ]
-            skin = PosedSkin(
-                table,
-                np.repeat([cluster for cluster, _ in batch], [len(rows) for _, rows in batch]),
-                np.concatenate([rows for _, rows in batch]),
-                np.concatenate([points.reshape(3, -1) for points, _ in parts], axis=1),
-                np.concatenate([gaps.ravel() for _, gaps in parts]),
-            )
-            self.counters.vertices_posed += skin.points.shape[1]
-            self._cover(skin, wide[skin.rows, skin.clusters])
-            self._follow(skin, followed[skin.rows, skin.clusters])
+        table, some = placed.skin.skin.table, np.flatnonzero(needed.any(axis=0))
+        table.need(some)
+        posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
+        for part in _batches(clusters, table.place_counts):
+            pair, row = clusters[part], rows[part]
+            points, gaps = posed.skin(pair, row, table)
+            clear = placed.target.clearances(points, np.repeat(row, table.place_counts[pair]))
+            skin = PosedSkin(table, pair, row, points, gaps, clear)
+            self.counters.vertices_posed += points.shape[1]
+            self._cover(skin, wide[row, pair])
+            self._follow(skin, followed[row, pair])
 
-    def _places(self, skin: PosedSkin) -> tuple[I64, I64]:
-        """Row and column of each contact."""
-        vertices = skin.table.cells[skin.contact_cells]
-        return skin.rows[skin.contact_pairs], self.column_of[vertices]
+    def _places(self, skin: PosedSkin, contacts: I64) -> tuple[I64, I64]:
+        """Rows and columns of some contacts."""
+        rows, cells = skin.cells_of(contacts)
+        return rows, self.column_of[skin.table.cells[cells]]
 
     def _cover(self, skin: PosedSkin, wide: Bool) -> None:
         if not wide.any():
             return
         found = covered(skin, wide, self.placed.target, self.inside)
-        rows, columns = self._places(skin)
-        if not wide.all():
-            mine = np.flatnonzero(wide[skin.contact_pairs])
-            rows, columns, found = rows[mine], columns[mine], found[mine]
-        self.weights[rows, columns] = found
+        felt = np.flatnonzero(found)  # the others are 0 as it is
+        self.weights[self._places(skin, felt)] = found[felt]
 
     def _follow(self, skin: PosedSkin, later: Bool) -> None:
         """Cells that were passed since the row before; at the row before they were not felt."""
         if not later.any():
             return
-        placed = self.placed
-        rows, columns = self._places(skin)
-        before, after = self.weights[rows - 1, columns], self.weights[rows, columns]
-        is_open = later[skin.contact_pairs] & (before == 0.0)
-        if self.details is None:
-            is_open &= after < 1.0
+        placed, target = self.placed, self.placed.target
         steps = placed.followed_in_steps(later, skin.clusters, skin.rows)
+        felt = []
         for number in np.unique(steps[later]).tolist():
-            crossed = crossings(skin, steps == number, is_open, placed.target, placed.drift(number))
-            np.maximum(after, crossed.peaks(len(after)), out=after, casting="same_kind")
+            slots = passing(skin, steps == number, target, is_straight=number == 1)
+            rows, columns = self._places(skin, skin.contacts_of(slots))
+            is_open = self.weights[rows - 1, columns] == 0.0
+            if self.details is None:
+                is_open &= self.weights[rows, columns] < 1.0
+            crossed = crossings(skin, slots[is_open], target, placed.drift(number))
+            peaks = crossed.peaks(skin.contact_count)
+            met = np.flatnonzero(peaks)
+            felt.append((self._places(skin, met), peaks[met]))
             if self.details is not None and self.inside is not None:
-                crossed.tell(self.details, rows, columns)
+                crossed.tell(self.details, partial(self._places, skin))
                 self.inside.append(crossed.inside(skin))
-        self.weights[rows[is_open], columns[is_open]] = after[is_open]
+        for places, weights in felt:
+            self.weights[places] = np.maximum(self.weights[places], weights)
 
     def place_all(self, needed: Bool) -> None:
         """Tell where contacts are: at the vertex if that is inside, else at the deepest."""
@@ -167,25 +161,15 @@ class Found:
         tell_deepest(self.details, is_open, self.inside, column_of, shapes, placed.matrices)
 
 
-def _asked(asked: Bool) -> tuple[I64, list[I64]]:
-    """The clusters that are asked for at any row (n, clusters), and the rows of each."""
-    cluster, row = np.nonzero(asked.T)
-    starts = np.flatnonzero(np.diff(cluster, prepend=-1))
-    ends = [*starts[1:].tolist(), len(cluster)]
-    return cluster[starts], [row[a:b] for a, b in zip(starts.tolist(), ends, strict=False)]
-
-
-def _batches(
-    clusters: I64, rows_of: list[I64], members: list[I32]
-) -> Iterator[list[tuple[int, I64]]]:
-    """Clusters and their rows, as many at a time as have few points."""
-    batch: list[tuple[int, I64]] = []
-    size = 0
-    for cluster, rows in zip(clusters.tolist(), rows_of, strict=True):
-        more = len(rows) * len(members[cluster])
-        if batch and size + more > _AT_ONCE:
-            yield batch
-            batch, size = [], 0
-        batch.append((cluster, rows))
-        size += more
-    yield batch
+def _batches(clusters: I64, sizes: I64) -> Iterator[slice]:
+    """Pairs of ascending clusters, those of each together, as many at a time as have few points."""
+    total = np.cumsum(sizes[clusters])
+    if total[-1] <= _AT_ONCE:
+        yield slice(0, len(clusters))
+        return
+    cuts = (np.flatnonzero(clusters[1:] != clusters[:-1]) + 1).tolist()
+    first = done = 0
+    for last, following in pairwise([*cuts, len(clusters), len(clusters)]):
+        if last == following or total[following - 1] - done > _AT_ONCE:
+            yield slice(first, last)
+            first, done = last, int(total[last - 1])

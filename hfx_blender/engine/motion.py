@@ -50,6 +50,14 @@ class Motion:
         return matrices
 
 
+def largest_stretch(matrices: F64) -> F64:
+    """No less than what matrices (n, 3 or 4, 4) stretch any direction by, (n,)."""
+    linear = matrices[:, :3, :3]
+    gram = linear @ linear.transpose(0, 2, 1)
+    stretch: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
+    return stretch
+
+
 def turned_by(before: F64, after: F64) -> F64:
     """By how much placements (n, 4, 4) turn, radians (n,); exactly 0 where they do not."""
     still = (before[:, :3, :3] == after[:, :3, :3]).all(axis=(1, 2))

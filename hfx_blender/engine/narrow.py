@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .indexing import ramp
 from .posed_skin import PosedSkin
 from .target import Target, steepest
 
@@ -54,15 +52,16 @@ def covered(
     inside : list of Inside, optional
         Takes the samples that are inside.
     """
-    table = posed.table
+    table, clear = posed.table, posed.clear
     shares = np.zeros(len(posed.units))
-    slots = np.flatnonzero(wanted[posed.pairs])
-    unit, at, rows = posed.units[slots], posed.at[slots], posed.slot_rows[slots]
-    clear = target.clearances(posed.points, posed.point_rows)
+    gap, reach = clear[posed.at], posed.reaches
+    # What is outside with all of its skin is not looked at any further.
+    slots = np.flatnonzero((gap <= reach) & wanted[posed.pairs])
+    unit, at, rows = posed.units[slots], posed.at[slots], posed.rows_of(slots)
+    gap, reach = gap[slots], reach[slots]
     at_vertex = target.weights(posed.points.take(at, axis=1), rows)
-    gap, reach = clear[at], posed.reaches[slots]
     is_split = table.steps[unit] > 0
-    near = (np.abs(gap) <= reach) & is_split
+    near = (gap >= -reach) & is_split
     if not target.falloff.is_flat:
         varies = is_split & (steepest(target.falloff) * reach > target.amplitude)
         near |= varies & (at_vertex > 0.0) & (-gap < target.falloff.share + reach)
@@ -74,23 +73,32 @@ def covered(
         shares[slots[some]] = at_vertex[some] * table.vertex_shares[unit[some]]
         owner, quad = table.quads_of(unit[some])
         slot = slots[some][owner]
-        is_in, is_cut = _sides(posed, clear, slot, quad, target)
+        is_in, is_cut = _sides(posed, slot, quad, target)
         whole, cut = np.flatnonzero(is_in), np.flatnonzero(is_cut)
-        shares += np.bincount(slot[whole], table.wholes[quad[whole]], len(shares))
+        if len(whole):
+            shares += np.bincount(slot[whole], table.wholes[quad[whole]], len(shares))
         slot, quad = slot[cut], quad[cut]
         corners = posed.corners(posed.pairs[slot], quad)
+        felt: list[tuple[I64, F64]] = []
         for samples in sampled(posed, slot, quad, corners, target):
-            found = target.weights(samples.points, posed.slot_rows[samples.slots])
-            shares += np.bincount(samples.slots, found * samples.shares, len(shares))
+            every = samples.slots if len(target.shapes) > 1 else samples.slots[:0]
+            found = target.weights(samples.points, posed.rows_of(every))
+            felt.append((samples.owners, samples.summed(found)))
             if inside is not None:
                 kept = np.flatnonzero(found > 0.0)
                 inside.append(_inside(posed, samples.slots[kept], samples.points[:, kept]))
+        if felt:
+            owners, sums = (np.concatenate(each) for each in zip(*felt, strict=True))
+            shares += np.bincount(owners, sums, len(shares))
     if inside is not None:
         kept = np.flatnonzero(at_vertex > 0.0)
         inside.append(_inside(posed, slots[kept], posed.points.take(at[kept], axis=1)))
-    found = posed.by_contact(shares)
-    found[found > WHOLE] = 1.0
-    return found
+    if not table.is_simple:
+        some = np.flatnonzero(shares)
+        of_cells = np.bincount(posed.contacts_of(some), shares[some], posed.contact_count)
+        shares = np.asarray(of_cells, np.float64)
+    shares[shares > WHOLE] = 1.0
+    return shares
 
 
 def told_by_vertices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
@@ -104,24 +112,29 @@ def told_by_vertices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
     if target.falloff.is_flat or not target.is_convex or target.amplitude == 0.0:
         return np.zeros(len(slots), np.bool_)
     limit = target.amplitude / steepest(target.falloff)
-    distances = posed.distances.copy()
-    far = slots[distances[slots] > limit]
-    distances[far] = posed.distances_of(far)
-    of_cells = posed.by_contact(distances * posed.table.unit_shares[posed.units])
-    told: Bool = (distances[slots] <= limit) | (of_cells[posed.contact_of[slots]] <= limit)
+    every = slots if posed.table.is_simple else np.arange(len(posed.units))
+    distances = posed.farthest_of(every)
+    mine = np.arange(len(slots)) if posed.table.is_simple else slots
+    far = mine[distances[mine] > limit]
+    distances[far] = posed.distances_of(every[far])
+    told: Bool = distances[mine] <= limit
+    if not posed.table.is_simple:
+        weighted = distances * posed.table.unit_shares[posed.units]
+        of_cells = np.bincount(posed.contacts_of(every), weighted, posed.contact_count)
+        told |= of_cells[posed.contacts_of(slots)] <= limit
     return told
 
 
 def _inside(posed: PosedSkin, slots: I64, points: F64) -> Inside:
-    return Inside(posed.slot_rows[slots], posed.table.cell_of[posed.units[slots]], points)
+    return Inside(posed.rows_of(slots), posed.table.cell_of[posed.units[slots]], points)
 
 
-def _sides(posed: PosedSkin, clear: F64, slot: I64, quad: I64, target: Target) -> tuple[Bool, Bool]:
+def _sides(posed: PosedSkin, slot: I64, quad: I64, target: Target) -> tuple[Bool, Bool]:
     """Which quads, each of a slot, are wholly inside, and which may be cut by the boundary."""
-    table, pairs = posed.table, posed.pairs[slot]
+    table, clear, pairs = posed.table, posed.clear, posed.pairs[slot]
     corners = posed.corners(pairs, quad)
     margins = table.bulge_m[posed.clusters] * target.stretches[posed.rows]
-    margins = np.repeat(margins, np.diff(table.starts)[posed.clusters])
+    margins = np.repeat(margins, table.place_counts[posed.clusters])
     faces = target.beyond(posed.points, posed.point_rows, margins)
     is_cut = (faces[corners[0]] & faces[corners[1]] & faces[corners[2]]) == 0
     if not (target.is_convex and target.falloff.is_flat):
@@ -133,11 +146,22 @@ def _sides(posed: PosedSkin, clear: F64, slot: I64, quad: I64, target: Target) -
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Samples of some quads, each of a slot."""
+    """Samples of some quads, each of a slot: as many of each, quad after quad."""
 
-    slots: I64  # (N,)
+    owners: I64  # (Q,) slots
     points: F64  # (3, N) shape space
     shares: F64  # (N,) of the cell's area
+
+    @property
+    def slots(self) -> I64:
+        """The slot of each sample, (N,)."""
+        return np.repeat(self.owners, len(self.shares) // max(len(self.owners), 1))
+
+    def summed(self, weights: F64) -> F64:
+        """What weights of samples (N,) are of the cell's area, of each quad (Q,)."""
+        by_quad = (each.reshape(len(self.owners), -1) for each in (weights, self.shares))
+        sums: F64 = np.einsum("qs,qs->q", *by_quad)
+        return sums
 
 
 def sampled(
@@ -145,25 +169,24 @@ def sampled(
 ) -> Iterator[Samples]:
     """Where the skin of quads is: (P,) quads of slots, with the points of their corners."""
     table = posed.table
-    counts = np.square(table.steps[table.unit_of[quads]])
-    ends = np.cumsum(counts)
-    total = int(ends[-1]) if len(ends) else 0
-    cuts = np.searchsorted(ends, np.arange(0, total, _AT_ONCE), side="right").tolist()
-    for begin, end in pairwise([*cuts, len(quads)]):
-        some, part = quads[begin:end], slice(begin, end)
-        step, owner = ramp(counts[part])
-        start, one, other = (posed.points.take(each[part], axis=1) for each in corners)
-        along, across = one - start, other - start
-        one, other, height, shares = table.samples.take(
-            table.sample_starts[some][owner] + step, axis=1
-        )
-        points = start.take(owner, axis=1)
-        points += along.take(owner, axis=1) * one
-        points += across.take(owner, axis=1) * other
-        curved = np.flatnonzero(table.heights_m[some])
-        if len(curved):
-            rows = posed.slot_rows[slots[part][curved]]
-            outwards = np.zeros_like(start)
-            outwards[:, curved] = target.outwards(along[:, curved], across[:, curved], rows)
-            points += outwards.take(owner, axis=1) * height
-        yield Samples(slots[part][owner], points, shares)
+    steps = table.steps[table.unit_of[quads]]
+    for number in np.flatnonzero(np.bincount(steps)).tolist():
+        mine = np.flatnonzero(steps == number)
+        count = number * number
+        size = max(1, _AT_ONCE // max(count, 1))
+        for part in (mine[first : first + size] for first in range(0, len(mine), size)):
+            some = quads[part]
+            start, one, other = (posed.points.take(each[part], axis=1) for each in corners)
+            along, across = one - start, other - start
+            at = table.sample_starts[some][:, None] + np.arange(count)
+            one, other, height, shares = table.samples.take(at, axis=1)
+            points = along[:, :, None] * one
+            points += start[:, :, None]
+            points += across[:, :, None] * other
+            curved = np.flatnonzero(table.heights_m[some])
+            if len(curved):
+                rows = posed.rows_of(slots[part[curved]])
+                outwards = np.zeros_like(start)
+                outwards[:, curved] = target.outwards(along[:, curved], across[:, curved], rows)
+                points += outwards[:, :, None] * height
+            yield Samples(slots[part], points.reshape(3, -1), shares.ravel())

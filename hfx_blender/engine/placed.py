@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from . import swept
 from .coverage import BodySkin
+from .motion import largest_stretch as largest_stretch
 from .motion import turned_by
 from .scene import EffectBlock, PoseBlock
 from .target import Target
@@ -29,14 +31,6 @@ class ReachableBounds:
     rows: I64  # (n,) rows whose pose is known, ascending
     low: F64  # (n, C, 3)
     high: F64  # (n, C, 3)
-
-
-def largest_stretch(matrices: F64) -> F64:
-    """No less than what a matrix stretches any direction by, (n,)."""
-    linear = matrices[:, :3, :3]
-    gram = linear @ linear.transpose(0, 2, 1)
-    stretch: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
-    return stretch
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +97,7 @@ class Placed:
         low, high = self.boxes[:, None, 0], self.boxes[:, None, 1]
         reached = ((self.low <= high) & (self.high >= low)).all(axis=2)
         if not falloff.is_flat:
-            slopes = self.target.slopes * largest_stretch(self.to_shape)
-            tolerance = self.skin.skin.tolerance
-            return reached, self.skin.skin.changes(slopes) <= tolerance.amplitude
+            return reached, self._is_even(reached)
         simple = np.zeros_like(reached)
         for shape, mine in self.target.places:
             if shape.is_convex:
@@ -115,15 +107,33 @@ class Placed:
                 )
         return reached, simple
 
+    def _is_even(self, reached: Bool) -> Bool:
+        """Where strength differs so little within cells that their vertices tell enough, (n, C).
+
+        A cell's mean is no farther from the value at its vertex than the steepest slope times
+        the mean distance of its skin, as it is posed. What is not reached is even.
+        """
+        even = ~reached
+        some, clusters = np.flatnonzero(reached.any(axis=1)), np.flatnonzero(reached.any(axis=0))
+        if not len(some) or not self.skin.skin.is_split:
+            return np.ones_like(reached)
+        amplitude = self.skin.skin.tolerance.amplitude
+        sizes = self.skin.cell_sizes
+        if sizes is not None and amplitude > 0.0:
+            means = sizes.means(clusters, self.pose, self.rows[some], self.to_shape[some])
+            slopes = self.target.slopes_of(some)
+            even[np.ix_(some, clusters)] |= slopes[:, None] * means <= amplitude
+        return even
+
     def followed(self, follows: Bool, simple: Bool, *, always: bool) -> Bool:
         """Which clusters may meet the volume between a row and the one before it, (n, C)."""
-        followed = np.zeros_like(simple)
+        followed = np.zeros(simple.shape, np.bool_)
         edge_m = self.skin.skin.edge_m
-        later = np.flatnonzero(follows)
-        if not len(later) or not np.isfinite(edge_m):
+        if not follows.any() or not math.isfinite(edge_m):
             return followed
+        later = np.flatnonzero(follows)
         earlier = later - 1
-        swing = self._swings(earlier, later)
+        swing = self._swings(later)
         low, high = self.boxes[:, 0], self.boxes[:, 1]
         near = np.minimum(low[later], low[earlier]) - swing[:, None]
         far = np.maximum(high[later], high[earlier]) + swing[:, None]
@@ -136,39 +146,41 @@ class Placed:
             meets &= ~simple[earlier]
             if not always:
                 meets &= ~simple[later]
-        limits = np.array(
-            [
-                swept.unseen_m(
-                    self.target.shapes[self.target.which[k]],
-                    self.inverses[k],
-                    self.target.falloff,
-                    self.skin.skin.tolerance,
-                    edge_m,
-                )
-                for k in later.tolist()
-            ]
-        )
         some, clusters = np.flatnonzero(meets.any(axis=1)), np.flatnonzero(meets.any(axis=0))
         if len(some) and not always:
             moves = self._moves(clusters, earlier[some], later[some])
-            meets[np.ix_(some, clusters)] &= ~(moves <= limits[some, None])
+            limits = self._unseen_m(later[some], edge_m)
+            meets[np.ix_(some, clusters)] &= ~(moves <= limits[:, None])
         followed[later] = meets
         return followed
 
-    def _swings(self, earlier: I64, later: I64) -> F64:
+    def _unseen_m(self, later: I64, edge_m: float) -> F64:
+        """How far skin may move before some rows without being followed, metres (n,)."""
+        limits = np.zeros(len(later))
+        which = self.target.which[later]
+        for k in np.unique(which).tolist():
+            mine = np.flatnonzero(which == k)
+            limits[mine] = swept.unseen_m(
+                self.target.shapes[k],
+                self.inverses[later[mine]],
+                self.target.falloff,
+                self.skin.skin.tolerance,
+                edge_m,
+            )
+        return limits
+
+    def _swings(self, later: I64) -> F64:
         """How far turning may take anything out of both ends' boxes, metres (n,)."""
-        to_world = self.pose.to_world[self.rows]
         swing = np.zeros(len(later))
-        for matrices, low, high in (
-            (self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1]),
-            (to_world, self.low, self.high),
-        ):
-            angles = turned_by(matrices[earlier], matrices[later])
+        own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1]
+        skin = self.pose.to_world[self.rows], self.low, self.high
+        for turns, (matrices, low, high) in zip(self._turns, (own, skin), strict=True):
+            angles = turns[later]
             if angles.any():
                 origins = matrices[:, None, :3, 3]
                 arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
                 longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=1))
-                arm = np.maximum(longest[earlier], longest[later])
+                arm = np.maximum(longest[later - 1], longest[later])
                 swing += arm * (1.0 - np.cos(0.5 * angles))
         return swing
 
@@ -186,12 +198,13 @@ class Placed:
     def followed_in_steps(self, later: Bool, clusters: I64, rows: I64) -> I64:
         """Straight steps that follow pairs of a cluster and a row, (pairs,); 0 where not later."""
         steps = later.astype(np.int64)
-        turning = np.flatnonzero(later & (self._turns[rows] > 0.0))
+        turns = self._turns.sum(axis=0)
+        turning = np.flatnonzero(later & (turns[rows] > 0.0))
         if len(turning):
             columns, at = np.unique(clusters[turning], return_inverse=True)
             ends, row = np.unique(rows[turning], return_inverse=True)
             moves = self._moves(columns, ends - 1, ends)[row, at]
-            angles = self._turns[rows[turning]]
+            angles = turns[rows[turning]]
             steps[turning] = swept.steps_for(angles, moves, self.skin.skin.edge_m)
         return steps
 
@@ -210,11 +223,10 @@ class Placed:
 
     @cached_property
     def _turns(self) -> F64:
-        """By how much volume and body turn since the row before, radians (n,)."""
-        to_world = self.pose.to_world[self.rows]
-        turns = np.zeros(len(self.rows))
-        for matrices in (self.matrices, to_world):
-            turns[1:] += turned_by(matrices[:-1], matrices[1:])
+        """By how much the volume, and the body, turns since the row before, radians (2, n)."""
+        turns = np.zeros((2, len(self.rows)))
+        for k, matrices in enumerate((self.matrices, self.pose.to_world[self.rows])):
+            turns[k, 1:] = turned_by(matrices[:-1], matrices[1:])
         return turns
 
 

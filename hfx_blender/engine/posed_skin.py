@@ -33,45 +33,51 @@ class PosedSkin:
     rows: I64  # (pairs,)
     points: F64  # (3, N) the places of each pair
     gaps: F64  # (slots,) how far a unit's neighbours can be from it
+    clear: F64  # (N,) a bound of each point's distance to the boundary, see sweep.clearance
 
     @cached_property
     def shifts(self) -> I64:
         """What is added to a place of a pair's cluster to find its point, (pairs,)."""
-        counts = np.diff(self.table.starts)[self.clusters]
+        counts = self.table.place_counts[self.clusters]
         shifts: I64 = np.cumsum(counts) - counts - self.table.starts[self.clusters]
         return shifts
 
     @cached_property
-    def _ramp(self) -> tuple[I64, I64]:
-        return ramp(self.table.unit_counts[self.clusters])
+    def _slot_counts(self) -> I64:
+        counts: I64 = self.table.unit_counts[self.clusters]
+        return counts
 
-    @property
+    def _counted_from(self, first: I64) -> I64:
+        """Numbers that begin anew with each pair's slots, at ``first`` (pairs,)."""
+        ends = np.cumsum(self._slot_counts)
+        before = ends - self._slot_counts
+        found: I64 = np.arange(int(ends[-1])) + np.repeat(first - before, self._slot_counts)
+        return found
+
+    @cached_property
     def pairs(self) -> I64:
         """The pair of each slot."""
-        return self._ramp[1]
+        return np.repeat(np.arange(len(self.rows)), self._slot_counts)
 
     @cached_property
     def units(self) -> I64:
         """The unit of each slot."""
-        step, pair = self._ramp
-        units: I64 = self.table.starts[self.clusters][pair] + step
-        return units
+        return self._counted_from(self.table.starts[self.clusters])
 
     @cached_property
     def at(self) -> I64:
         """The point of each slot's vertex."""
-        at: I64 = self.units + self.shifts[self.pairs]
-        return at
+        return self._counted_from(self.table.starts[self.clusters] + self.shifts)
 
-    @cached_property
-    def slot_rows(self) -> I64:
-        """The row of each slot."""
-        return self.rows[self.pairs]
+    def rows_of(self, slots: I64) -> I64:
+        """The rows of some slots."""
+        rows: I64 = self.rows[self.pairs[slots]]
+        return rows
 
     @cached_property
     def point_rows(self) -> I64:
         """The row of each point."""
-        return np.repeat(self.rows, np.diff(self.table.starts)[self.clusters])
+        return np.repeat(self.rows, self.table.place_counts[self.clusters])
 
     @cached_property
     def reaches(self) -> F64:
@@ -79,14 +85,13 @@ class PosedSkin:
         reaches: F64 = self.gaps * self.table.reaches[self.units]
         return reaches
 
-    @cached_property
-    def distances(self) -> F64:
-        """How far a unit's skin can be from its vertex on average, shape space, (slots,)."""
-        distances: F64 = self.gaps * self.table.means[self.units]
+    def farthest_of(self, slots: I64) -> F64:
+        """How far units' skin can be from their vertices on average, shape space, (k,)."""
+        distances: F64 = self.gaps[slots] * self.table.means[self.units[slots]]
         return distances
 
     def distances_of(self, slots: I64) -> F64:
-        """As :attr:`distances`, from the corners as they are: less where joints bend."""
+        """As :meth:`farthest_of`, from the corners as they are: less where joints bend."""
         units = self.units[slots]
         owner, quads = self.table.quads_of(units)
         start, one, other = (
@@ -106,29 +111,23 @@ class PosedSkin:
         step, pair = ramp(counts)
         return np.cumsum(counts) - counts - first, pair, first[pair] + step
 
-    @property
-    def contact_pairs(self) -> I64:
-        """The pair of each contact."""
-        return self._contacts[1]
-
-    @property
-    def contact_cells(self) -> I64:
-        """The cell of each contact, as the table counts them."""
-        return self._contacts[2]
-
-    @cached_property
-    def contact_of(self) -> I64:
-        """The contact that each slot belongs to."""
+    def contacts_of(self, slots: I64) -> I64:
+        """The contacts that some slots belong to."""
         if self.table.is_simple:
-            return np.arange(len(self.units))
-        found: I64 = self._contacts[0][self.pairs] + self.table.cell_of[self.units]
+            return slots
+        found: I64 = self._contacts[0][self.pairs[slots]] + self.table.cell_of[self.units[slots]]
         return found
 
-    def by_contact(self, shares: F64) -> F64:
-        """Sums of what is given for each slot, for each contact."""
+    @property
+    def contact_count(self) -> int:
+        """How many contacts there are."""
+        return len(self.units) if self.table.is_simple else len(self._contacts[2])
+
+    def cells_of(self, contacts: I64) -> tuple[I64, I64]:
+        """Rows of some contacts, and their cells, as the table counts them."""
         if self.table.is_simple:
-            return shares
-        return np.asarray(np.bincount(self.contact_of, shares, len(self.contact_cells)), np.float64)
+            return self.rows_of(contacts), self.table.cell_of[self.units[contacts]]
+        return self.rows[self._contacts[1][contacts]], self._contacts[2][contacts]
 
     def corners(self, pairs: I64, quads: I64) -> tuple[I64, I64, I64]:
         """The points of the corners of quads' triangles, each in one of the pairs."""

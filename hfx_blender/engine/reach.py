@@ -50,6 +50,7 @@ class BlockReach:
         self._skins = skins
         self._number = {body.id: k for k, body in enumerate(bodies)}
         self._posed: dict[str, I64] = {}
+        self._turns: dict[str, float] = {}
         self._bounds: dict[tuple[str, str], ReachableBounds] = {}
         self._near: dict[tuple[str, str], Bool] = {}
         self._boxes: _VolumeBoxes | None = None
@@ -82,6 +83,14 @@ class BlockReach:
             self._near[key] = self._boxes.meet(*self._body_box(body, model_id))
         return not self._near[key][self._boxes.number[animated]]
 
+    def _largest_turn(self, body: BodyDescription) -> float:
+        """By how much a body turns at most from a row to the next, radians."""
+        if body.id not in self._turns:
+            pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
+            angles = turned_by(pose.to_world[rows[:-1]], pose.to_world[rows[1:]])
+            self._turns[body.id] = float(angles.max())
+        return self._turns[body.id]
+
     def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
         """Lowest and highest corner of all that a body is and moves through in the block, (3,)."""
         pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
@@ -89,7 +98,7 @@ class BlockReach:
         origins = pose.to_world[rows, :3, 3]
         swing = 0.0
         if len(rows) > 1:
-            angle = float(turned_by(pose.to_world[rows[:-1]], pose.to_world[rows[1:]]).max())
+            angle = self._largest_turn(body)
             arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
             arm = float(np.sqrt(np.square(arms).sum(axis=1).max()))
             swing = arm * (1.0 - np.cos(0.5 * angle))

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -60,8 +61,13 @@ class TimeBase:
 
     def times_s(self, indices: I64) -> F64:
         """Seconds since ``scene_start`` of the samples with these indices."""
-        start = (self.frame_first - self.scene_start) / self.fps
-        return float(start) + np.asarray(indices, np.float64) / float(self.rate_hz)
+        start_s, rate_hz = self._in_floats
+        return start_s + np.asarray(indices, np.float64) / rate_hz
+
+    @cached_property
+    def _in_floats(self) -> tuple[float, float]:
+        """Seconds from ``scene_start`` to the first sample, and the rate."""
+        return float((self.frame_first - self.scene_start) / self.fps), float(self.rate_hz)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,9 @@ Bool = npt.NDArray[np.bool_]
 
 _FLAT_ENOUGH: Final = 0.1  # of the distance of samples: a lower bulge is not modelled
 
+_MOST_STEPS: Final = 256
+"""A cell of a metre is sampled no more finely than this along a quad: memory has an end."""
+
 _TURNED: Final = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
 
 
@@ -53,8 +56,12 @@ class SkinTable:
 
     Attributes
     ----------
+    surface : PerceptualModel
+        As given.
     starts : (clusters + 1,) int64
         Each cluster's first place.
+    place_counts : (clusters,) int64
+        How many places each cluster has.
     unit_counts, cell_starts : (clusters,), (clusters + 1,) int64
         How many of a cluster's places are units; its first cell, where cells are counted in
         the order of the clusters.
@@ -86,12 +93,13 @@ class SkinTable:
         distance: F64,
         is_split: Bool,
     ) -> None:
-        self._surface = surface
+        self.surface = surface
         self._distance, self._is_split = distance, is_split
         self.cells = np.concatenate(cells)
         counts = np.bincount(owner, minlength=len(self.cells))
         sizes = [len(some) for some in cells]
         self.starts = np.cumsum([0, *(len(some) for some in outlines)])
+        self.place_counts = np.diff(self.starts)
         self.cell_starts = np.cumsum([0, *sizes])
         self.unit_counts = np.array([counts[some].sum() for some in cells], np.int64)
         self.is_simple = len(self.cells) == int(self.unit_counts.sum())
@@ -137,12 +145,23 @@ class SkinTable:
         )
         return links - first
 
+    def neighbours(self, cluster: int) -> tuple[I64, I64]:
+        """Units of a cluster, ascending, and those next to them, places in the cluster."""
+        ids = self.vertices[self.starts[cluster] : self.starts[cluster + 1]]
+        units = ids[: self.unit_counts[cluster]]
+        order, starts = self._corner_order
+        step, unit = ramp(starts[units + 1] - starts[units])
+        face, turn = np.divmod(order[starts[units][unit] + step], 3)
+        place = np.zeros(len(self.surface), np.int64)
+        place[ids] = np.arange(len(ids))
+        return unit, place[self.surface.triangles[face, _TURNED[1].take(turn)]]
+
     @cached_property
     def _corner_order(self) -> tuple[I64, I64]:
         """Corners of triangles (3 f + k) by their vertex, and where each vertex's begin."""
-        corners = self._surface.triangles.ravel()
+        corners = self.surface.triangles.ravel()
         order = np.argsort(corners, kind="stable")
-        return order, np.searchsorted(corners[order], np.arange(len(self._surface) + 1))
+        return order, np.searchsorted(corners[order], np.arange(len(self.surface) + 1))
 
     @property
     def _corner_counts(self) -> I64:
@@ -159,7 +178,7 @@ class SkinTable:
         units = self.starts[new][which] + step
         vertices = self.vertices[units]
         turn, unit, ring, around = self._rings(new, units)
-        quads = Quads.of(self._surface, ring)
+        quads = Quads.of(self.surface, ring)
         areas = np.bincount(unit, quads.total, minlength=len(units))
         areas = np.where(areas > 0.0, areas, 1.0)
 
@@ -168,7 +187,7 @@ class SkinTable:
         np.maximum.at(longest, unit, quads.longest)
         np.maximum.at(largest, unit, quads.total)
         wanted = np.maximum(np.sqrt(largest), 0.5 * longest) / distance
-        steps = np.maximum(np.ceil(wanted - 1e-9), 1.0).astype(np.int64)
+        steps = np.clip(np.ceil(wanted - 1e-9), 1.0, _MOST_STEPS).astype(np.int64)
         steps[~self._is_split[vertices]] = 0
 
         numbers = np.bincount(unit, minlength=len(units)) * steps * steps
@@ -203,12 +222,12 @@ class SkinTable:
         face, turn = np.divmod(corner_order[corner_starts[vertices][unit] + step], 3)
         # Corners from the unit's own, the way round that the triangle goes.
         ring = np.stack(
-            [self._surface.triangles[face, _TURNED[k].take(turn)] for k in range(3)], axis=1
+            [self.surface.triangles[face, _TURNED[k].take(turn)] for k in range(3)], axis=1
         )
         # A vertex of the skin may be in several clusters: its place in the one of the unit.
         more, which = ramp(self.starts[clusters + 1] - self.starts[clusters])
         places = self.starts[clusters][which] + more
-        size = len(self._surface)
+        size = len(self.surface)
         keys = self._cluster[places] * size + self.vertices[places]
         order = np.argsort(keys, kind="stable")
         wanted = self._cluster[units][unit][:, None] * size + ring[:, 1:]

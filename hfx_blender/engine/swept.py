@@ -8,6 +8,7 @@ what it hides between two samples is nearer to the boundary than the tolerance.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -38,19 +39,22 @@ _ALONG: Final = 5  # places of a passage at which falloff is looked up
 
 
 def unseen_m(
-    shape: Shape, inverse: F64, falloff: Falloff, tolerance: Tolerance, edge_m: float
-) -> float:
+    shape: Shape, inverses: F64, falloff: Falloff, tolerance: Tolerance, edge_m: float
+) -> F64:
     """How far skin may move against a volume between two samples without being followed, metres.
 
     Half of the volume's least width, so that nothing passes through it, and no more than can
     hide a contact of depth ``edge_m``, or one that falloff keeps weaker than the tolerance.
+    ``inverses`` (n, 4, 4) are from the world to shape space; one number for each.
     """
-    thin = MESH_WALL_M
-    if not isinstance(shape, MeshVolume):
-        thin = float(1.0 / np.sqrt(np.square(inverse[:3, :3]).sum(axis=1).max()))
-        if not falloff.is_flat:
-            edge_m = max(edge_m, tolerance.amplitude / steepest(falloff) * thin)
-    return min(thin, 2.0 * edge_m)
+    if isinstance(shape, MeshVolume):
+        return np.full(len(inverses), min(MESH_WALL_M, 2.0 * edge_m))
+    steepest_way = np.square(inverses[:, :3, :3]).sum(axis=2).max(axis=1)
+    thin: F64 = 1.0 / np.sqrt(steepest_way)
+    hidden = np.full(len(thin), edge_m)
+    if not falloff.is_flat:
+        hidden = np.maximum(hidden, tolerance.amplitude / steepest(falloff) * thin)
+    return np.minimum(thin, 2.0 * hidden)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,55 +142,74 @@ class Crossings:
         peaks[peaks > WHOLE] = 1.0
         return peaks
 
-    def tell(self, details: Details, rows: I64, columns: I64) -> None:
-        """Fill in how contacts began; ``rows`` and ``columns`` are those of each contact."""
+    def tell(self, details: Details, places: Callable[[I64], tuple[I64, I64]]) -> None:
+        """Fill in how contacts began; ``places`` gives rows and columns of some contacts."""
         order = np.lexsort((self.first, self.contacts))
         order = order[np.flatnonzero(np.diff(self.contacts[order], prepend=-1))]
-        at = rows[self.contacts[order]], columns[self.contacts[order]]
+        at = places(self.contacts[order])
         details.since[at] = self.first[order]
         details.entries[:, *at] = self.entries[:, order]
         details.ways[:, *at] = self.ways[:, order]
 
     def inside(self, posed: PosedSkin) -> Inside:
         """Where they were halfway through."""
-        rows = posed.rows[posed.contact_pairs[self.contacts]]
-        return Inside(rows, posed.contact_cells[self.contacts], self.middles)
+        rows, cells = posed.cells_of(self.contacts)
+        return Inside(rows, cells, self.middles)
 
 
-def crossings(
-    posed: PosedSkin, later: Bool, is_open: Bool, target: Target, drift: Drift
-) -> Crossings:
+def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool) -> I64:
+    """Slots of pairs ``later`` (pairs,), each followed from the pair before it, whose skin may
+    have met the volume on the way.
+
+    The clearance of a point changes by no more than it moves: on a straight way of length l
+    between clearances a and b it is nowhere less than (a + b - l) / 2.
+    """
+    slots = np.flatnonzero(later[posed.pairs])
+    if not is_straight:
+        return slots
+    after, before = posed.at[slots], _places_before(posed, slots)
+    reaches = np.maximum(posed.reaches[slots], posed.reaches[_slots_before(posed, slots)])
+    clear = posed.clear[before] + posed.clear[after]
+    ways = posed.points.take(after, axis=1) - posed.points.take(before, axis=1)
+    lengths = np.sqrt(np.einsum("in,in->n", ways, ways))
+    may = ~(clear - lengths > 2.0 * reaches + _ROUNDING * (np.abs(clear) + lengths))
+    return slots[may]
+
+
+def _slots_before(posed: PosedSkin, slots: I64) -> I64:
+    """The same units in the pairs before those of some slots."""
+    before: I64 = slots - posed.table.unit_counts[posed.clusters[posed.pairs[slots]]]
+    return before
+
+
+def _places_before(posed: PosedSkin, slots: I64) -> I64:
+    """The points of some slots' vertices in the pairs before."""
+    pairs = posed.pairs[slots]
+    before: I64 = posed.at[slots] + (posed.shifts[pairs - 1] - posed.shifts[pairs])
+    return before
+
+
+def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Crossings:
     """Which samples of skin enter a volume in between.
 
     Parameters
     ----------
     posed : PosedSkin
-    later : (pairs,) bool
-        Pairs into which skin is followed, each from the pair before it.
-    is_open : (contacts,) bool
-        Contacts that are looked at.
+    slots : (k,) int64
+        Where it is looked for: those of :func:`passing`, or some of them.
     target : Target
     drift : Drift
         Its intervals end at the rows from the second on.
     """
     table = posed.table
-    slots = np.flatnonzero(later[posed.pairs] & is_open[posed.contact_of])
-    pairs, unit = posed.pairs[slots], posed.units[slots]
-    after = posed.at[slots]
-    before = after + (posed.shifts[pairs - 1] - posed.shifts[pairs])
-    reaches = np.maximum(
-        posed.reaches[slots], posed.reaches[slots - table.unit_counts[posed.clusters[pairs]]]
-    )
-    rows = posed.slot_rows[slots]
-    ends = posed.points.take(before, axis=1), posed.points.take(after, axis=1)
-    if drift.steps == 1:
-        close = np.flatnonzero(_may_come_near(*ends, reaches, rows, target))
-        slots, pairs, unit = slots[close], pairs[close], unit[close]
-        rows, reaches, ends = rows[close], reaches[close], (ends[0][:, close], ends[1][:, close])
-    path = drift.path(*ends, rows)
+    pairs, unit, rows = posed.pairs[slots], posed.units[slots], posed.rows_of(slots)
+    earlier = _slots_before(posed, slots)
+    reaches = np.maximum(posed.reaches[slots], posed.reaches[earlier])
+    before = posed.points.take(_places_before(posed, slots), axis=1)
+    path = drift.path(before, posed.points.take(posed.at[slots], axis=1), rows)
     near = _may_meet(path, reaches, rows, target)
     slots, pairs, unit, path = slots[near], pairs[near], unit[near], path[:, :, near]
-    earlier = slots - table.unit_counts[posed.clusters[pairs]]
+    earlier = earlier[near]
     told = told_by_vertices(posed, slots, target) & told_by_vertices(posed, earlier, target)
     shares = np.where(told, table.unit_shares[unit], table.vertex_shares[unit])
     found = [_entered(posed, path, slots, shares, target)]
@@ -195,28 +218,15 @@ def crossings(
     slots, pairs = slots[split][owner], pairs[split][owner]
     rings = [posed.corners(each, quad) for each in (pairs - 1, pairs)]
     if drift.steps == 1:
-        passing = np.flatnonzero(~_stays_beyond(posed, rings, pairs, target))
-        slots, quad = slots[passing], quad[passing]
-        rings = [(one[passing], two[passing], three[passing]) for one, two, three in rings]
+        met = np.flatnonzero(~_stays_beyond(posed, rings, pairs, target))
+        slots, quad = slots[met], quad[met]
+        rings = [(one[met], two[met], three[met]) for one, two, three in rings]
     paths = (sampled(posed, slots, quad, corners, target) for corners in rings)
     for start, end in zip(*paths, strict=True):
-        rows = posed.slot_rows[start.slots]
+        rows = posed.rows_of(start.slots)
         path = drift.path(start.points, end.points, rows)
         found.append(_entered(posed, path, start.slots, start.shares, target))
     return _joined(found)
-
-
-def _may_come_near(before: F64, after: F64, reaches: F64, rows: I64, target: Target) -> Bool:
-    """Which balls of radii ``reaches`` (N,) that move straight may meet the volume.
-
-    The clearance of a point changes by no more than it moves: on a way of length l between
-    clearances a and b it is nowhere less than (a + b - l) / 2.
-    """
-    ways = after - before
-    lengths = np.sqrt(np.einsum("in,in->n", ways, ways))
-    clear = target.clearances(before, rows) + target.clearances(after, rows)
-    may: Bool = ~(clear - lengths > 2.0 * reaches + _ROUNDING * (np.abs(clear) + lengths))
-    return may
 
 
 def _stays_beyond(
@@ -248,7 +258,7 @@ def _may_meet(path: F64, reaches: F64, rows: I64, target: Target) -> I64:
 
 def _entered(posed: PosedSkin, path: F64, slots: I64, shares: F64, target: Target) -> Crossings:
     """Samples that are inside somewhere on their path, (steps + 1, 3, N)."""
-    steps, rows = len(path) - 1, posed.slot_rows[slots]
+    steps, rows = len(path) - 1, posed.rows_of(slots)
     first = np.full(len(rows), np.inf)
     last = -first
     entries, ways = np.zeros((3, len(rows))), np.zeros((3, len(rows)))
@@ -271,7 +281,7 @@ def _entered(posed: PosedSkin, path: F64, slots: I64, shares: F64, target: Targe
             at = _along(path, first + share * (last - first))
             np.maximum(strength, target.weights(at, rows), out=strength)
     return Crossings(
-        posed.contact_of[slots],
+        posed.contacts_of(slots),
         first,
         last,
         shares[kept] * strength,

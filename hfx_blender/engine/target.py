@@ -5,17 +5,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from .volume.analytic import Cuboid
+from .volume.mesh import MeshVolume
 from .volume.shape import Falloff, FalloffKind, Shape
 from .volume.sweep import clearance, passage
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 U8 = npt.NDArray[np.uint8]
+
+
+_NEXT: Final = np.array([1, 2, 0])
+_LAST: Final = np.array([2, 0, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +47,12 @@ class Target:
     def is_convex(self) -> bool:
         return all(shape.is_convex for shape in self.shapes)
 
-    @cached_property
-    def slopes(self) -> F64:
-        """Largest change of weight for a way of 1 in shape space, (n,)."""
-        if self.falloff.is_flat:
-            return np.zeros(len(self.to_shape))
-        slopes = np.zeros(len(self.to_shape))
-        for shape, mine in self.places:  # of a mesh it takes a search: only of what occurs
-            slopes[mine] = steepest(self.falloff) * shape.steepest_rise
+    def slopes_of(self, rows: I64) -> F64:
+        """Largest change of weight for a way of 1 in shape space, at some rows (k,)."""
+        slopes = np.zeros(len(rows))
+        which = self.which[rows]
+        for k in np.unique(which).tolist():  # of a mesh it takes a search: only of what occurs
+            slopes[which == k] = steepest(self.falloff) * self.shapes[k].steepest_rise
         return slopes
 
     @cached_property
@@ -59,7 +63,10 @@ class Target:
         return stretches
 
     def weights(self, points: F64, rows: I64) -> F64:
-        """Contact weight of points (3, N), each at one of the rows (N,); 0 outside."""
+        """Contact weight of points (3, N), each at one of the rows (N,); 0 outside.
+
+        Rows do not matter, and may be missing, where there is one shape.
+        """
         if len(self.shapes) == 1:
             return _weights(self.shapes[0], points, self.falloff)
         weights = np.zeros(points.shape[1])
@@ -117,18 +124,13 @@ class Target:
         They are as long in the world as the square root of twice the triangle's area; both
         edges and they are in shape space.
         """
-        cross = np.stack(
-            [
-                along[1] * across[2] - along[2] * across[1],
-                along[2] * across[0] - along[0] * across[2],
-                along[0] * across[1] - along[1] * across[0],
-            ]
-        )
-        to_world, forth = self._turns
+        cross = along.take(_NEXT, axis=0) * across.take(_LAST, axis=0)
+        cross -= along.take(_LAST, axis=0) * across.take(_NEXT, axis=0)
+        to_world, forth = (turn.take(rows, axis=2) for turn in self._turns)
         with np.errstate(all="ignore"):
-            world = np.einsum("ijn,jn->in", to_world[:, :, rows], cross)
+            world = np.einsum("ijn,jn->in", to_world, cross)
             size = np.sqrt(np.sqrt(np.einsum("in,in->n", world, world)))
-            outwards: F64 = np.einsum("ijn,jn->in", forth[:, :, rows], cross) / size
+            outwards: F64 = np.einsum("ijn,jn->in", forth, cross) / size
         outwards[:, ~np.isfinite(outwards).all(axis=0)] = 0.0
         return outwards
 
@@ -163,6 +165,8 @@ class Target:
 
 
 def _weights(shape: Shape, points: F64, falloff: Falloff) -> F64:
+    if not falloff.is_flat and not isinstance(shape, MeshVolume):
+        return falloff.weight(shape.rise(points))  # 0 outside by itself, and for NaN
     inside = shape.contains(points)
     if falloff.is_flat:
         return inside.astype(np.float64)

@@ -35,6 +35,11 @@ class Tolerance:
             if not value >= 0.0:
                 raise ValueError(f"a tolerance must not be negative: {self}")
 
+    @property
+    def is_bounded(self) -> bool:
+        """Whether it bounds where the edge of a contact may be found."""
+        return math.isfinite(min(self.spacing_share, self.distance_m))
+
     def edge_m(self, spacing_m: float) -> float:
         """How far off the edge of a contact may be where vertices are ``spacing_m`` apart."""
         return min(self.spacing_share * spacing_m, self.distance_m)

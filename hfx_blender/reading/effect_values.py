@@ -22,6 +22,15 @@ PARAMETER_PROPERTIES = {
 """Properties of ``Object.hfx`` in the order of a modality's parameters; wind adds a direction."""
 
 
+def world_of(placed: bpy.types.Object | bpy.types.DepsgraphObjectInstance) -> F64:
+    """The world matrix (4, 4) of an evaluated object or instance, in Blender's units.
+
+    Numpy would ask a matrix for its numbers one by one, four times slower.
+    """
+    one, two, three, four = placed.matrix_world
+    return np.array((one[:], two[:], three[:], four[:]), np.float64)
+
+
 def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
     """An effect's values in the order of its modality's parameters; world matrix (4, 4)."""
     values = [getattr(hfx, name) for name in PARAMETER_PROPERTIES[hfx.modality]]

@@ -72,7 +72,7 @@ def _seen(depsgraph: bpy.types.Depsgraph) -> _Seen:
         name, parent = obj.original.name, instance.parent
         number = tuple(n for n in instance.persistent_id if n != _NO_NUMBER)
         key = (name, "" if parent is None else parent.original.name, number)
-        seen.matrices[key] = np.array(instance.matrix_world, np.float64)
+        seen.matrices[key] = effect_values.world_of(instance)
         seen.sources.setdefault(name, obj)
     return seen
 

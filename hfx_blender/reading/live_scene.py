@@ -25,7 +25,7 @@ from ..engine.scene import (
 )
 from ..engine.tolerance import Tolerance
 from ..errors import InputError
-from . import scene_description, skin_areas
+from . import activation, scene_description, skin_areas
 from .effect_values import Shapes
 from .live_clock import LiveClock
 from .live_instances import LiveInstances
@@ -90,6 +90,8 @@ class LiveScene:
 
     def runs(self) -> list[SampleRun]:
         """What is felt now: at most one sample for each effect and body."""
+        if self._is_silent():
+            return []
         count = range(len(self.objects.effects))
         row = self._reading.read(0, self._now, count, ())
         many, stays = self._instances.rows()
@@ -101,6 +103,21 @@ class LiveScene:
         runs = self.engine.evaluate(block)
         # Whoever shows this moment knows of no other.
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
+
+    def _is_silent(self) -> bool:
+        """Whether plainly nothing is on, so that nothing has to be read."""
+        if self._answers or self._has_surfaces or self._instances.descriptions:
+            return False
+        graph = self.objects.layer.depsgraph
+        for obj, state in zip(self.objects.effects, self.objects.activations, strict=True):
+            if state.source is activation.Source.OFF:
+                continue
+            hfx = obj.evaluated_get(graph).hfx
+            is_always_on = state.source is activation.Source.ALWAYS_ON
+            # Not "== 0": what is no number has to be found and told.
+            if not hfx.intensity * (1.0 if is_always_on else hfx.activation) <= 0.0:
+                return False
+        return True
 
     def _block(
         self, effects: list[EffectRow], poses: dict[int, PoseRow], stays: list[bool]

@@ -38,6 +38,8 @@ from .broken_keys import refuse_broken_keys
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
 
+_ON_A_BODY = ("PAINTED", "SPOT", "ACTUATORS")
+
 
 @dataclass(frozen=True)
 class HapticObjects:
@@ -72,6 +74,8 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     enabled = _enabled_objects(layer.layer_collection)
     bodies = _find_bodies(scene, layer, enabled)
     kept, warnings = _find_effects(scene, layer, enabled)
+    kept, bodiless = _without_bodiless(kept, bodies)
+    warnings += bodiless
     silent = effects.silenced(kept)
     activations = [
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
@@ -120,6 +124,38 @@ def _find_effects(
         if effect not in kept
     )
     return kept, warnings
+
+
+def _without_bodiless(
+    found: list[bpy.types.Object], bodies: list[bpy.types.Object]
+) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
+    """Leave out what was linked without the body that it is felt on: here is nothing to repair."""
+    gone = [
+        effect
+        for effect in found
+        if (effect.library or effect.override_library)
+        and effect.hfx.kind in _ON_A_BODY
+        and effect.hfx.body is not None
+        and _here(effect.hfx.body, bodies) is None
+    ]
+    if not gone:
+        return found, ()
+    names = ", ".join(f"'{effect.name}'" for effect in gone[:3]) + (", ..." if gone[3:] else "")
+    text = (
+        f"linked effect {names} is felt on a body that is not in the scene: it was left out"
+        if len(gone) == 1
+        else f"{len(gone)} linked effects are felt on bodies that are not in the scene: they were "
+        f"left out ({names})"
+    )
+    return [effect for effect in found if effect not in gone], (text,)
+
+
+def _here(body: bpy.types.Object, bodies: list[bpy.types.Object]) -> bpy.types.Object | None:
+    """A body of the scene: itself, or the only override of a linked one."""
+    if body in bodies:
+        return body
+    ours = [o for o in bodies if o.override_library and o.override_library.reference == body]
+    return ours[0] if len(ours) == 1 else None
 
 
 def _enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
@@ -234,7 +270,8 @@ def _describe_effect(
 def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object:
     bodies = found.bodies
     body = effect.hfx.body or (bodies[0] if len(bodies) == 1 else None)
-    if body not in bodies:
+    body = None if body is None else _here(body, bodies)
+    if body is None:
         raise InputError(
             f"Effect '{effect.name}' is painted on no body of scene '{found.scene.name}'; "
             "choose one of: " + ", ".join(body.name for body in bodies) + "."

@@ -56,7 +56,7 @@ class SteppedReading:
             return values
         on = 1.0 if state.source is activation.Source.ALWAYS_ON else hfx.activation
         values.level = on * hfx.intensity
-        matrix = np.array(evaluated.matrix_world, dtype=np.float64)
+        matrix = effect_values.world_of(evaluated)
         values.parameters = effect_values.parameters(hfx, matrix)
         values.place = skin_values.place(hfx, self._found.unit_m)
         values.drive = skin_values.drive(hfx)
@@ -97,12 +97,12 @@ class SteppedReading:
         binding = self._scene.bodies[which].binding
         unit_m = self._found.unit_m
         if isinstance(binding, SurfaceBinding):
-            matrix = np.array(stepper.evaluated(body.hfx.avatar).matrix_world, dtype=np.float64)
+            matrix = effect_values.world_of(stepper.evaluated(body.hfx.avatar))
             surface = body_binding.read_surfaces(body, stepper.evaluated)
             return PoseRow(effect_values.to_metres(matrix, unit_m), surface=surface)
         armature = stepper.evaluated(body)
         matrices = np.zeros(len(binding.bone_names) * 16, np.float32)
         armature.pose.bones.foreach_get("matrix_channel", matrices)  # column-major
         bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
-        matrix = np.array(armature.matrix_world, dtype=np.float64)
+        matrix = effect_values.world_of(armature)
         return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)

@@ -9,7 +9,8 @@ from engine_synthetic import BONES, affine, model, pose, skinned
 
 from hfx_blender.engine.body.clusters import LEAF_SIZE, clusters_of
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.body.posing import SkinnedModel, SurfaceModel
+from hfx_blender.engine.body.posing import SkinnedModel
+from hfx_blender.engine.body.surface_posing import SurfaceModel
 from hfx_blender.engine.scene import PoseBlock, SkinBinding, SurfaceAnchors
 
 TIMES = 4
@@ -165,12 +166,13 @@ def test_clusters_posed_together_are_where_each_is_alone(count: int) -> None:
     bound = SkinnedModel(body, SkinBinding(BONES), small)
     rows = np.arange(count)
     found = bound.posed(np.arange(10), posed, rows, posed.to_world[rows])
-    batch = [(cluster, rows) for cluster in (0, 3, 9)]
+    clusters = (0, 3, 9)
     alone = [
         bound.cluster_points(cluster, posed, rows, posed.to_world[rows]).reshape(3, -1)
-        for cluster, _ in batch
+        for cluster in clusters
     ]
-    assert found.all_points(batch) == pytest.approx(np.concatenate(alone, axis=1), abs=1e-12)
+    pairs = np.repeat(clusters, len(rows)), np.tile(rows, len(clusters))
+    assert found.all_points(*pairs) == pytest.approx(np.concatenate(alone, axis=1), abs=1e-12)
 
 
 def test_a_box_holds_every_cluster() -> None:

@@ -8,7 +8,6 @@ to float32 far from the origin.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -16,7 +15,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..scene import PoseBlock, SkinBinding, SurfaceAnchors
+from ..indexing import ramp
+from ..motion import largest_stretch
+from ..scene import PoseBlock, SkinBinding
 from .clusters import clusters_of
 from .model import PerceptualModel
 
@@ -72,18 +73,26 @@ class PosedClusters(Protocol):
     def points(self, cluster: int, at: I64) -> F64:
         """Positions of a cluster's vertices, (3, m, Vc), target space."""
 
-    def all_points(self, batch: list[tuple[int, I64]]) -> F64:
-        """The same of clusters with places each, one after the other, (3, N)."""
+    def all_points(self, clusters: I64, at: I64) -> F64:
+        """The same of pairs of a cluster, ascending, and a place, one after the other, (3, N)."""
 
-    def skin(
-        self, cluster: int, at: I64, units: int, links: Callable[[int], I64]
-    ) -> tuple[F64, F64]:
-        """Positions of a cluster's vertices, and how far from the first its neighbours can be.
+    def skin(self, clusters: I64, at: I64, table: Skin) -> tuple[F64, F64]:
+        """Positions of clusters' vertices, and how far from the first their neighbours can be.
 
-        ``links(cluster)`` (E, 2) are one of the first ``units`` vertices and a neighbour of it,
-        by their places in the cluster and in this order; they must be the same whenever the
-        cluster is. The positions are (3, m, Vc), the distances (m, units), target space.
+        The positions are those of :meth:`all_points`, the distances one for each unit of each
+        pair, (slots,), target space.
         """
+
+
+class Skin(Protocol):
+    """Which vertices of clusters count, and which are neighbours."""
+
+    unit_counts: I64
+    """How many of each cluster's first vertices have neighbours that count."""
+
+    def links(self, cluster: int) -> I64:
+        """One of these vertices and a neighbour of it, (E, 2), by their places in the cluster
+        and in this order; they must be the same whenever the cluster is."""
 
 
 class SkinnedModel:
@@ -182,7 +191,7 @@ class SkinnedModel:
         firsts = np.repeat(np.cumsum(counts) - counts, counts)
         return np.repeat(self._offsets[ids], counts) + np.arange(len(owners)) - firsts, owners
 
-    def _matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
+    def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
         if len(bones) and bones.max() == self._still:
@@ -196,7 +205,7 @@ class SkinnedModel:
         return moved
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        matrices = self._matrices(pose, rows, to_target, self._used_bones)
+        matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
         pairs = matrices[:, self._pair_slots]
         centres = np.einsum("npij,pj->npi", pairs[..., :3], self._pair_centres) + pairs[..., 3]
         halves = np.einsum("npij,pj->npi", np.abs(pairs[..., :3]), self._pair_halves)
@@ -205,7 +214,7 @@ class SkinnedModel:
         return low, high
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        matrices = self._matrices(pose, rows, to_target, self._used_bones)
+        matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
         linear = matrices[..., :3]
         centres = np.einsum("nbij,bj->nbi", linear, self._bone_centres) + matrices[..., 3]
         halves = np.einsum("nbij,bj->nbi", np.abs(linear), self._bone_halves)
@@ -213,7 +222,7 @@ class SkinnedModel:
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         bones = self.cluster_factors(cluster)[0]
-        return self.posed_by(cluster, self._matrices(pose, rows, to_target, bones))
+        return self.posed_by(cluster, self.bone_matrices(pose, rows, to_target, bones))
 
     def posed_by(self, cluster: int, matrices: F64) -> F64:
         """Positions under the matrices (n, B, 3, 4) of a cluster's bones."""
@@ -228,8 +237,10 @@ class SkinnedModel:
         return points.reshape(3, count, -1)
 
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
-        bones = np.unique(np.concatenate([self.cluster_factors(c)[0] for c in clusters.tolist()]))
-        return _SkinnedClusters(self, bones, self._matrices(pose, rows, to_target, bones))
+        is_used = np.zeros(self._still + 1, np.bool_)
+        is_used[np.concatenate([self.cluster_factors(c)[0] for c in clusters.tolist()])] = True
+        matrices = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
+        return _SkinnedClusters(self, np.cumsum(is_used) - 1, matrices)
 
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
@@ -240,7 +251,7 @@ class SkinnedModel:
         pairs = np.repeat(starts - firsts, counts) + np.arange(int(counts.sum()))
         bones, slots = np.unique(self._pair_slots[pairs], return_inverse=True)
         before, after = (
-            self._matrices(pose, row, target, self._used_bones[bones])
+            self.bone_matrices(pose, row, target, self._used_bones[bones])
             for row, target in zip(rows, to_target, strict=True)
         )
         changes = (after - before)[:, slots]
@@ -251,10 +262,11 @@ class SkinnedModel:
         squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
         return np.sqrt(squared)
 
-    def links(self, cluster: int, units: int, links: Callable[[int], I64]) -> _Links:
+    def links(self, cluster: int, table: Skin) -> _Links:
         """What a cluster's neighbours are like; see :class:`PosedClusters`."""
         if cluster not in self._links:
-            self._links[cluster] = self._made_links(cluster, units, links(cluster))
+            units = int(table.unit_counts[cluster])
+            self._links[cluster] = self._made_links(cluster, units, table.links(cluster))
         return self._links[cluster]
 
     def _made_links(self, cluster: int, units: int, links: I64) -> _Links:
@@ -266,21 +278,19 @@ class SkinnedModel:
         rest = self._rest[ids, :3]
         one, other = links.T
         gaps = np.sqrt(np.square(rest[one] - rest[other]).sum(axis=1))
-        distances = _largest(gaps, one, units)
-        differences = _largest(np.abs(weights[one] - weights[other]), one, units)
+        distances = largest(gaps, one, units)
+        differences = largest(np.abs(weights[one] - weights[other]), one, units)
         low, high = rest.min(axis=0), rest.max(axis=0)
-        return _Links(
-            distances,
-            differences,
-            weights.mean(axis=0),
-            (low + high) / 2,
-            float(np.linalg.norm(high - low)) / 2,
-        )
+        moved = np.zeros((len(bones), 6))
+        moved[:, 0] = weights.mean(axis=0)
+        moved[:, 1:4], moved[:, 4] = 0.5 * (low + high), 1.0
+        moved[:, 5] = 0.5 * float(np.linalg.norm(high - low))
+        return _Links(distances, np.ascontiguousarray(differences.T), moved)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         entries, owners = self._entries(vertices)
         bones, slot = np.unique(self._bones[entries], return_inverse=True)
-        matrices = self._matrices(pose, np.array([row]), to_target[None], bones)[0]
+        matrices = self.bone_matrices(pose, np.array([row]), to_target[None], bones)[0]
         blended = np.zeros((len(vertices), 3, 4))
         np.add.at(blended, owners, self._values[entries, None, None] * matrices[slot])
         return np.einsum("vij,vj->iv", blended, self._rest[vertices])
@@ -291,20 +301,20 @@ class _Links:
     """What a cluster's neighbours are like in the rest pose."""
 
     distances: F64  # (U,) to the farthest neighbour
-    differences: F64  # (U, B) of weights, to the neighbour whose weight differs most
-    shares: F64  # (B,) mean weights of the cluster
-    centre: F64  # (3,) of the cluster's box
-    radius: float  # of the box
+    differences: F64  # (B, U) of weights, to the neighbour whose weight differs most
+    moved: F64  # (B, 6) mean weight in the cluster; its box's centre, homogeneous, and radius
 
 
 class _SkinnedClusters:
-    """Clusters of a skinned model under the matrices (n, B, 3, 4) of some bones."""
+    """Clusters of a skinned model under the matrices (n, B, 3, 4) of some bones.
 
-    def __init__(self, model: SkinnedModel, bones: I64, matrices: F64) -> None:
+    ``slots`` say where a bone's matrix is.
+    """
+
+    def __init__(self, model: SkinnedModel, slots: I64, matrices: F64) -> None:
         self._model = model
         self._matrices = matrices
-        self._slots = np.zeros(int(bones.max(initial=-1)) + 1, np.int64)
-        self._slots[bones] = np.arange(len(bones))
+        self._slots = slots
 
     def _of(self, cluster: int, at: I64) -> tuple[I64, F64]:
         slots = self._slots[self._model.cluster_factors(cluster)[0]]
@@ -313,13 +323,13 @@ class _SkinnedClusters:
     def points(self, cluster: int, at: I64) -> F64:
         return self._model.posed_by(cluster, self._of(cluster, at)[1])
 
-    def all_points(self, batch: list[tuple[int, I64]]) -> F64:
-        total = sum(len(self._model.clusters[cluster]) for cluster, _ in batch)
-        if len(self._matrices) > 1 or total > _SMALL * len(batch):
-            return _joined(self, batch)
+    def all_points(self, clusters: I64, at: I64) -> F64:
+        total = sum(len(self._model.clusters[cluster]) for cluster in clusters.tolist())
+        if len(self._matrices) > 1 or total > _SMALL * len(clusters):
+            return joined(self, clusters, at)
         # One moment of many small clusters: what each weight moves, all at once.
         bones, factors, firsts = zip(
-            *(self._model.cluster_entries(cluster) for cluster, _ in batch), strict=True
+            *(self._model.cluster_entries(cluster) for cluster in clusters.tolist()), strict=True
         )
         before = np.cumsum([0, *(len(each) for each in bones[:-1])])
         starts = np.concatenate([each + first for each, first in zip(firsts, before, strict=True)])
@@ -330,15 +340,15 @@ class _SkinnedClusters:
 
     @cached_property
     def _stretches(self) -> F64:
-        """No less than what each bone stretches, (n, B)."""
-        linear = self._matrices[..., :3]
-        gram = linear @ linear.transpose(0, 1, 3, 2)
-        stretches: F64 = np.sqrt(np.abs(gram).sum(axis=-1).max(axis=-1))
-        return stretches
+        """No less than what each bone stretches at each row, (n B,)."""
+        return largest_stretch(self._matrices.reshape(-1, 3, 4))
 
-    def skin(
-        self, cluster: int, at: I64, units: int, links: Callable[[int], I64]
-    ) -> tuple[F64, F64]:
+    @cached_property
+    def _rows(self) -> F64:
+        """The rows of all matrices, (3, n B, 4)."""
+        return np.ascontiguousarray(self._matrices.transpose(2, 0, 1, 3)).reshape(3, -1, 4)
+
+    def skin(self, clusters: I64, at: I64, table: Skin) -> tuple[F64, F64]:
         """The distances are upper bounds; see :meth:`PosedClusters.skin`.
 
         With weights u, v and rest places x, y of two neighbours, and any matrix R,
@@ -346,122 +356,81 @@ class _SkinnedClusters:
         most the largest stretch of a bone times their distance, the second what the bones do
         to the cluster differently, times how far the weights differ.
         """
-        known = self._model.links(cluster, units, links)
-        slots, matrices = self._of(cluster, at)
-        stretch = self._stretches[at[:, None], slots].max(axis=1)
-        gaps: F64 = stretch[:, None] * known.distances
-        if len(slots) > 1:
-            apart = matrices - np.einsum("nbij,b->nij", matrices, known.shares)[:, None]
-            middle = apart[..., :3] @ known.centre + apart[..., 3]
-            turned = np.sqrt(np.square(apart[..., :3]).sum(axis=(2, 3)))
-            moves = np.sqrt(np.square(middle).sum(axis=2)) + known.radius * turned
-            gaps += moves @ known.differences.T
-        return self._model.posed_by(cluster, matrices), gaps
+        pieces = runs(clusters)
+        of_runs = clusters[[first for first, _ in pieces]].tolist()
+        known = [self._model.links(cluster, table) for cluster in of_runs]
+        factors = [self._model.cluster_factors(cluster) for cluster in of_runs]
+        # An entry is a bone of a cluster at a row; those of a pair follow each other.
+        slots = self._slots[np.concatenate([bones for bones, _ in factors])]
+        moved = np.concatenate([each.moved for each in known])
+        counts = np.array([len(bones) for bones, _ in factors])
+        if len(pieces) < len(clusters):
+            before, lengths = np.cumsum(counts) - counts, [last - first for first, last in pieces]
+            counts = np.repeat(counts, lengths)
+            step, owner = ramp(counts)
+            entries = np.repeat(before, lengths)[owner] + step
+            slots, moved = slots[entries], moved[entries]
+        places = slots + np.repeat(at * self._matrices.shape[1], counts)
+        firsts = np.cumsum(counts) - counts
+        matrices = self._rows.take(places, axis=1)
+        stretches = np.maximum.reduceat(self._stretches[places], firsts)
+        moves = _moves(matrices, moved, counts, firsts)
+        points, gaps = [], []
+        entry = 0
+        for (first, last), (bones, factor), each in zip(pieces, factors, known, strict=True):
+            rows, end = last - first, entry + (last - first) * len(bones)
+            points.append(_product(matrices[:, entry:end].reshape(3, rows, -1), factor))
+            gap = np.multiply.outer(stretches[first:last], each.distances)
+            if len(bones) > 1:
+                gap += moves[entry:end].reshape(rows, -1) @ each.differences
+            gaps.append(gap.ravel())
+            entry = end
+        return np.concatenate(points, axis=1), np.concatenate(gaps)
 
 
-class SurfaceModel:
-    """Vertices ride on the triangles of an avatar's evaluated mesh."""
-
-    def __init__(
-        self,
-        model: PerceptualModel,
-        anchors: SurfaceAnchors,
-        clusters: list[I32] | None = None,
-    ) -> None:
-        self.clusters = clusters_of(model) if clusters is None else clusters
-        self._anchors = anchors
-
-    def _on_surface(self, vertices: I32, surface: npt.NDArray[np.float32]) -> F64:
-        """Positions on surfaces (n, A, 3) -> (n, k, 3), avatar's local space."""
-        anchors = self._anchors
-        corners = surface[:, anchors.corners[vertices]].astype(np.float64)
-        edge_1 = corners[:, :, 1] - corners[:, :, 0]
-        edge_2 = corners[:, :, 2] - corners[:, :, 0]
-        normals = np.cross(edge_1, edge_2)
-        lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
-        normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-        points: F64 = np.einsum("nvci,vc->nvi", corners, anchors.weights[vertices])
-        return points + normals * anchors.offset_m[vertices][:, None]
-
-    def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        lows, highs = [], []
-        for cluster in range(len(self.clusters)):
-            points = self.cluster_points(cluster, pose, rows, to_target)
-            lows.append(points.min(axis=2).T)
-            highs.append(points.max(axis=2).T)
-        return np.stack(lows, axis=1), np.stack(highs, axis=1)
-
-    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        assert pose.surface is not None
-        surface = pose.surface[rows]
-        low, high = surface.min(axis=1).astype(np.float64), surface.max(axis=1).astype(np.float64)
-        # Weights below 0 reach beyond the triangle, by no more than their part of the whole.
-        beyond = float(np.maximum(-self._anchors.weights, 0.0).sum(axis=1).max(initial=0.0))
-        above = float(np.abs(self._anchors.offset_m).max(initial=0.0))
-        half = 0.5 * (high - low) + 2.0 * beyond * (high - low).max(axis=1)[:, None] + above
-        linear = to_target[:, :3, :3]
-        centre = np.einsum("nij,nj->ni", linear, 0.5 * (low + high)) + to_target[:, :3, 3]
-        reach = np.einsum("nij,nj->ni", np.abs(linear), half)
-        return centre - reach, centre + reach
-
-    def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        assert pose.surface is not None
-        local = self._on_surface(self.clusters[cluster], pose.surface[rows])
-        moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
-        return np.ascontiguousarray(moved.transpose(2, 0, 1))
-
-    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
-        return _SurfaceClusters(self, pose, rows, to_target)
-
-    def cluster_moves(
-        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
-    ) -> F64:
-        moves = np.zeros((len(rows[0]), len(clusters)))
-        for k, cluster in enumerate(clusters.tolist()):
-            before, after = (
-                self.cluster_points(cluster, pose, row, target)
-                for row, target in zip(rows, to_target, strict=True)
-            )
-            moves[:, k] = np.sqrt(np.square(after - before).sum(axis=0).max(axis=1))
-        return moves
-
-    def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
-        assert pose.surface is not None
-        local = self._on_surface(vertices, pose.surface[row : row + 1])[0]
-        moved: F64 = to_target[:3, :3] @ local.T + to_target[:3, 3:]
-        return moved
+def runs(clusters: I64) -> list[tuple[int, int]]:
+    """Where the pairs of each of ascending clusters begin and end."""
+    cuts = (np.flatnonzero(clusters[1:] != clusters[:-1]) + 1).tolist()
+    return list(zip([0, *cuts], [*cuts, len(clusters)], strict=True))
 
 
-@dataclass(frozen=True, eq=False)
-class _SurfaceClusters:
-    """Clusters of a model that rides on a surface."""
+def _moves(matrices: F64, moved: F64, counts: I64, firsts: I64) -> F64:
+    """How far bones move any place of their cluster from where all together do, (E,).
 
-    model: SurfaceModel
-    pose: PoseBlock
-    rows: I64
-    to_target: F64
-
-    def points(self, cluster: int, at: I64) -> F64:
-        return self.model.cluster_points(cluster, self.pose, self.rows[at], self.to_target[at])
-
-    def all_points(self, batch: list[tuple[int, I64]]) -> F64:
-        return _joined(self, batch)
-
-    def skin(
-        self, cluster: int, at: I64, units: int, links: Callable[[int], I64]
-    ) -> tuple[F64, F64]:
-        points, ends = self.points(cluster, at), links(cluster)
-        one, other = points[:, :, ends[:, 0]], points[:, :, ends[:, 1]]
-        lengths = np.sqrt(np.square(one - other).sum(axis=0)).T
-        return points, np.ascontiguousarray(_largest(lengths, ends[:, 0], units).T)
+    ``matrices`` (3, E, 4) and ``moved`` (E, 6), see :class:`_Links`, of pairs of which each has
+    ``counts`` bones.
+    """
+    middle = np.add.reduceat(matrices * moved[:, :1], firsts, axis=1)
+    apart = matrices - np.repeat(middle, counts, axis=1)
+    ways = np.einsum("iej,ej->ie", apart, moved[:, 1:5])
+    turned = np.einsum("iej,iej->e", apart[..., :3], apart[..., :3])
+    moves: F64 = np.sqrt(np.einsum("ie,ie->e", ways, ways))
+    moves += np.sqrt(turned) * moved[:, 5]
+    return moves
 
 
-def _joined(posed: PosedClusters, batch: list[tuple[int, I64]]) -> F64:
-    points = [posed.points(cluster, at).reshape(3, -1) for cluster, at in batch]
+def _product(stacked: F64, factors: F64) -> F64:
+    """Stacked matrices (3, n, K) times factors (V, K): (3, n V); in parts, none threaded."""
+    size, (_, count, width) = len(factors), stacked.shape
+    if count == 1:
+        return stacked[:, 0] @ factors.T
+    points = np.zeros((3, count, size))
+    step = max(1, _UNTHREADED // (size * width))
+    for first in range(0, count, step):
+        part = slice(first, first + step)
+        np.matmul(stacked[:, part], factors.T, out=points[:, part])
+    return points.reshape(3, -1)
+
+
+def joined(posed: PosedClusters, clusters: I64, at: I64) -> F64:
+    points = [
+        posed.points(int(clusters[first]), at[first:last]).reshape(3, -1)
+        for first, last in runs(clusters)
+    ]
     return np.concatenate(points, axis=1)
 
 
-def _largest(values: F64, owners: I64, count: int) -> F64:
+def largest(values: F64, owners: I64, count: int) -> F64:
     """The largest of ``values`` (E, ...) of each owner (E,), ascending; 0 where there is none."""
     largest = np.zeros((count, *values.shape[1:]))
     firsts = np.flatnonzero(np.diff(owners, prepend=-1))

@@ -11,6 +11,7 @@ from ..body.model import PerceptualModel
 from ..modality import MODALITIES
 from ..samples import Stream
 from ..scene import ActuatorArea, Clip, Kind, PaintedArea, SceneDescription, SpotArea, TimeBase
+from ..surface_drive import with_drives
 
 MAX_VERTEX_COUNT: Final = 2**31 - 1
 MAX_SAMPLE_COUNT: Final = 2**31 - 1
@@ -148,7 +149,7 @@ class TrackHeader:
             ),
             streams=streams,
             source=scene.source,
-            settings=settings,
+            settings=with_drives(settings, scene),
             tools=tools,
             warnings=scene.warnings,
         )

@@ -36,18 +36,18 @@ def clearance(shape: Shape, points: F64) -> F64:
     (N,) float64
         NaN for NaN points.
     """
-    with np.errstate(over="ignore"):
-        if isinstance(shape, Cuboid):
-            return np.asarray(np.abs(points).max(axis=0) - 1.0)
-        if isinstance(shape, Sphere):
-            return np.asarray(np.sqrt(np.einsum("ij,ij->j", points, points)) - 1.0)
-        if isinstance(shape, Cylinder):
-            around = np.sqrt(np.einsum("ij,ij->j", points[:2], points[:2]))
-            return np.asarray(np.maximum(around, np.abs(points[2])) - 1.0)
-        if isinstance(shape, Capsule):
-            beyond = np.maximum(np.abs(points[2]) - shape.half_segment, 0.0)
+    if isinstance(shape, Cuboid):
+        return np.asarray(np.abs(points).max(axis=0) - 1.0)
+    if isinstance(shape, Sphere):
+        return np.asarray(np.sqrt(np.einsum("ij,ij->j", points, points)) - 1.0)
+    if isinstance(shape, Cylinder):
+        around = np.sqrt(np.einsum("ij,ij->j", points[:2], points[:2]))
+        return np.asarray(np.maximum(around, np.abs(points[2])) - 1.0)
+    if isinstance(shape, Capsule):
+        beyond = np.maximum(np.abs(points[2]) - shape.half_segment, 0.0)
+        with np.errstate(over="ignore"):
             squared = np.einsum("ij,ij->j", points[:2], points[:2]) + beyond * beyond
-            return np.asarray(np.sqrt(squared) - 1.0)
+        return np.asarray(np.sqrt(squared) - 1.0)
     low, high = shape.bounds
     outside = np.maximum(low[:, None] - points, points - high[:, None]).max(axis=0)
     return np.asarray(np.maximum(outside, 0.0))

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Random bodies whose bones turn, stretch and mirror what they move, with random volumes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from hfx_blender.engine.body.cells import cell_of_skin
+from hfx_blender.engine.body.model import PerceptualModel, load_model
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.tolerance import EXACT, Tolerance
+from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Sphere
+from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
+
+FALLOFFS = (
+    Falloff(),
+    Falloff(FalloffKind.LINEAR, 1.0),
+    Falloff(FalloffKind.SMOOTH, 1.0),
+    Falloff(FalloffKind.SMOOTH, 0.5),
+    Falloff(FalloffKind.LINEAR, 0.3),
+)
+
+load = lru_cache(maxsize=8)(load_model)
+
+
+def turn(rng: np.random.Generator, angle: float) -> np.ndarray:
+    """A rotation by an angle about any axis, (3, 3)."""
+    axis = rng.normal(size=3)
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A shape of which all of the surface can be moved outwards."""
+
+    kind: str
+    size_m: float
+    place: np.ndarray
+    turned: np.ndarray
+
+    def grown(self, by_m: float) -> tuple[Shape, np.ndarray]:
+        """The shape and where it is; nothing where it shrinks away."""
+        radius = max(self.size_m + by_m, 1e-9)
+        shape, scale = Sphere(), np.full(3, radius)
+        if self.kind == "cuboid":
+            shape = Cuboid()
+            scale = np.maximum(self.size_m * np.array([1.0, 0.5, 2.0]) + by_m, 1e-9)
+        elif self.kind == "capsule":
+            shape = Capsule(2.0 * self.size_m / radius)
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.turned * scale, self.place
+        return shape, matrix
+
+
+@dataclass(frozen=True, eq=False)
+class DistortedScene:
+    """A body in one pose, and a volume with each kind of falloff."""
+
+    model: PerceptualModel
+    bones: np.ndarray  # (B, 3, 4)
+    to_world: np.ndarray  # (4, 4)
+    volumes: tuple[Volume, ...]
+
+    @classmethod
+    def drawn(cls, model: PerceptualModel, seed: int, strength: float) -> DistortedScene:
+        """Bones turn by about ``strength`` radians and stretch by about exp(0.4 ``strength``)."""
+        rng = np.random.default_rng(seed)
+        names, weights = model.bone_names, model.weights
+        owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+        whole = np.maximum(np.bincount(weights.bones, weights.values, len(names)), 1e-9)
+        bones = np.zeros((len(names), 3, 4))
+        for bone in range(len(names)):
+            mine = weights.bones == bone
+            middle = weights.values[mine] @ model.vertices[owners[mine]] / whole[bone]
+            linear = turn(rng, strength * rng.normal())
+            linear = linear * np.exp(0.4 * strength * rng.normal(size=3))
+            if rng.random() < 0.1 * strength:
+                linear[:, 0] *= -1.0
+            moved = middle + 0.03 * strength * rng.normal(size=3)
+            bones[bone, :, :3], bones[bone, :, 3] = linear, moved - linear @ middle
+        to_world = np.eye(4)
+        to_world[:3, :3] = turn(rng, rng.uniform(0.0, np.pi)) * np.exp(0.3 * rng.normal())
+        to_world[:3, 3] = rng.normal(size=3)
+        volumes = []
+        for _ in FALLOFFS:
+            size_m = float(np.exp(rng.uniform(np.log(0.02), np.log(2.0))))
+            kind = str(rng.choice(["sphere", "cuboid", "capsule"]))
+            vertex = rng.integers(len(model))
+            place = _posed(model, bones, to_world, np.array([vertex]))[0]
+            place = place + 0.6 * size_m * rng.normal(size=3)
+            volumes.append(Volume(kind, size_m, place, turn(rng, rng.uniform(0.0, np.pi))))
+        return cls(model, bones, to_world, tuple(volumes))
+
+    def felt(
+        self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Weights by volume and vertex, all volumes grown; those of ``which`` only."""
+        on = np.ones(len(FALLOFFS)) if which is None else which.astype(float)
+        pose = PoseBlock(np.ones(1, bool), self.to_world[None], self.bones[None])
+        placed = [volume.grown(grown_m) for volume in self.volumes]
+        count = len(MODALITIES[self.model.modality].parameters)
+        blocks = tuple(
+            EffectBlock(on[k : k + 1], np.full((1, count), 20.0), matrix[None], (shape,))
+            for k, (shape, matrix) in enumerate(placed)
+        )
+        found = np.zeros((len(FALLOFFS), len(self.model)))
+        engine = _engine(self.model, tolerance)
+        for run in engine.evaluate(AnimationBlock(np.zeros(1, np.int64), blocks, (pose,))):
+            for sample in run:
+                found[int(run.stream.effect_id[1:]), sample.vertices] = sample.weights
+        return found
+
+    def edges_m(self, tolerance: Tolerance) -> np.ndarray:
+        """How far off the edge of a contact may be at each vertex, world, (V,).
+
+        Vertices are apart as they are posed; a distance on skin is stretched as bones do it.
+        """
+        return np.minimum(
+            tolerance.spacing_share * self._spacings_m, tolerance.distance_m * self._stretches
+        )
+
+    @cached_property
+    def _skin(self) -> tuple[PerceptualModel, np.ndarray]:
+        """The model whose surface cells are on, and the cell of each of its vertices."""
+        if self.model.modality != "temperature":
+            return self.model, np.arange(len(self.model))
+        name, owner = cell_of_skin(self.model)
+        assert load(name).bone_names == self.model.bone_names
+        return load(name), owner
+
+    @cached_property
+    def _spacings_m(self) -> np.ndarray:
+        """From each vertex to the farthest of its neighbours and of its own skin, (V,)."""
+        skin, owner = self._skin
+        posed = _posed(self.model, self.bones, self.to_world, np.arange(len(self.model)))
+        ends = self.model.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        spacings = np.zeros(len(self.model))
+        own = _posed(skin, self.bones, self.to_world, np.arange(len(skin)))
+        np.maximum.at(spacings, owner, np.linalg.norm(own - posed[owner], axis=1))
+        lengths = np.linalg.norm(posed[ends[:, 0]] - posed[ends[:, 1]], axis=1)
+        for end in ends.T:
+            np.maximum.at(spacings, end, lengths)
+        return spacings
+
+    @cached_property
+    def _stretches(self) -> np.ndarray:
+        """By how much bones stretch the skin of each vertex, the most of its cell, (V,)."""
+        skin, owner = self._skin
+        of_bones = np.linalg.norm(self.to_world[:3, :3] @ self.bones[:, :, :3], 2, axis=(1, 2))
+        entries = np.repeat(np.arange(len(skin)), np.diff(skin.weights.offsets))
+        mean = np.bincount(entries, skin.weights.values * of_bones[skin.weights.bones])
+        stretches = np.zeros(len(self.model))
+        np.maximum.at(stretches, owner, mean)
+        return stretches
+
+
+def excess(scene: DistortedScene, tolerance: Tolerance, exact: np.ndarray) -> float:
+    """By how much the stated tolerance is missed, as a share of full strength; 0 where kept.
+
+    ``exact`` is what the exact reference feels. What differs from it by more than the accepted
+    share of strength must lie between what is exact for volumes that are smaller and larger by
+    the accepted distance.
+    """
+    found = scene.felt(tolerance)
+    wrong = np.abs(found - exact) > tolerance.amplitude
+    edges = scene.edges_m(tolerance)
+    worst = 0.0
+    while wrong.any():
+        suspects = np.sort(edges[wrong.any(axis=0)])
+        edge_m = float(suspects[3 * len(suspects) // 4])
+        mine = wrong & (edges <= edge_m)
+        which = mine.any(axis=1)
+        smaller, larger = (scene.felt(EXACT, grown, which) for grown in (-edge_m, edge_m))
+        off = np.maximum(smaller - found, found - larger)[mine] - tolerance.amplitude
+        worst = max(worst, float(off.max()))
+        wrong &= edges > edge_m
+    return worst
+
+
+@lru_cache(maxsize=16)
+def _engine(model: PerceptualModel, tolerance: Tolerance) -> Engine:
+    effects = tuple(
+        EffectDescription(f"v{k}", f"v{k}", model.modality, model.id, HapticVolume(falloff))
+        for k, falloff in enumerate(FALLOFFS)
+    )
+    body = BodyDescription("anna", "Anna", SkinBinding(model.bone_names))
+    time = TimeBase(Fraction(100), Fraction(100), 0, 0, 199)
+    return Engine(SceneDescription(time, (body,), effects), models=load, tolerance=tolerance)
+
+
+def _posed(
+    model: PerceptualModel, bones: np.ndarray, to_world: np.ndarray, vertices: np.ndarray
+) -> np.ndarray:
+    """World positions of some vertices, (n, 3)."""
+    weights = model.weights
+    posed = np.zeros((len(model), 3))
+    owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+    asked = np.isin(owners, vertices)
+    owners, values = owners[asked], weights.values[asked].astype(float)
+    matrices = bones[weights.bones[asked]]
+    moved = np.einsum("eij,ej->ei", matrices[..., :3], model.vertices[owners]) + matrices[..., 3]
+    np.add.at(posed, owners, values[:, None] * moved)
+    posed /= np.maximum(np.bincount(owners, values, len(model)), 1e-9)[:, None]
+    return posed[vertices] @ to_world[:3, :3].T + to_world[:3, 3]
