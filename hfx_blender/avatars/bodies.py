@@ -18,7 +18,7 @@ from ..errors import InputError
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
 _LARGE_BONES = (
-    *("root", "pelvis", "spine", "neck", "head", "breast", "clavicle", "shoulder"),
+    *("root", "pelvis", "spine", "neck", "head", "clavicle", "shoulder"),
     *("upperarm", "lowerarm", "wrist", "upperleg", "lowerleg", "foot"),
 )
 
@@ -177,7 +177,7 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
 
 
 def _hide_small_bones(armature: bpy.types.Armature) -> None:
-    """Sort the bones, and hide those of face, fingers and toes: dots that cover the skin."""
+    """Sort the bones, and hide those that show as dots on the skin: face, fingers and so on."""
     large = armature.collections.new("Body")
     small = armature.collections.new("Small Bones")
     for bone in armature.bones:

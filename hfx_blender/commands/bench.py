@@ -28,7 +28,8 @@ Measure on this machine. Every measurement names the machine, versions and sizes
   texture   haptic surfaces: roughness, identification, maps, contacts
   safety    how long until a device is silent, whoever fails; 1,000 times each, about an hour
   live      what devices cost Blender each frame, and how soon a frame is at the port
-  all       all of them but safety and live (the default)
+  preview   what the viewport's colours and actuators cost a frame that plays
+  all       all of them but safety, live and preview (the default)
 """
 
 
@@ -40,7 +41,11 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "name", nargs="?", default="all", metavar="NAME", choices=(*NAMES, "safety", "live", "all")
+        "name",
+        nargs="?",
+        default="all",
+        metavar="NAME",
+        choices=(*NAMES, "safety", "live", "preview", "all"),
     )
     parser.add_argument(
         "scene",
@@ -206,6 +211,14 @@ def _live(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     return result, live_cost.as_text(result)
 
 
+def _preview(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
+    from ..bench import preview_cost
+
+    rounds = options.rounds or (3 if options.short else 9)
+    result = preview_cost.measure(short=options.short, rounds=rounds, progress=progress)
+    return result, preview_cost.as_text(result)
+
+
 _MEASURES: dict[str, Callable[[argparse.Namespace, _Progress], tuple[Any, str]]] = {
     "export": _export,
     "trade": _trade,
@@ -216,6 +229,7 @@ _MEASURES: dict[str, Callable[[argparse.Namespace, _Progress], tuple[Any, str]]]
     "texture": _texture,
     "safety": _safety,
     "live": _live,
+    "preview": _preview,
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import bpy
 import numpy as np
@@ -19,6 +20,7 @@ from ..errors import HfxError
 from ..reading.live_scene import LiveScene
 from .actuator_places import ActuatorPlaces, places_of
 from .over_time import OverTime, devices_of
+from .skin_now import Skins
 
 F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]
@@ -77,26 +79,34 @@ class ActuatorGlow:
 
         What was recorded is taken where there is a record; else the moment is rendered.
         """
-        return [_share(worn, _values(worn, runs, recorded, frame)) for worn in self._worn]
+        index = None if recorded is None else recorded.index(frame)
+        return [_share(worn, _values(worn, runs, recorded, index)) for worn in self._worn]
 
     def discs(
-        self, strengths: Sequence[F64], palette: Mapping[str, Colour], unit_m: float
+        self,
+        strengths: Sequence[F64],
+        palette: Mapping[str, Colour],
+        unit_m: float,
+        skins: Skins,
     ) -> Discs | None:
         """All actuators as they are to be drawn now; None where there are none."""
         drawn = []
         for wearer in self._wearers:
-            found = wearer.places(self._live)
+            found = wearer.places(self._live, skins)
             if found is None:
                 continue
             centre, normal = found
             share = np.concatenate([strengths[k] for k in wearer.worn])
-            names = [
-                COLD if name == "temperature" and value < 0.0 else name
-                for name, value in zip(wearer.modalities, share.tolist(), strict=True)
-            ]
-            colour = np.array([palette[name] for name in names])
+            radii, colours = wearer.look(share, palette, unit_m)
             above = centre + normal * (_ABOVE_SKIN_M / unit_m)
-            drawn.append(_fans(above, normal, wearer.radius_m / unit_m, colour, np.abs(share)))
+            at = _fans(above, normal, radii)
+            drawn.append(
+                Discs(
+                    at.reshape(-1, 3),
+                    colours.reshape(-1, 4),
+                    _triangles(len(centre), radii.shape[1]),
+                )
+            )
         return _joined(drawn)
 
 
@@ -127,8 +137,9 @@ def _worn(live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id
     )
 
 
-def _values(worn: _Worn, runs: Sequence[SampleRun], recorded: OverTime | None, frame: float) -> F64:
-    index = None if recorded is None else recorded.index(frame)
+def _values(
+    worn: _Worn, runs: Sequence[SampleRun], recorded: OverTime | None, index: int | None
+) -> F64:
     if recorded is not None and index is not None:
         for device, raster in recorded.devices:
             if device.id == worn.device.id and raster.body_id == worn.body_id:
@@ -151,9 +162,14 @@ class _Wearer:
         self.body = body
         self.worn = [k for k, each in enumerate(worn) if each.body == body]
         places = [worn[k].places for k in self.worn]
-        self.radius_m = np.concatenate([each.radius_m for each in places])
+        self._radius_m = np.concatenate([each.radius_m for each in places])
         self.modalities = [a.type.modality for k in self.worn for a in worn[k].device.actuators]
+        self._is_thermal = np.array([name == "temperature" for name in self.modalities])
+        self._palette: Mapping[str, Colour] | None = None
+        self._share = np.zeros(0)
+        self._look = np.zeros((0, 4), np.float32), np.zeros((0, 1, 4), np.float32)
         self._at_rest = np.concatenate([each.at_rest for each in places])
+        self._centres, self._normals = np.zeros((2, *self._at_rest.shape))
         mesh = np.concatenate([each.mesh for each in places])
         vertex = np.concatenate([each.vertex for each in places])
         self._on = [
@@ -161,29 +177,31 @@ class _Wearer:
             for number, each in enumerate(avatar_meshes.meshes_of(body))
             if (mesh == number).any()
         ]
+        self._free = sum(len(mine) for _, mine, _ in self._on) < len(mesh)  # some stand in the room
 
-    def places(self, live: LiveScene) -> tuple[F64, F64] | None:
+    def look(self, share: F64, palette: Mapping[str, Colour], unit_m: float) -> tuple[F32, F32]:
+        """Radii and colours, see :func:`_look`; kept as long as the shares stay."""
+        if self._palette is not palette or not np.array_equal(share, self._share):
+            self._palette, self._share = palette, share
+            colour = np.array([palette[name] for name in self.modalities])
+            cold = self._is_thermal & (share < 0.0)
+            colour[cold] = palette[COLD]
+            self._look = _look(self._radius_m / unit_m, colour, np.abs(share))
+        return self._look
+
+    def places(self, live: LiveScene, skins: Skins) -> tuple[F64, F64] | None:
         """Centres and normals in the world, Blender's units; None where the skin is not shown."""
         graph = live.objects.layer.depsgraph
-        matrix = np.array(self.body.evaluated_get(graph).matrix_world, np.float64)
-        centres = self._at_rest @ matrix[:3, :3].T + matrix[:3, 3]
-        normals = np.tile(-_unit(matrix[None, :3, 1]), (len(centres), 1))
+        if self._free:
+            matrix = np.array(self.body.evaluated_get(graph).matrix_world, np.float64)
+            self._centres[:] = self._at_rest @ matrix[:3, :3].T + matrix[:3, 3]
+            self._normals[:] = -_unit(matrix[None, :3, 1])
         for mesh, mine, vertices in self._on:
-            if not mesh.visible_get() or mesh.mode != "OBJECT":
+            skin = skins.of(mesh, graph)
+            if skin is None or skin.size <= vertices.max():
                 return None
-            evaluated = mesh.evaluated_get(graph)
-            data = evaluated.data
-            count = len(data.vertices)
-            if count <= vertices.max():
-                return None
-            at, outward = np.zeros(count * 3, np.float32), np.zeros(count * 3, np.float32)
-            data.attributes["position"].data.foreach_get("vector", at)
-            data.vertex_normals.foreach_get("vector", outward)
-            matrix = np.array(evaluated.matrix_world, np.float64)
-            centres[mine] = at.reshape(-1, 3)[vertices] @ matrix[:3, :3].T + matrix[:3, 3]
-            inverse = np.array(evaluated.matrix_world.to_3x3().inverted_safe(), np.float64)
-            normals[mine] = _unit(outward.reshape(-1, 3)[vertices] @ inverse)
-        return centres, normals
+            self._centres[mine], self._normals[mine] = skin.at(vertices)
+        return self._centres, self._normals
 
 
 def _unit(vectors: F64) -> F64:
@@ -192,56 +210,64 @@ def _unit(vectors: F64) -> F64:
     return found
 
 
-def _fans(centre: F64, normal: F64, radius: F64, colour: F64, share: F64) -> Discs:
-    """A disc with a rim for each actuator, and around it a halo that fades out."""
-    count = len(centre)
-    helper = np.where(np.abs(normal[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
-    across = _unit(np.cross(normal, helper))
-    along = np.cross(normal, across)
-    angles = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
-    ring = (
-        np.cos(angles)[None, :, None] * across[:, None]
-        + np.sin(angles)[None, :, None] * along[:, None]
-    )  # (A, C, 3)
+def _look(radius: F64, colour: F64, share: F64) -> tuple[F32, F32]:
+    """A disc with a rim for each actuator, and around it a halo that fades out.
+
+    Radii (A, R) of its rings, and colours (A, P, 4) of its corners.
+    """
     seen = np.sqrt(share[:, None])  # as the skin's colours: the lower half shows, too
     inner = np.array(_OFF) * (1.0 - seen) + colour * seen + (1.0 - colour) * 0.45 * seen
     rim = np.clip(inner * (1.0 - _RIM) + _RIM, 0.0, 1.0)
     halo = radius * (1.0 + (_HALO - 1.0) * share)
-    rings = (
-        (radius[:, None] * 0.8, inner, 1.0),
-        (radius[:, None], rim, 1.0),
-        (radius[:, None], colour, 0.75 * seen),
-        (halo[:, None], colour, 0.0),
-    )
-    positions = np.concatenate(
-        [centre[:, None], *(centre[:, None] + ring * each[..., None] for each, _, _ in rings)],
-        axis=1,
-    )
-    colours = np.ones((count, 1 + 4 * _CORNERS, 4), np.float32)
+    rings: tuple[tuple[F64, F64 | float], ...] = ((inner, 1.0), (rim, 1.0))
+    radii = [radius * 0.8, radius]
+    if share.any():
+        rings += (colour, 0.75 * seen), (colour, 0.0)
+        radii += [radius, halo]
+    colours = np.ones((len(radius), 1 + len(rings) * _CORNERS, 4), np.float32)
     colours[:, 0, :3] = inner
-    for k, (_, rgb, alpha) in enumerate(rings):
+    for k, (rgb, alpha) in enumerate(rings):
         part = slice(1 + k * _CORNERS, 1 + (k + 1) * _CORNERS)
         colours[:, part, :3] = rgb[:, None]
         colours[:, part, 3] = alpha
-    steps = np.arange(count, dtype=np.int32) * (1 + 4 * _CORNERS)
-    triangles = _TRIANGLES[None] + steps[:, None, None]
-    return Discs(
-        positions.reshape(-1, 3).astype(np.float32),
-        colours.reshape(-1, 4),
-        triangles.reshape(-1, 3),
-    )
+    return np.stack(radii, axis=1).astype(np.float32), colours
 
 
-def _one_fan() -> I32:
+def _fans(centre: F64, normal: F64, radii: F32) -> F32:
+    """The corners of discs and their rings, (A, P, 3)."""
+    # Across is the normal times the world's Z, or its X where that is nearly the normal.
+    x, y, z = normal.T
+    nothing = np.zeros(len(centre))
+    across = _unit(np.where(np.abs(z) < 0.9, (y, -x, nothing), (nothing, z, -y)).T)
+    u, v, w = across.T
+    along = np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
+    ring = _COS * across[:, None] + _SIN * along[:, None]  # (A, C, 3)
+    found = np.empty((len(centre), 1 + radii.shape[1] * _CORNERS, 3), np.float32)
+    found[:, 0] = centre
+    rings = radii[:, :, None, None] * ring.astype(np.float32)[:, None]
+    rings += centre.astype(np.float32)[:, None, None]
+    found[:, 1:] = rings.reshape(len(centre), -1, 3)
+    return found
+
+
+@lru_cache(8)
+def _triangles(count: int, rings: int) -> I32:
+    """Of discs with two rings, or four of which two are a halo."""
+    steps = np.arange(count, dtype=np.int32) * (1 + rings * _CORNERS)
+    return (_one_fan(rings)[None] + steps[:, None, None]).reshape(-1, 3)
+
+
+def _one_fan(rings: int) -> I32:
     found = []
     for k in range(_CORNERS):
         here, after = 1 + k, 1 + (k + 1) % _CORNERS
         found.append((0, here, after))
-        for ring in (0, 2):  # the rim, and the halo
+        for ring in range(0, rings, 2):  # the rim, and the halo
             a, b = here + ring * _CORNERS, after + ring * _CORNERS
             c, d = a + _CORNERS, b + _CORNERS
             found += [(a, c, b), (b, c, d)]
     return np.array(found, np.int32)
 
 
-_TRIANGLES = _one_fan()
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
+_COS, _SIN = np.cos(_ANGLES)[None, :, None], np.sin(_ANGLES)[None, :, None]

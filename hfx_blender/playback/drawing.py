@@ -10,8 +10,10 @@ import bpy
 import numpy as np
 
 if TYPE_CHECKING:
+    import gpu
+
     from .actuator_glow import Discs
-    from .preview_layers import F32, Layer
+    from .preview_layers import F32, I32, Layer
     from .value_chart import Chart
 
 _DARKEST = 0.55
@@ -32,47 +34,79 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
         Of full colour, 0..1.
     """
     import gpu
-    from gpu_extras.batch import batch_for_shader
 
     if not layers:
         return
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     view = np.array(gpu.matrix.get_model_view_matrix(), np.float32)
-    gpu.state.blend_set("ALPHA")
+    # Premultiplied, so that a colour fades out at its edge without turning dark.
+    gpu.state.blend_set("ALPHA_PREMULT")
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.face_culling_set("BACK")
     for layer in layers:
-        content = {"pos": layer.positions, "color": shaded(layer, view, opacity)}
-        batch_for_shader(shader, "TRIS", content, indices=layer.triangles).draw(shader)
+        batch = _batch(shader, layer.positions, shaded(layer, view, opacity), layer.triangles)
+        submit(batch, shader)
     gpu.state.face_culling_set("NONE")
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 
 
 def shaded(layer: Layer, view: F32, opacity: float) -> F32:
-    """Colours as if lit from the viewer, (A, 4); ``view`` is the world to view matrix."""
+    """Premultiplied colours as if lit from the viewer, (N, 4).
+
+    ``view`` is the world to view matrix.
+    """
     axis = view[2, :3] / max(float(np.linalg.norm(view[2, :3])), 1e-12)
-    facing = np.clip(layer.normals @ axis, 0.0, 1.0)
-    colours = layer.colours.copy()
-    colours[:, :3] *= (_DARKEST + (1.0 - _DARKEST) * facing)[:, None]
-    colours[:, 3] *= opacity
+    # Not as a product of matrices: that wakes other threads for it.
+    light = np.einsum("ij,j->i", layer.normals, axis)
+    np.clip(light, 0.0, 1.0, out=light)
+    light *= np.float32(1.0 - _DARKEST)
+    light += np.float32(_DARKEST)
+    colours = layer.colours * np.float32(opacity)
+    light *= colours[:, 3]
+    colours[:, :3] = layer.colours[:, :3] * light[:, None]
     return colours
 
 
 def draw_discs(discs: Discs | None) -> None:
     """Draw actuators on the skin."""
     import gpu
-    from gpu_extras.batch import batch_for_shader
 
     if discs is None:
         return
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
-    content = {"pos": discs.positions, "color": discs.colours}
-    batch_for_shader(shader, "TRIS", content, indices=discs.triangles).draw(shader)
+    submit(_batch(shader, discs.positions, discs.colours, discs.triangles), shader)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
+
+
+def submit(batch: gpu.types.GPUBatch, shader: gpu.types.GPUShader) -> None:
+    """Let the graphics card draw; what it costs is the card's."""
+    batch.draw(shader)
+
+
+_indices: dict[int, tuple[I32, gpu.types.GPUIndexBuf]] = {}
+"""Triangles that are on the graphics card, by the array that they were made of."""
+
+
+def _batch(
+    shader: gpu.types.GPUShader, positions: F32, colours: F32, triangles: I32
+) -> gpu.types.GPUBatch:
+    """A batch with a colour at each vertex; triangles are sent once."""
+    import gpu
+
+    known = _indices.get(id(triangles))
+    if known is None or known[0] is not triangles:
+        if len(_indices) >= 8:
+            _indices.clear()
+        known = triangles, gpu.types.GPUIndexBuf(type="TRIS", seq=triangles)
+        _indices[id(triangles)] = known
+    vertices = gpu.types.GPUVertBuf(shader.format_calc(), len(positions))
+    vertices.attr_fill("pos", positions)
+    vertices.attr_fill("color", colours)
+    return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=known[1])
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:

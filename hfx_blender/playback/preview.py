@@ -81,13 +81,14 @@ def _is_on() -> bool:
 
 
 @persistent
-def _on_frame(scene: bpy.types.Scene, *_: object) -> None:
+def on_frame(scene: bpy.types.Scene, *_: object) -> None:
+    """The frame changed; almost all is left to the next drawing."""
     if _is_describing or stepping.is_stepping() or not _is_on():
         return
     touch()
     # Not from here: describing evaluates the view layer, which would call this again.
     if time.monotonic() - _described_s > _PLAYING_S:
-        _call_soon(_describe)
+        _call_soon(describe)
 
 
 @persistent
@@ -98,7 +99,7 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     updates().notice(depsgraph)
     if not _is_on():
         return
-    _call_soon(_describe)
+    _call_soon(describe)
     if updates().wants_time:
         _call_soon(_record)
 
@@ -107,7 +108,7 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 def _on_load(*_: object) -> None:
     forget()
     if _is_on():
-        _call_soon(_describe)
+        _call_soon(describe)
         _call_soon(_record)
 
 
@@ -116,7 +117,8 @@ def _call_soon(function: Callable[[], float | None]) -> None:
         bpy.app.timers.register(function, first_interval=0.0)
 
 
-def _describe() -> None:
+def describe() -> None:
+    """Look for changes of what there is to feel."""
     global _is_describing, _described_s
     _is_describing = True
     try:
@@ -169,7 +171,7 @@ def _redraw() -> None:
 def _switched(_self: object, _context: bpy.types.Context) -> None:
     touch()
     if _is_on():
-        _call_soon(_describe)
+        _call_soon(describe)
         _call_soon(_record)
     _redraw()
 
@@ -180,12 +182,16 @@ def _recorded() -> OverTime | None:
 
 
 def _draw() -> None:
+    space = bpy.context.space_data
+    if space is not None and space.overlay.show_overlays:
+        draw_over(bpy.context.scene)
+
+
+def draw_over(scene: bpy.types.Scene) -> None:
+    """Draw colours and actuators into the viewport that is being drawn."""
     from . import drawing
 
-    manager, scene = bpy.context.window_manager, bpy.context.scene
-    space = bpy.context.space_data
-    if space is None or not space.overlay.show_overlays:
-        return
+    manager = bpy.context.window_manager
     now = _recorded(), scene.frame_current_final
     if manager.hfx_preview:
         drawing.draw_layers(preview().layers(scene.hfx.palette, *now), scene.hfx.preview_opacity)
@@ -225,7 +231,7 @@ def _draw_chart() -> None:
 
 
 _HANDLERS = {
-    "frame_change_post": _on_frame,
+    "frame_change_post": on_frame,
     "depsgraph_update_post": _on_update,
     "load_post": _on_load,
     "undo_post": _on_load,
@@ -268,7 +274,7 @@ def unregister() -> None:
     for name, handler in _HANDLERS.items():
         if handler in getattr(bpy.app.handlers, name):
             getattr(bpy.app.handlers, name).remove(handler)
-    for timer in (_describe, _record):
+    for timer in (describe, _record):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
     del bpy.types.WindowManager.hfx_show_values

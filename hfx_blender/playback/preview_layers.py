@@ -11,16 +11,19 @@ import numpy.typing as npt
 
 from ..avatars import avatar_meshes, retargeting
 from ..engine.body.model import PerceptualModel, load_model
-from ..engine.colouring import PALETTES, Spread, felt_shares, overlay
+from ..engine.colouring import PALETTES, Spread
 from ..engine.samples import SampleRun
 from ..errors import HfxError
 from ..reading.live_scene import LiveScene
 from .actuator_glow import ActuatorGlow, Discs
 from .evaluation import evaluation
 from .over_time import OverTime
+from .skin_colours import SkinColours
+from .skin_now import Skin, Skins, triangles_of
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
 _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
@@ -30,12 +33,13 @@ _ABOVE_SKIN = 0.0015
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Colours over one mesh of an avatar."""
+    """Colours over those N vertices of an avatar's mesh at which anything shows, or nearly."""
 
-    positions: F32  # (A, 3) world space, Blender's units
-    normals: F32  # (A, 3) unit
-    triangles: I32  # (F, 3) those of which anything shows
-    colours: F32  # (A, 4)
+    vertices: I64  # (N,) of the mesh, ascending
+    positions: F32  # (N, 3) world space, Blender's units
+    normals: F32  # (N, 3) unit
+    triangles: I32  # (F, 3) of the N; the same array as long as they are the same
+    colours: F32  # (N, 4) straight alpha
 
 
 class Preview:
@@ -46,7 +50,8 @@ class Preview:
         self._glow: ActuatorGlow | None = None
         self._key: tuple[object, ...] = ()
         self._spreads: dict[tuple[str, str], Spread] = {}
-        self._triangles: dict[str, I32] = {}
+        self._meshes: dict[str, _ColouredMesh] = {}
+        self._skins = Skins()
         self._runs: list[SampleRun] | None = None
         self._layers: list[Layer] | None = None
         self._strengths: list[F64] | None = None
@@ -60,6 +65,7 @@ class Preview:
     def touch(self) -> None:
         """Something moved; all is worked out when it is drawn next."""
         self._runs = self._layers = self._strengths = None
+        self._skins.touch()
         evaluation.touch()
 
     def describe(self, context: bpy.types.Context) -> None:
@@ -73,7 +79,7 @@ class Preview:
         self._key, self._scene, self._glow = key, evaluation.scene, None
         self.fault = evaluation.fault
         self._runs = self._layers = self._strengths = None
-        self._spreads, self._triangles = {}, {}
+        self._spreads, self._meshes = {}, {}
         try:
             if self._scene is not None and devices:
                 self._glow = ActuatorGlow(self._scene, scene)
@@ -116,7 +122,7 @@ class Preview:
                 runs = () if recorded is not None else self._felt(None, frame)
                 self._strengths = self._glow.strengths(runs, recorded, frame)
             unit_m = self._scene.objects.unit_m
-            return self._glow.discs(self._strengths, PALETTES[palette], unit_m)
+            return self._glow.discs(self._strengths, PALETTES[palette], unit_m, self._skins)
         except (HfxError, ReferenceError) as error:
             self.fault, self._glow = str(error), None
             return None
@@ -137,66 +143,71 @@ class Preview:
             mine = [run for run in runs if run.stream.body_id == described.id]
             if not mine:
                 continue
+            samples = [sample for run in mine for sample in run]
             for mesh in avatar_meshes.meshes_of(body):
-                if mesh.visible_get() and mesh.mode == "OBJECT":
-                    found += self._layer(live, body, mesh, mine, contact, palette)
+                skin = self._skins.of(mesh, live.objects.layer.depsgraph)
+                if skin is None:
+                    continue
+                coloured = self._coloured_mesh(body, mesh, mine)
+                vertices, colours = coloured.colours.of(samples, contact, PALETTES[palette])
+                if len(vertices):
+                    found.append(coloured.layer(skin, vertices, colours, live.objects.unit_m))
         return found
 
-    def _layer(
-        self,
-        live: LiveScene,
-        body: bpy.types.Object,
-        mesh: bpy.types.Object,
-        runs: list[SampleRun],
-        contact: frozenset[str],
-        palette: str,
-    ) -> list[Layer]:
-        models = {run.stream.model_id for run in runs}
-        spreads = {model: self._spread(body, mesh, model) for model in models}
-        counts = {model: len(load_model(model)) for model in models}
-        samples = [sample for run in runs for sample in run]
-        colours = overlay(felt_shares(samples, spreads, counts, contact), PALETTES[palette])
-        shown = colours[:, 3] > 0.0
-        if not shown.any():
-            return []
-        evaluated = mesh.evaluated_get(live.objects.layer.depsgraph)
-        size = len(mesh.data.vertices)
-        if len(evaluated.data.vertices) != size:  # subdivided: the cage is coloured
-            evaluated = mesh
-        triangles = self._triangles_of(mesh, evaluated)
-        positions, normals = _above(evaluated, size, live.objects.unit_m)
-        chosen = shown[triangles[0]] | shown[triangles[1]] | shown[triangles[2]]
-        drawn = np.ascontiguousarray(triangles[:, chosen].T)
-        return [Layer(positions, normals, drawn, colours.astype(np.float32))]
-
-    def _triangles_of(self, mesh: bpy.types.Object, evaluated: bpy.types.Object) -> I32:
-        """A mesh's triangles (3, F); they stay while only its vertices move."""
-        known = self._triangles.get(mesh.name)
-        if known is not None and known.shape[1] == len(evaluated.data.loop_triangles):
-            return known
-        corners = np.zeros(len(evaluated.data.loop_triangles) * 3, np.int32)
-        evaluated.data.loop_triangles.foreach_get("vertices", corners)
-        found = self._triangles[mesh.name] = np.ascontiguousarray(corners.reshape(-1, 3).T)
-        return found
+    def _coloured_mesh(
+        self, body: bpy.types.Object, mesh: bpy.types.Object, runs: list[SampleRun]
+    ) -> _ColouredMesh:
+        models = tuple(sorted({run.stream.model_id for run in runs}))
+        known = self._meshes.get(mesh.name_full)
+        if known is None or not known.models.issuperset(models):
+            models = tuple({*models, *(known.models if known else ())})
+            spreads = {model: self._spread(body, mesh, model) for model in models}
+            counts = {model: (spread, len(load_model(model))) for model, spread in spreads.items()}
+            known = _ColouredMesh(mesh, SkinColours(counts), frozenset(models))
+            self._meshes[mesh.name_full] = known
+        return known
 
     def _spread(self, body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
-        key = (mesh.name, model_id)
+        key = (mesh.name_full, model_id)
         if key not in self._spreads:
             self._spreads[key] = _spread(body, mesh, model_id)
         return self._spreads[key]
 
 
-def _above(evaluated: bpy.types.Object, size: int, unit_m: float) -> tuple[F32, F32]:
-    """World positions of a mesh's vertices, a little over its skin, and their normals."""
-    positions, normals = np.zeros(size * 3, np.float32), np.zeros(size * 3, np.float32)
-    evaluated.data.attributes["position"].data.foreach_get("vector", positions)
-    evaluated.data.vertex_normals.foreach_get("vector", normals)
-    matrix = np.array(evaluated.matrix_world, np.float32)
-    world = positions.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
-    inverse = np.array(evaluated.matrix_world.to_3x3().inverted_safe(), np.float32)
-    outward = normals.reshape(-1, 3) @ inverse
-    outward /= np.maximum(np.sqrt(np.einsum("ij,ij->i", outward, outward)), 1e-12)[:, None]
-    return world + outward * np.float32(_ABOVE_SKIN / unit_m), outward
+class _ColouredMesh:
+    """One mesh, and which of its triangles were drawn last."""
+
+    def __init__(
+        self, mesh: bpy.types.Object, colours: SkinColours, models: frozenset[str]
+    ) -> None:
+        self.colours, self.models = colours, models
+        self._triangles = triangles_of(mesh)
+        self._is_shown = np.zeros(len(mesh.data.vertices), np.bool_)
+        self._place = np.zeros(len(mesh.data.vertices), np.int32)  # among the drawn ones
+        self._shown = np.zeros(0, np.int64)
+        self._drawn = np.zeros(0, np.int64)
+        self._indices = np.zeros((0, 3), np.int32)
+
+    def layer(self, skin: Skin, shown: I64, colours: F64, unit_m: float) -> Layer:
+        """The triangles at which anything shows."""
+        if not np.array_equal(shown, self._shown):
+            self._choose(shown)
+        positions, normals = skin.at(self._drawn)
+        positions += normals * np.float32(_ABOVE_SKIN / unit_m)
+        all_colours = np.zeros((len(self._drawn), 4), np.float32)
+        all_colours[self._place[shown]] = colours
+        return Layer(self._drawn, positions, normals, self._indices, all_colours)
+
+    def _choose(self, shown: I64) -> None:
+        flags, self._shown = self._is_shown, shown
+        flags[:] = False
+        flags[shown] = True
+        a, b, c = (flags.take(corner) for corner in self._triangles)
+        chosen = self._triangles.compress(a | b | c, axis=1)
+        flags[chosen] = True  # those around them, too
+        self._drawn = np.flatnonzero(flags)
+        self._place[self._drawn] = np.arange(len(self._drawn), dtype=np.int32)
+        self._indices = np.ascontiguousarray(self._place[chosen].T)
 
 
 def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:

@@ -6,11 +6,14 @@ Nothing here draws or needs a window; :mod:`..ui.stroke_pad_view` shows it.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.surface_drive import SurfaceDrive
 from ..engine.texture.render import render_stroke
 from ..engine.texture.signal import Signal
 from ..engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
@@ -26,6 +29,12 @@ TARGET_PX_S = 200.0
 SPEED_WINDOW_S = 0.15
 LONGEST_S = 60.0
 WAVEFORM_HZ = 8000.0
+
+_FELT_STEP_S = 0.008
+"""Within a bunch of positions, what is felt is looked at so often; finer cannot be seen."""
+
+_TRAIL_STEP_PX = 1.0
+"""The line that is drawn takes a point when the pointer went so far."""
 
 
 @dataclass(frozen=True)
@@ -68,15 +77,24 @@ class StrokePad:
         self.now = Felt()
         self.take: Take | None = None
         self.fault = ""
+        self._begin_s = 0.0
+        # Since the stroke's begin: a clock that has run for hours is too coarse for a step.
         self._times: list[float] = []
         self._points: list[tuple[float, float]] = []
-        self._rendered_s = 0.0
+        self._rendered_s = self._felt_s = 0.0
+        self.trail_m: list[tuple[float, float]] = []
+        """Where the present stroke went, as finely as it is seen; empty between strokes."""
         self.history: list[tuple[float, Felt]] = []  # of the present or the last stroke
         self.waveform_m_s2: F64 = np.zeros(2)  # of the last step
 
     @property
     def metres_per_pixel(self) -> float:
         return self.target_m_s / TARGET_PX_S
+
+    @property
+    def drive(self) -> SurfaceDrive | None:
+        """What devices with a c_v of their own need to play it."""
+        return SurfaceDrive.of(self.texture)
 
     @property
     def is_stroking(self) -> bool:
@@ -89,20 +107,38 @@ class StrokePad:
 
     def press(self, time_s: float, point_m: tuple[float, float]) -> None:
         """A stroke begins."""
-        self._times, self._points = [time_s], [point_m]
-        self._rendered_s, self.now, self.fault = time_s, Felt(height_m=self._height(point_m)), ""
+        self._begin_s = time_s
+        self._times, self._points, self.trail_m = [0.0], [point_m], [point_m]
+        self._rendered_s, self.now, self.fault = 0.0, Felt(height_m=self._height(point_m)), ""
         self.history = []
 
     def move(self, time_s: float, point_m: tuple[float, float]) -> None:
         """The pointer is somewhere else; times that do not rise are left out."""
-        if not self._times or time_s <= self._times[-1]:
+        self.move_through([point_m], time_s)
+
+    def move_through(self, points_m: Sequence[tuple[float, float]], time_s: float) -> None:
+        """The pointer went over places since it was last told, and is at the last one now.
+
+        A window that was busy tells of a whole bunch at once. A pointer is asked at an even
+        rate, so they are spread evenly over the time that passed.
+        """
+        now = time_s - self._begin_s
+        if not self._times or now <= self._times[-1]:
             return
-        if time_s - self._times[0] > LONGEST_S:
+        if now > LONGEST_S:
             self.fault = f"a stroke lasts {LONGEST_S:g} s at most"
             return
-        self._times.append(time_s)
-        self._points.append(point_m)
-        self._feel(time_s)
+        times = np.linspace(self._times[-1], now, len(points_m) + 1)[1:]
+        for each, point in zip(times.tolist(), points_m, strict=True):
+            if each <= self._times[-1]:
+                continue  # closer together than a clock can tell
+            self._times.append(each)
+            self._points.append(point)
+            way = np.hypot(point[0] - self.trail_m[-1][0], point[1] - self.trail_m[-1][1])
+            if way >= _TRAIL_STEP_PX * self.metres_per_pixel:
+                self.trail_m.append(point)
+            if not self.history or each - self._felt_s >= _FELT_STEP_S or each == now:
+                self._feel(each)
 
     def rest(self, time_s: float) -> None:
         """Time passes while the pointer stands still."""
@@ -123,9 +159,9 @@ class StrokePad:
         """The stroke is over; returns it, unless it was too short to be one."""
         self.rest(time_s)
         times, points = np.array(self._times), self.path_m
-        self._times, self._points, self.now = [], [], Felt()
+        self.cancel()
         try:
-            stroke = Stroke(times - times[0], points)
+            stroke = Stroke(times, points)
             signal = render_stroke(self.texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
         except (InputError, IndexError) as error:
             self.fault = str(error)
@@ -135,26 +171,34 @@ class StrokePad:
 
     def cancel(self) -> None:
         """The stroke is not wanted."""
-        self._times, self._points, self.now = [], [], Felt()
+        self._times, self._points, self.trail_m, self.now = [], [], [], Felt()
+
+    def recent(self, seconds: float) -> list[tuple[float, Felt]]:
+        """What was felt in the last seconds of the present or the last stroke, with its times."""
+        if not self.history:
+            return []
+        begin = self.history[-1][0] - seconds
+        return self.history[bisect_left(self.history, begin, key=lambda row: row[0]) :]
 
     def _feel(self, time_s: float) -> None:
-        begin = max(time_s - SPEED_WINDOW_S, self._times[0])
-        stroke = Stroke(np.array(self._times[-200:]), np.array(self._points[-200:]))
+        self._felt_s = time_s
+        begin = max(time_s - SPEED_WINDOW_S, 0.0)
+        stroke = self._since(begin)
         grid = np.linspace(begin, time_s, 16)
         way = np.linalg.norm(np.diff(stroke.at(grid), axis=0), axis=1).sum()
         speed = float(way) / (time_s - begin) if time_s > begin else 0.0
         step = self.texture.device.update_s
         amplitude = frequency = 0.0
-        signal = self._render(time_s - step, time_s) if time_s - step >= self._times[0] else None
+        signal = self._render(time_s - step, time_s) if time_s >= step else None
         if signal is not None:
             amplitude = float(signal.amplitude_m_s2[-1])
             frequency = float(signal.frequency_hz[-1])
             self.waveform_m_s2 = signal.waveform_m_s2
         self.now = Felt(speed, self._height(self._points[-1]), amplitude, frequency)
-        self.history.append((time_s - self._times[0], self.now))
+        self.history.append((time_s, self.now))
 
     def _render(self, begin_s: float, end_s: float) -> Signal | None:
-        stroke = Stroke(np.array(self._times), self.path_m)
+        stroke = self._since(begin_s)
         inner = (stroke.times_s > begin_s) & (stroke.times_s < end_s)
         times = np.concatenate([[begin_s], stroke.times_s[inner], [end_s]])
         part = Stroke(times, stroke.at(times))
@@ -162,6 +206,11 @@ class StrokePad:
             return render_stroke(self.texture, part, waveform_rate_hz=WAVEFORM_HZ)
         except InputError:
             return None  # shorter than a step, by rounding
+
+    def _since(self, time_s: float) -> Stroke:
+        """The end of the stroke from the last position before a time; what is done is left."""
+        first = min(max(bisect_right(self._times, time_s) - 1, 0), len(self._times) - 2)
+        return Stroke(np.array(self._times[first:]), np.array(self._points[first:]))
 
     def _height(self, point_m: tuple[float, float]) -> float:
         field = self.texture.height

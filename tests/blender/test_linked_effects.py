@@ -11,6 +11,7 @@ import pytest
 
 from hfx_blender.authoring import clips, effects
 from hfx_blender.engine.tolerance import PREVIEW
+from hfx_blender.reading import scene_description
 from hfx_blender.reading.live_scene import LiveScene
 
 
@@ -128,3 +129,24 @@ def test_an_override_can_be_muted_and_given_another_body(library: Path) -> None:
     (linked,) = link(library).objects
     for name in ("is_muted", "is_solo", "body", "modality", "shape", "temperature_reference"):
         assert linked.hfx.is_property_overridable_library(name), name
+
+
+def test_a_linked_effect_without_its_body_is_left_out_with_one_warning(
+    scene: Any, tmp_path: Path
+) -> None:
+    bpy.ops.hfx.add_avatar()
+    for name in ("Touch", "Squeeze"):
+        bpy.ops.hfx.add_painted(modality="pressure", name=name)
+        bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+    path = tmp_path / "touch.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.hfx.add_avatar()
+    ball("Ball")
+    link(path)
+    bpy.context.view_layer.update()
+    found = scene_description.find(bpy.context.scene, bpy.context.view_layer)
+    assert [effect.name for effect in found.effects] == ["Ball"]
+    (warning,) = found.warnings
+    assert "2 linked effects" in warning and "left out" in warning
+    assert felt() == {"Ball"}

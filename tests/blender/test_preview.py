@@ -12,8 +12,10 @@ import pytest
 from hfx_blender.authoring import clips, effects
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
-from hfx_blender.engine.colouring import COLOURS, PALETTES
+from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread, felt_shares, overlay
+from hfx_blender.engine.samples import Sample, Stream
 from hfx_blender.playback.preview_layers import Layer, Preview
+from hfx_blender.playback.skin_colours import SkinColours
 
 PALM = PARTS.index("hand_palm")
 
@@ -25,10 +27,28 @@ def shown(scene: Any) -> Preview:
 
 
 def now(preview: Preview, palette: str = "PAPER") -> list[Layer]:
+    """What is shown, each with a row for every vertex of its mesh."""
     bpy.context.view_layer.update()
     preview.touch()
     preview.describe(bpy.context)
-    return preview.layers(palette)
+    return [whole(layer) for layer in preview.layers(palette)]
+
+
+def whole(layer: Layer) -> Layer:
+    count = len(load_avatar().vertices)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        found = np.zeros((count, values.shape[1]), np.float32)
+        found[layer.vertices] = values
+        return found
+
+    return Layer(
+        np.arange(count),
+        spread(layer.positions),
+        spread(layer.normals),
+        layer.vertices[layer.triangles],
+        spread(layer.colours),
+    )
 
 
 def coloured(layers: list[Layer]) -> np.ndarray:
@@ -70,7 +90,8 @@ def test_colours_are_drawn_just_over_the_posed_skin(shown: Preview) -> None:
     (layer,) = now(shown)
     mesh = effect.hfx.body.hfx.avatar.evaluated_get(bpy.context.evaluated_depsgraph_get())
     skin = np.array([mesh.matrix_world @ v.co for v in mesh.data.vertices])
-    height = np.linalg.norm(layer.positions - skin, axis=1)
+    drawn = np.unique(layer.triangles)
+    height = np.linalg.norm(layer.positions[drawn] - skin[drawn], axis=1)
     assert height == pytest.approx(0.0015, abs=1e-4)
 
 
@@ -135,3 +156,28 @@ def test_nothing_is_stored_in_the_users_meshes(shown: Preview) -> None:
     before = [attribute.name for attribute in mesh.attributes]
     now(shown)
     assert [attribute.name for attribute in mesh.attributes] == before
+
+
+def test_colours_of_what_shows_are_those_that_the_engine_gives_to_every_vertex() -> None:
+    rng = np.random.default_rng(1)
+    spread = Spread.of_neighbours(rng.integers(0, 40, (200, 3)), rng.random((200, 3)))
+    spreads, counts = {"a": spread, "b": spread}, {"a": 40, "b": 40}
+    samples = []
+    for k, (modality, model, values) in enumerate(
+        [
+            ("pressure", "a", [4.0]),
+            ("pressure", "a", [3.0]),
+            ("temperature", "b", [18.0]),
+            ("temperature", "b", [40.0]),
+        ]
+    ):
+        vertices = np.sort(rng.choice(40, 5, replace=False)).astype(np.int32)
+        weights = rng.random(5).astype(np.float32)
+        stream = Stream(f"e{k}", "body", modality, model)
+        samples.append(Sample(0.0, stream, vertices, weights, 0.7, np.array(values)))
+    every = overlay(felt_shares(samples, spreads, counts), PALETTES["WARM_COLD"])
+    colours = SkinColours({model: (spread, 40) for model in spreads})
+    shown, found = colours.of(samples, frozenset(), PALETTES["WARM_COLD"])
+    assert np.array_equal(shown, np.flatnonzero(every[:, 3]))
+    assert found == pytest.approx(every[shown], abs=1e-5)
+    assert 0 < len(shown) < 200

@@ -138,7 +138,7 @@ class Layout:
         assert properties.bl_rna.properties[name].type == "ENUM"
         return properties
 
-    def menu(self, idname: str, *, icon: str = "NONE") -> None:
+    def menu(self, idname: str, *, text: str = "", icon: str = "NONE") -> None:
         assert hasattr(bpy.types, idname)
         self._show(idname, icon)
 
@@ -193,11 +193,15 @@ def drawn(draw: Callable[..., None], context: Any) -> list[str]:
 
 def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
     assert not panels.HFX_PT_effect.poll(bpy.context)
-    assert drawn(effects_panel.HFX_PT_effects.draw, bpy.context)[-3:] == [
-        "Add a body and effects:",
-        "HFX_MT_add",
-        "hfx.mark_body",
-    ]
+    shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
+    assert "First, who feels" in " ".join(shown)
+    assert shown[-2:] == ["hfx.add_avatar", "HFX_MT_add"]
+    bpy.ops.hfx.add_avatar()
+    shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
+    assert "Next, what is felt" in " ".join(shown) and shown[-1] == "HFX_MT_add"
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
+    shown = " ".join(drawn(effects_panel.HFX_PT_effects.draw, bpy.context))
+    assert "First" not in shown and "Next" not in shown
 
 
 @pytest.mark.parametrize(
@@ -237,7 +241,8 @@ def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> No
     shown = drawn(panels.HFX_PT_effect.draw, bpy.context)
     assert "body" in shown
     area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
-    assert {"hfx.paint_begin", "hfx.fill_part", "hfx.area_filter", "hfx.area_copy"} <= set(area)
+    assert {"hfx.paint_begin", "hfx.fill_part", "hfx.area_filter"} <= set(area)
+    assert "hfx.area_copy" in drawn(paint_panel.HFX_PT_area_transfer.draw, bpy.context)
     bpy.ops.hfx.paint_begin()
     assert drawn(panels.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
     area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
@@ -260,7 +265,8 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
 def test_the_export_panel_and_the_menus(scene: Any) -> None:
     bpy.context.scene.hfx.devices.add().name = "back_pad"
     shown = drawn(panels.HFX_PT_export.draw, bpy.context)
-    assert shown == ["rate", "tolerance", "back_pad", "hfx.export"]
+    assert shown == ["back_pad", "hfx.export"]
+    assert drawn(panels.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
     assert drawn(menus._add_menu, bpy.context) == ["HFX_MT_add"]
     assert drawn(menus._export_menu, bpy.context) == ["hfx.export"]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -59,6 +60,40 @@ def test_the_pad_shows_the_speed_and_the_height_under_the_finger(texture: Surfac
     assert pad.now.amplitude_m_s2 > 0.0 and pad.history[-1][1] is pad.now
 
 
+@pytest.mark.parametrize("renderer", list(Renderer))
+def test_it_is_felt_at_each_moment_however_long_the_clock_has_run(
+    texture: SurfaceTexture, renderer: Renderer
+) -> None:
+    pad = StrokePad("Grating", replace(texture, renderer=renderer))
+    start = 8.64e6 + 1.0 / 3.0  # 100 days
+    pad.press(start, (0.0, 0.001))
+    for k in range(1, 61):
+        pad.move(start + k / 120, (0.05 * k / 120, 0.001))
+    later = [felt for time_s, felt in pad.history if time_s > 0.1]
+    assert len(later) > 40 and min(felt.amplitude_m_s2 for felt in later) > 0.0
+    assert min(felt.frequency_hz for felt in later) > 0.0
+
+
+def test_places_that_are_told_at_once_are_spread_over_the_time_since_the_last_one(
+    texture: SurfaceTexture,
+) -> None:
+    one, bunch = (StrokePad("Grating", texture) for _ in range(2))
+    way = [(0.05 * k / 100, 0.001) for k in range(1, 101)]
+    for pad in (one, bunch):
+        pad.press(7.0, (0.0, 0.001))
+    for k, point in enumerate(way):
+        one.move(7.0 + (k + 1) / 100, point)
+    bunch.move_through(way[:80], 7.8)  # the window drew for so long
+    bunch.move_through(way[80:], 8.0)
+    assert len(bunch.history) == len(one.history) == 100
+    for (at, felt), (expected_at, expected) in zip(bunch.history, one.history, strict=True):
+        assert at == pytest.approx(expected_at)
+        assert felt.height_m == pytest.approx(expected.height_m)
+        assert felt.speed_m_s == pytest.approx(expected.speed_m_s, rel=1e-6)
+    assert bunch.recent(0.25) == bunch.history[-26:] or bunch.recent(0.25) == bunch.history[-25:]
+    assert bunch.trail_m[0] == (0.0, 0.001) and bunch.trail_m[-1] == pytest.approx(way[-1])
+
+
 def test_a_finger_that_rests_feels_nothing(texture: SurfaceTexture) -> None:
     pad = StrokePad("Grating", texture)
     stroked(pad, 0.05)
@@ -100,7 +135,7 @@ def test_stronger_fabrics_are_stronger_and_c_v_scales_them() -> None:
 def test_the_calibration_slider_is_kept(
     scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Any
 ) -> None:
-    from hfx_blender.authoring import surface_calibration
+    from hfx_blender.devices import surface_calibration
 
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     chosen = bpy.context.window_manager.hfx_surface_calibration

@@ -157,3 +157,40 @@ def test_broken_files_are_one_sentence(
     (tmp_path / name).write_text(content)
     code, facts, said = texture(capsys, "info", tmp_path / name)
     assert code == 3 and message in facts["error"] and "Traceback" not in said
+
+
+def test_a_stroke_is_as_strong_as_the_device_was_calibrated(
+    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.devices import surface_calibration
+
+    monkeypatch.setattr("hfx_blender.resources.surface_calibration", lambda: tmp_path / "c_v.json")
+    surface_calibration.store(4_000.0)
+    surface_calibration.store(1_000.0, "phone_lra")
+    felt = [
+        texture(
+            capsys, "stroke", "fabric-denim", "--resolution", 64, "--from", "0,0", "--to", "20,0",
+            "--renderer", "textile", *more,
+        )[1]["mean_amplitude_m_s2"]
+        for more in ([], ["--device", "phone_lra"], ["--device", "phone_lra", "--drive", 4])
+    ]  # fmt: skip
+    assert felt[0] == pytest.approx(4.0 * felt[1]) and felt[2] == pytest.approx(felt[0])
+
+
+def test_a_scan_of_an_unlikely_size_is_asked_about(
+    capsys: Any, registered: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "small.xyz"
+    points = [(x, y, 0.01 * (x % 3)) for x in range(20) for y in range(20)]
+    path.write_text("\n".join(f"{x} {y} {z}" for x, y, z in points))
+    _, facts, _ = texture(capsys, "info", path, "--unit", 0.001)
+    assert "unit" in " ".join(facts["notes"])
+    _, facts, _ = texture(capsys, "info", path)
+    assert "unit" not in " ".join(facts["notes"])
+
+
+def test_a_stroke_that_is_hardly_felt_says_so(capsys: Any, registered: Any, tmp_path: Path) -> None:
+    path = tmp_path / "smooth.xyz"
+    path.write_text("\n".join(f"{x} {y} {1e-6 * (x % 2)}" for x in range(30) for y in range(30)))
+    _, facts, _ = texture(capsys, "stroke", path, "--from", "5,5", "--to", "25,5")
+    assert "hardly anything" in " ".join(facts["notes"])
