@@ -17,7 +17,8 @@ from .errors import HfxError, UsageError
 
 EPILOG = """\
 exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a device failed;
-5 some of several inputs failed (the others are complete); 130 interrupted; 1 a defect of hfx.
+5 some of several inputs failed, or a format could not hold all of a device (the rest is complete);
+130 interrupted; 1 a defect of hfx.
 """
 
 

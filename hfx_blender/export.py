@@ -235,6 +235,7 @@ class SceneExport:
                 *recorded.warnings,
                 *written.left_out,
             ),
+            left_out=written.left_out,
             engine={
                 "tolerance": self.tolerance.name,
                 "stepping": recorded.stepping,

@@ -23,6 +23,7 @@ class ExportReport:
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
     warnings: tuple[str, ...]
     engine: dict[str, Any] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()  # of the warnings: what a format could not hold of a device
     notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
 
@@ -41,6 +42,7 @@ class ExportReport:
             "felt": list(self.felt),
             "unrendered": list(self.unrendered),
             "warnings": list(self.warnings),
+            "left_out": list(self.left_out),
             "notes": list(self.notes),
             "engine": self.engine,
             "made_from": dict(self.made_from),

@@ -41,6 +41,7 @@ _RECORD_ITEMS = (
     ("velocities", "Velocities", "How each vertex moves", 2),
     ("depth", "Depth", "How deep each vertex is within a volume", 4),
 )
+_NAMED = 3  # files that the message names
 
 
 class HFX_OT_export(HfxOperator, ExportHelper):
@@ -76,10 +77,7 @@ class HFX_OT_export(HfxOperator, ExportHelper):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if effects.effects_of(context.scene):
-            return True
-        cls.poll_message_set("Add a haptic effect first")
-        return False
+        return cls.needs(effects.effects_of(context.scene), "Add a haptic effect first")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -129,7 +127,9 @@ class HFX_OT_export(HfxOperator, ExportHelper):
             context.window_manager.progress_end()
         for warning in report.warnings:
             self.report({"WARNING"}, warning)
-        return f"Wrote {len(report.files)} files to {path.parent}"
+        names = [each.name for each in report.files]
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        return f"Wrote {', '.join(names[:_NAMED])}{more} to {path.parent}"
 
 
 register, unregister = bpy.utils.register_classes_factory((HFX_OT_export,))

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ..playback.stroke_pad import Take
 
 _TICK_S = 0.01
+_BUSY_S = 0.03
+"""A tick that is so late says that the window was busy: moves of the mouse still wait."""
 
 last_take: Take | None = None
 """The last stroke over any surface of this Blender; what is exported."""
@@ -56,19 +58,21 @@ class HFX_OT_stroke_pad(HfxOperator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         settings = obj.hfx.surface
-        self._area = area
+        self._screen = context.window.screen
         self._region = next(region for region in area.regions if region.type == "WINDOW")
         self._sound = StrokeSound(
             float(self._pad.texture.device.amplitude_m_s2(1.0)), settings.sound
         )
         place = PadPlace(self._region.width, self._region.height)
         self._place, self._pad_draw = place, draw
+        self._passed: list[tuple[float, float]] = []  # places since the last event of a bunch
+        self._ticked_s = time.monotonic()
         self._space = type(area.spaces.active)
         arguments = (self._pad, settings.intensity_image, place)
         self._handler = self._space.draw_handler_add(draw, arguments, "WINDOW", "POST_PIXEL")
         self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
-        area.tag_redraw()
+        self._region.tag_redraw()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -80,6 +84,8 @@ class HFX_OT_stroke_pad(HfxOperator):
 
     def _react(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         pad, now = self._pad, time.monotonic()
+        if context.window is None or context.window.screen != self._screen:
+            return {"PASS_THROUGH"}  # a file browser, or another workspace, is in its place
         x, y = event.mouse_x - self._region.x, event.mouse_y - self._region.y
         if event.type == "ESC" and event.value == "PRESS":
             self._close(context)
@@ -87,21 +93,30 @@ class HFX_OT_stroke_pad(HfxOperator):
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
             if not self._place.holds(x, y):
                 return {"PASS_THROUGH"}
+            self._passed.clear()
             pad.press(now, self._place.surface_point(pad, x, y))
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE" and pad.is_stroking:
+            pad.move_through(self._passed or [self._place.surface_point(pad, x, y)], now)
             self._keep(pad.release(now))
         elif event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE") and pad.is_stroking:
-            pad.move(now, self._place.surface_point(pad, x, y))
+            self._passed.append(self._place.surface_point(pad, x, y))
+            if event.type == "INBETWEEN_MOUSEMOVE":  # more of them wait
+                return {"RUNNING_MODAL"}
+            pad.move_through(self._passed, now)
+            self._passed.clear()
         elif event.type == "TIMER":
+            is_late, self._ticked_s = now - self._ticked_s > _BUSY_S, now
             if not pad.is_stroking:
                 return {"PASS_THROUGH"}
+            if is_late:
+                return {"RUNNING_MODAL"}  # nor is it drawn, so the next one is in time
             pad.rest(now)
         elif event.value == "PRESS" and event.type in ("ONE", "TWO", "R", "E"):
             self._key(event.type)
         elif not self._place.holds(x, y):
             return {"PASS_THROUGH"}
         self._feel()
-        self._area.tag_redraw()
+        self._region.tag_redraw()
         return {"RUNNING_MODAL"}
 
     def _feel(self) -> None:
@@ -112,7 +127,9 @@ class HFX_OT_stroke_pad(HfxOperator):
             return
         self._sound.play(signal.waveform_m_s2, signal.waveform_rate_hz)
         self._sound.rub(pad.now.speed_m_s / pad.target_m_s / 2.0)
-        live.send_vibration(float(signal.amplitude_m_s2[-1]), float(signal.frequency_hz[-1]))
+        live.send_vibration(
+            float(signal.amplitude_m_s2[-1]), float(signal.frequency_hz[-1]), pad.drive
+        )
 
     def _keep(self, take: Take | None) -> None:
         global last_take
@@ -140,7 +157,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         context.window_manager.event_timer_remove(self._timer)
         self._keep(None)
         self._sound.close()
-        self._area.tag_redraw()
+        self._region.tag_redraw()
 
     def cancel(self, context: bpy.types.Context) -> None:
         self._close(context)

@@ -44,7 +44,7 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.face_culling_set("BACK")
     for layer in layers:
-        batch = _batch(shader, layer.positions, shaded(layer, view, opacity), layer.triangles)
+        batch = _batch(layer.positions, shaded(layer, view, opacity), layer.triangles)
         submit(batch, shader)
     gpu.state.face_culling_set("NONE")
     gpu.state.depth_test_set("NONE")
@@ -77,7 +77,7 @@ def draw_discs(discs: Discs | None) -> None:
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
-    submit(_batch(shader, discs.positions, discs.colours, discs.triangles), shader)
+    submit(_batch(discs.positions, discs.colours, discs.triangles), shader)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 
@@ -91,9 +91,7 @@ _indices: dict[int, tuple[I32, gpu.types.GPUIndexBuf]] = {}
 """Triangles that are on the graphics card, by the array that they were made of."""
 
 
-def _batch(
-    shader: gpu.types.GPUShader, positions: F32, colours: F32, triangles: I32
-) -> gpu.types.GPUBatch:
+def _batch(positions: F32, colours: F32, triangles: I32) -> gpu.types.GPUBatch:
     """A batch with a colour at each vertex; triangles are sent once."""
     import gpu
 
@@ -103,10 +101,20 @@ def _batch(
             _indices.clear()
         known = triangles, gpu.types.GPUIndexBuf(type="TRIS", seq=triangles)
         _indices[id(triangles)] = known
-    vertices = gpu.types.GPUVertBuf(shader.format_calc(), len(positions))
+    vertices = gpu.types.GPUVertBuf(_vertex_format(), len(positions))
     vertices.attr_fill("pos", positions)
     vertices.attr_fill("color", colours)
     return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=known[1])
+
+
+def _vertex_format() -> gpu.types.GPUVertFormat:
+    """A place and a colour; what a built-in shader calls its inputs differs between Blenders."""
+    import gpu
+
+    layout = gpu.types.GPUVertFormat()
+    layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
+    layout.attr_add(id="color", comp_type="F32", len=4, fetch_mode="FLOAT")
+    return layout
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:

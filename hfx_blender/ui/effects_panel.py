@@ -7,7 +7,7 @@ import bpy
 
 from ..authoring import clips, effects
 from ..operators.shared import active_armature, active_effect
-from .sidebar import HfxPanel
+from .sidebar import HfxPanel, draw_text
 
 ICONS = {
     "vibration": "FORCE_HARMONIC",
@@ -15,6 +15,9 @@ ICONS = {
     "temperature": "LIGHT_SUN",
     "wind": "FORCE_WIND",
 }
+
+_NO_BODY = "First, who feels it: select your avatar's armature, or take the built-in avatar"
+_NO_EFFECT = "Next, what is felt: a volume in space, an area painted on the body, or a sensation"
 
 
 class HFX_PT_effects(HfxPanel, bpy.types.Panel):
@@ -34,12 +37,16 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         column = layout.column(align=True)
         for effect in found:
             self._draw_row(column.row(align=True), effect, effect == context.object)
-        if not found:
-            layout.label(text="Add a body and effects:")
-        layout.menu("HFX_MT_add", icon="ADD")
-        if not effects.bodies_of(context.scene) and active_armature(context) is None:
+        has_body = bool(effects.bodies_of(context.scene))
+        if not has_body and active_armature(context) is None:
             # With an armature active the panel of the body offers it.
-            layout.operator("hfx.mark_body", icon="ARMATURE_DATA")
+            draw_text(context, layout, _NO_BODY, "INFO")
+            layout.operator(
+                "hfx.add_avatar", text="Add Built-In Avatar", icon="OUTLINER_OB_ARMATURE"
+            )
+        elif has_body and not found:
+            draw_text(context, layout, _NO_EFFECT, "INFO")
+        layout.menu("HFX_MT_add", text="Add", icon="ADD")
         if found:
             row = layout.row(align=True)
             for name, label in (
@@ -76,12 +83,12 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         row.operator("hfx.add_clip", icon="NLA")
         row.operator("hfx.add_heartbeat", icon="HEART")
         found = clips.strips_of(context.object)
+        if found:
+            row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
         for _, strip in found:
             self._draw_clip(layout.box(), strip)
         if not found:
             layout.label(text="No clips: on for the whole timeline", icon="INFO")
-        else:
-            layout.operator("hfx.copy_clips", icon="COPYDOWN")
 
     @staticmethod
     def _draw_clip(box: bpy.types.UILayout, strip: bpy.types.NlaStrip) -> None:

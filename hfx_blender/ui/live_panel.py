@@ -24,7 +24,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
     """Connect devices and feel what you design"""
 
     bl_label = "Live Devices"
-    bl_order = 5
+    bl_order = 6
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -13,7 +13,7 @@ class HFX_PT_media(HfxPanel, bpy.types.Panel):
     """What is heard and seen while haptics are felt"""
 
     bl_label = "Sound and Video"
-    bl_order = 7
+    bl_order = 8
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

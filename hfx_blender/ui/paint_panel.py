@@ -35,10 +35,21 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         for action, label in (("grow", "Grow"), ("shrink", "Shrink"), ("smooth", "Smooth")):
             row.operator("hfx.area_filter", text=label).action = action
+        layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
+
+
+class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
+    """The whole area: turned round, emptied, from elsewhere, to another effect"""
+
+    bl_label = "More"
+    bl_parent_id = "HFX_PT_area"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
         row = layout.row(align=True)
         for action, label in (("invert", "Invert"), ("clear", "Clear")):
             row.operator("hfx.area_filter", text=label).action = action
-        layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
         column = layout.column(align=True)
         column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")
         column.operator("hfx.area_from_image", icon="IMAGE_DATA")
@@ -53,7 +64,7 @@ def _header(self: bpy.types.Header, context: bpy.types.Context) -> None:
         self.layout.operator("hfx.paint_end", icon="CHECKMARK")
 
 
-_register, _unregister = bpy.utils.register_classes_factory((HFX_PT_area,))
+_register, _unregister = bpy.utils.register_classes_factory((HFX_PT_area, HFX_PT_area_transfer))
 
 
 def register() -> None:

@@ -87,10 +87,24 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
 
 
 class HFX_PT_export(HfxPanel, bpy.types.Panel):
-    """What is exported"""
+    """Write what is felt to files"""
 
     bl_label = "Haptic Export"
-    bl_order = 9
+    bl_order = 5
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        for device in context.scene.hfx.devices:
+            layout.label(text=device.name, icon="OUTLINER_OB_FORCE_FIELD")
+        layout.operator("hfx.export", icon="EXPORT")
+
+
+class HFX_PT_sampling(HfxPanel, bpy.types.Panel):
+    """How finely it is recorded"""
+
+    bl_label = "Sampling"
+    bl_parent_id = "HFX_PT_export"
+    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -99,9 +113,8 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
         layout.prop(context.scene.hfx, "tolerance")
         if context.scene.hfx.tolerance == "CUSTOM":
             layout.prop(context.scene.hfx, "tolerance_custom", text=" ")
-        for device in context.scene.hfx.devices:
-            layout.label(text=device.name, icon="OUTLINER_OB_FORCE_FIELD")
-        layout.operator("hfx.export", icon="EXPORT")
 
 
-register, unregister = bpy.utils.register_classes_factory((HFX_PT_effect, HFX_PT_export))
+register, unregister = bpy.utils.register_classes_factory(
+    (HFX_PT_effect, HFX_PT_export, HFX_PT_sampling)
+)

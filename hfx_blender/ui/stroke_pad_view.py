@@ -64,9 +64,9 @@ def draw(pad: StrokePad, image: bpy.types.Image | None, place: PadPlace) -> None
     if image is not None and pad.texture.map is not None:
         _tiles(image, pad, place)
     _frame(left, bottom, side, side)
-    if len(pad.path_m) > 1:
+    if len(pad.trail_m) > 1:
         gpu.state.line_width_set(2.0)
-        _lines(place.pixels(pad, pad.path_m), _WAY)
+        _lines(place.pixels(pad, np.array(pad.trail_m)), _WAY)
         gpu.state.line_width_set(1.0)
     _texts(pad, place)
     _plots(pad, left + side + 16, bottom)
@@ -96,10 +96,9 @@ def _texts(pad: StrokePad, place: PadPlace) -> None:
 
 
 def _plots(pad: StrokePad, left: float, bottom: float) -> None:
-    rows = pad.history
+    shown = pad.recent(_SHOWN_S)
     device = pad.texture.device
-    end = rows[-1][0] if rows else 0.0
-    shown = [(t, felt) for t, felt in rows if t >= end - _SHOWN_S]
+    end = shown[-1][0] if shown else 0.0
     times = np.array([t - max(end - _SHOWN_S, 0.0) for t, _ in shown]) / _SHOWN_S
     heights = 1e6 * np.array([felt.height_m for _, felt in shown])
     middle = float(heights.mean()) if len(heights) else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import surfaces
+from ..authoring import surface_updates, surfaces
 from ..operators.surfaces import active_surface
 from .sidebar import HfxPanel, draw_text
 
@@ -48,8 +48,13 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             layout.operator_menu_enum("hfx.add_surface", "source", text="Feel It", icon="VIEW_PAN")
             return
         settings = obj.hfx.surface
-        layout.prop(settings, "source")
+        row = layout.row(align=True)
+        row.prop(settings, "source")
+        row.operator("hfx.remove_surface", text="", icon="X")
         self._draw_maps(layout, obj)
+        if settings.is_outdated:
+            told = "Out of date: the material was edited. Press Make Maps."
+            draw_text(context, layout, told, "ERROR")
         row = layout.row(align=True)
         row.operator("hfx.bake_surface", icon="RENDER_STILL")
         row.operator("hfx.stroke_pad", icon="GREASEPENCIL")
@@ -67,17 +72,11 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             layout.prop(settings, "use_own_scale")
             if settings.use_own_scale:
                 layout.prop(settings, "uv_mm")
-        row = layout.row(align=True)
-        row.operator("hfx.load_surface_image", text="Image", icon="IMAGE_DATA")
-        row.operator("hfx.load_scan", text="Scan", icon="MOD_OCEAN")
-        row = layout.row(align=True)
-        row.operator("hfx.import_texture", icon="IMPORT")
-        row.operator("hfx.export_texture", icon="EXPORT")
-        row.operator("hfx.remove_surface", text="", icon="X")
 
     @staticmethod
     def _draw_maps(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         """What it looks like beside what it feels like."""
+        surface_updates.shown(obj)
         shown = [(obj.active_material, "Material")]
         shown += [(getattr(obj.hfx.surface, name), label) for name, label in _LAYERS]
         grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
@@ -85,8 +84,30 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             if each is None:
                 continue
             column = grid.column(align=True)
-            column.template_icon(icon_value=layout.icon(each), scale=5.0)
+            column.template_icon(icon_value=layout.icon(each), scale=4.0)
             column.label(text=label)
+
+
+class HFX_PT_surface_files(HfxPanel, bpy.types.Panel):
+    """A surface from a picture, a scan or a file of maps, and back"""
+
+    bl_label = "Files"
+    bl_parent_id = "HFX_PT_surface"
+    bl_order = 1
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_surface(context) is not None
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        row = layout.row(align=True)
+        row.operator("hfx.load_surface_image", text="Image", icon="IMAGE_DATA")
+        row.operator("hfx.load_scan", text="Scan", icon="MOD_OCEAN")
+        row = layout.row(align=True)
+        row.operator("hfx.import_texture", icon="IMPORT")
+        row.operator("hfx.export_texture", icon="EXPORT")
 
 
 class HFX_PT_surface_felt(HfxPanel, bpy.types.Panel):
@@ -106,7 +127,10 @@ class HFX_PT_surface_felt(HfxPanel, bpy.types.Panel):
         settings = hfx.surface
         layout.prop(settings, "renderer")
         layout.prop(hfx, "intensity")
-        layout.prop(hfx, "amplitude", text="Strongest (m/s²)")
+        row = layout.row(align=True)
+        row.use_property_split = False  # beside the field, a label with its unit is cut off
+        row.prop(hfx, "amplitude", text="Strongest (m/s²)")
+        row.prop_decorator(hfx, "amplitude")
         if settings.renderer == "MCHA":
             for name in ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps"):
                 layout.prop(settings, name)
@@ -122,6 +146,7 @@ class HFX_PT_surface_calibration(HfxPanel, bpy.types.Panel):
 
     bl_label = "Calibration"
     bl_parent_id = "HFX_PT_surface"
+    bl_order = 2
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
@@ -148,5 +173,5 @@ def _is_picture(path: str) -> bool:
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_PT_surface, HFX_PT_surface_felt, HFX_PT_surface_calibration)
+    (HFX_PT_surface, HFX_PT_surface_felt, HFX_PT_surface_files, HFX_PT_surface_calibration)
 )

@@ -13,7 +13,8 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
     """What effects and actuators do, now and over the whole timeline"""
 
     bl_label = "Values"
-    bl_order = 6
+    bl_order = 7
+    bl_options = {"DEFAULT_CLOSED"}  # its switches are in the list of effects, too
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

@@ -41,6 +41,25 @@ def exported(blend: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_what_a_named_format_cannot_hold_of_a_named_device_is_no_success(
+    blend: Path, tmp_path: Path
+) -> None:
+    """A sleeve of temperature actuators cannot be had as AHAP; the other device is written."""
+    asked = ("--frames", "1:2", "-f", "track,ahap", "--device", "phone_lra")
+    alone = process("export", blend, "-o", tmp_path / "alone", *asked)
+    assert alone.returncode == 0, alone.stderr
+    done = process(
+        "export", blend, "-o", tmp_path / "both", *asked, "--device", "peltier_sleeve_left"
+    )
+    assert done.returncode == 5
+    assert "device 'peltier_sleeve_left' has no vibration actuators: no Apple AHAP for it" in (
+        done.stdout + done.stderr
+    )
+    report = json.loads((tmp_path / "both" / "small.report.json").read_text("utf-8"))
+    assert len(report["left_out"]) == 1 and set(report["left_out"]) <= set(report["warnings"])
+    assert set(names_in(tmp_path / "alone")) <= set(names_in(tmp_path / "both"))
+
+
 # Usage
 
 

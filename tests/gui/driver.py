@@ -201,6 +201,22 @@ class Driver:
         yield from self.key("Return")
         yield 0.3
 
+    def panels(self, region: bpy.types.Region) -> Iterator[float]:
+        """Centres of the headers of a region's panels, from top to bottom."""
+        theme = bpy.context.preferences.themes[0]
+        owner, name = theme.user_interface, "panel_header"  # since Blender 5.0
+        if not hasattr(owner, name):
+            owner, name = theme.view_3d.space.panelcolors, "header"
+        before = tuple(getattr(owner, name))
+        setattr(owner, name, (1.0, 0.0, 1.0, 1.0))
+        try:
+            found = self._magenta(region)
+        finally:
+            setattr(owner, name, before)
+        pictures.redraw(self.window)
+        yield 0.1
+        return found
+
     def menu_rows(self) -> Iterator[float]:
         """Centres of the rows of all open menus, from top to bottom, then left to right."""
         found = yield from self._painted("wcol_menu_item", None)
@@ -249,12 +265,17 @@ class Driver:
         before = tuple(colours.inner), tuple(colours.inner_sel)
         colours.inner = colours.inner_sel = (1.0, 0.0, 1.0, 1.0)
         try:
-            pixels = self._picture("buttons.png")
+            found = self._magenta(region)
         finally:
             colours.inner, colours.inner_sel = before
-        (self.out / "buttons.png").unlink()
         pictures.redraw(self.window)
         yield 0.1
+        return found
+
+    def _magenta(self, region: bpy.types.Region | None) -> list[Point]:
+        """Centres of what is magenta in a region, or in the whole window."""
+        pixels = self._picture("buttons.png")
+        (self.out / "buttons.png").unlink()
         left = top = 0
         if region is not None:
             left, top = region.x, self.window.height - region.y - region.height

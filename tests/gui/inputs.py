@@ -8,7 +8,7 @@ Both take window pixels from the top left corner, and keys as X names them: ``"s
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 BUTTONS = {1: "LEFTMOUSE", 2: "MIDDLEMOUSE", 3: "RIGHTMOUSE"}
@@ -38,6 +38,12 @@ class RealInput:
 
     def move(self, x: float, y: float) -> Iterator[float]:
         yield from self._call("mousemove", str(round(x)), str(round(y)))
+
+    def glide(self, points: Sequence[tuple[float, float]], seconds: float) -> Iterator[float]:
+        """An even way over points, however slowly the window draws meanwhile."""
+        pause = f"{seconds / max(len(points), 1):.4f}"
+        chain = [("mousemove", str(round(x)), str(round(y)), "sleep", pause) for x, y in points]
+        yield from self._call(*(word for each in chain for word in each))
 
     def press(self, button: int) -> Iterator[float]:
         yield from self._call("mousedown", str(button))
@@ -73,6 +79,11 @@ class SimulatedInput:
     def move(self, x: float, y: float) -> Iterator[float]:
         self._at = (round(x), self._window.height - round(y))
         yield from self._event("MOUSEMOVE", "NOTHING")
+
+    def glide(self, points: Sequence[tuple[float, float]], seconds: float) -> Iterator[float]:
+        for point in points:
+            yield from self.move(*point)
+            yield seconds / len(points)
 
     def press(self, button: int) -> Iterator[float]:
         yield from self._event(BUTTONS[button], "PRESS")

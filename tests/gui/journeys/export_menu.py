@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""File > Export > Haptics: what is written is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import hands
+
+FILE_MENU = (42, 13)  # in the top bar
+EXPORT = -6  # of the File menu: before Export All Collections, External Data, ... Quit
+
+
+def steps(h: Any) -> Iterator[float]:
+    h.show_files_inside()
+    yield from hands.empty_scene(h)
+    scene = bpy.context.scene
+    scene.frame_end = 12
+    scene.hfx.devices.add().name = "back_pad"
+    yield from hands.add_avatar(h)
+    vibration = hands.MODALITIES.index("vibration")
+    yield from hands.add_haptic(h, hands.PAINTED_ROW, vibration)
+    yield from hands.fill_part(h, 0)
+
+    yield from h.click(*FILE_MENU)
+    yield 0.6
+    rows = yield from h.menu()
+    entries = yield from h.submenu(rows[EXPORT])
+    h.shot("1_menu.png")
+    yield from h.click(*entries[-1])  # the extension's is the last
+    yield from h.until(lambda: browser(h) is not None, "a file browser opens", 20)
+    operator = browser(h).spaces.active.active_operator
+    h.check(operator.bl_idname == "HFX_OT_export", "the entry of the menu opens the export")
+    h.shot("2_browser.png")
+    track = h.out / "back.hfxtrack"
+    yield from h.save_as(track)
+    yield from h.until(track.exists, "the track is written", 120)
+    yield 0.5
+    files = sorted(path.name for path in h.out.iterdir() if path.name.startswith("back"))
+    h.check(any(name.endswith(".csv") for name in files), f"and what the device plays: {files}")
+    h.shot("3_written.png")
+    yield from reported(h)
+    told = bpy.context.window_manager.clipboard
+    h.check("Wrote back.hfxtrack" in told, "the message says what was written")
+    h.check(str(h.out) in told, "and where")
+    h.shot("4_told.png")
+
+
+def browser(h: Any) -> bpy.types.Area | None:
+    areas = h.window.screen.areas
+    return next((area for area in areas if area.type == "FILE_BROWSER"), None)
+
+
+def reported(h: Any) -> Iterator[float]:
+    """Copy what Blender's Info editor lists to the clipboard."""
+    area = hands.timeline(h)
+    area.ui_type = "INFO"
+    yield 0.8
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=h.window, area=area, region=region):
+        bpy.ops.info.select_all(action="SELECT")
+        bpy.ops.info.report_copy()
+    yield 0.3
