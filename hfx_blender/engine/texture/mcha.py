@@ -123,15 +123,16 @@ def _transfers(
     waves: npt.NDArray[np.int64], count: int, texel_m: float, blur_m: float
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
     """What Gauss and Sobel make of each wave along one axis: smoothing, and the slope."""
+    from scipy import fft
+
     angle = 2.0 * np.pi * waves / count
     blur = np.ones(len(waves))
     if blur_m > 0.0:
         offsets = np.arange(1, int(TRUNCATE * blur_m / texel_m + 0.5) + 1)
         weights = np.exp(-0.5 * (offsets * texel_m / blur_m) ** 2)
-        total = np.ones(len(waves))
-        for offset, weight in zip(offsets.tolist(), weights.tolist(), strict=True):
-            total += 2.0 * weight * np.cos(offset * angle)
-        blur = total / (1.0 + 2.0 * weights.sum())
+        # A wave of the discrete transform takes a weight for that of a whole turn less.
+        folded = np.bincount(offsets % count, weights, minlength=count)
+        blur = (1.0 + 2.0 * fft.fft(folded).real[waves]) / (1.0 + 2.0 * weights.sum())
     return blur * (0.5 + 0.5 * np.cos(angle)) + 0j, 1j * blur * np.sin(angle) / texel_m
 
 
