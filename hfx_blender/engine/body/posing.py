@@ -228,13 +228,8 @@ class SkinnedModel:
         """Positions under the matrices (n, B, 3, 4) of a cluster's bones."""
         factors = self.cluster_factors(cluster)[1]
         count = len(matrices)
-        stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(3 * count, -1)
-        points = np.zeros((len(stacked), len(factors)))
-        step = max(1, _UNTHREADED // factors.size)
-        for first in range(0, len(stacked), step):
-            part = slice(first, first + step)
-            np.matmul(stacked[part], factors.T, out=points[part])
-        return points.reshape(3, count, -1)
+        stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(1, 3 * count, -1)
+        return _product(stacked, factors).reshape(3, count, -1)
 
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
         is_used = np.zeros(self._still + 1, np.bool_)
@@ -380,10 +375,11 @@ class _SkinnedClusters:
         for (first, last), (bones, factor), each in zip(pieces, factors, known, strict=True):
             rows, end = last - first, entry + (last - first) * len(bones)
             points.append(_product(matrices[:, entry:end].reshape(3, rows, -1), factor))
-            gap = np.multiply.outer(stretches[first:last], each.distances)
+            gap = np.multiply.outer(stretches[first:last], each.distances).ravel()
             if len(bones) > 1:
-                gap += moves[entry:end].reshape(rows, -1) @ each.differences
-            gaps.append(gap.ravel())
+                moved_by = moves[entry:end].reshape(1, rows, -1)
+                gap += _product(moved_by, each.differences.T)[0]
+            gaps.append(gap)
             entry = end
         return np.concatenate(points, axis=1), np.concatenate(gaps)
 
@@ -410,16 +406,24 @@ def _moves(matrices: F64, moved: F64, counts: I64, firsts: I64) -> F64:
 
 
 def _product(stacked: F64, factors: F64) -> F64:
-    """Stacked matrices (3, n, K) times factors (V, K): (3, n V); in parts, none threaded."""
-    size, (_, count, width) = len(factors), stacked.shape
-    if count == 1:
-        return stacked[:, 0] @ factors.T
-    points = np.zeros((3, count, size))
-    step = max(1, _UNTHREADED // (size * width))
+    """Stacked matrices (k, n, K) times factors (V, K): (k, n V); in parts, none threaded.
+
+    The threads that a large product wakes, or one of a single row, go on spinning for longer
+    than it takes.
+    """
+    size, (stack, count, width) = len(factors), stacked.shape
+    products = np.empty((stack, count, size))
+    step = _UNTHREADED // max(size * width, 1)
+    if step < 2:
+        return np.einsum("ink,vk->inv", stacked, factors, out=products).reshape(stack, -1)
     for first in range(0, count, step):
-        part = slice(first, first + step)
-        np.matmul(stacked[:, part], factors.T, out=points[:, part])
-    return points.reshape(3, -1)
+        part = stacked[:, first : first + step]
+        out = products[:, first : first + step]
+        if part.shape[1] == 1:
+            np.einsum("ink,vk->inv", part, factors, out=out)
+        else:
+            np.matmul(part, factors.T, out=out)
+    return products.reshape(stack, -1)
 
 
 def joined(posed: PosedClusters, clusters: I64, at: I64) -> F64:
