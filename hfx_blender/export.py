@@ -8,7 +8,7 @@ all of it is complete.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -40,8 +40,9 @@ from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
 from .formats.written import Written, beside
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
-from .recording import Progress, Recorded, record_track
+from .recording import Recorded, record_track
 from .staging import place, staging
+from .stepwise import Progress, finish
 
 REPORT_SUFFIX = ".report.json"
 
@@ -116,10 +117,20 @@ class SceneExport:
         ``made_from`` is told in the report. ``stage_in`` holds what is not finished, in a
         folder of its own; by default ``folder`` does.
         """
+        return finish(self.steps(folder, stem, made_from, stage_in), progress)
+
+    def steps(
+        self,
+        folder: Path,
+        stem: str,
+        made_from: Mapping[str, Any] | None = None,
+        stage_in: Path | None = None,
+    ) -> Generator[float, None, ExportReport]:
+        """:meth:`whole` in steps; see :mod:`.stepwise`. Given up, it leaves nothing."""
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
             volumes = VolumeRecorder(self.reader.description)
-            recorded, played = self._record(track, volumes, progress, None, self._settings.devices)
+            recorded, played = yield from self._record(track, volumes, None, self._settings.devices)
             return self._finish(track, volumes, recorded, played, folder, made_from or {})
 
     def record_part(
@@ -131,7 +142,7 @@ class SceneExport:
     ) -> ScenePart:
         """Record some samples (first, stop) only, whole chunks of the track."""
         seen = VolumeRecorder(self.reader.description)
-        recorded, _ = self._record(track, seen, progress, part, ())
+        recorded, _ = finish(self._record(track, seen, part, ()), progress)
         if self._wants_volumes:
             with atomic_file(volumes) as file:
                 np.savez(file, **seen.arrays())
@@ -164,20 +175,18 @@ class SceneExport:
         self,
         track: Path,
         volumes: VolumeRecorder,
-        progress: Progress,
         part: tuple[int, int] | None,
         devices: Sequence[DeviceConfig],
-    ) -> tuple[Recorded, list[Played]]:
+    ) -> Generator[float, None, tuple[Recorded, list[Played]]]:
         settings = self._settings
         engine = Engine(self.reader.description, record=settings.record, tolerance=self.tolerance)
-        played = record_track(
+        played = yield from record_track(
             self.reader,
             engine,
             track,
             devices=devices,
             record=settings.record,
             full_precision=settings.full_precision,
-            progress=progress,
             watch=volumes.add if self._wants_volumes else None,
             part=part,
         )

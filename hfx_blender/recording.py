@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from math import ceil
 from pathlib import Path
@@ -20,7 +21,6 @@ from .engine.scene import AnimationBlock, HapticSurface
 from .engine.track import TrackHeader, TrackWriter, as_kept
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 
-Progress = Callable[[float], None]
 Watch = Callable[[AnimationBlock], None]
 
 
@@ -107,12 +107,12 @@ def record_track(
     devices: Sequence[DeviceConfig] = (),
     record: Sequence[str] = (),
     full_precision: bool = False,
-    progress: Progress = lambda share: None,
     watch: Watch | None = None,
     part: tuple[int, int] | None = None,
-) -> list[Played]:
+) -> Generator[float, None, list[Played]]:
     """Evaluate a scene block by block, record it, and render it for the devices on the way.
 
+    After each block the share that is done is yielded: whoever stops there leaves no file.
     The devices get exactly what the track keeps: rendering the track later gives the same.
     With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the
     track. What rings on from before is evaluated first, and forgotten; what devices carry on
@@ -136,8 +136,12 @@ def record_track(
     count = max(int(((wanted >= first) & (wanted < stop)).sum()), 1)
     done = 0
     start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
-    with TrackWriter(path, header, full_precision=full_precision) as writer:
-        for block in reader.blocks(part and (start, stop)):
+    blocks = reader.blocks(part and (start, stop))
+    with (
+        closing(blocks),  # scenes are as they were even if nobody goes on after a step
+        TrackWriter(path, header, full_precision=full_precision) as writer,
+    ):
+        for block in blocks:
             felt = engine.evaluate(block)
             if block.indices[-1] < first:
                 engine.counters.clear()
@@ -149,5 +153,5 @@ def record_track(
             if watch is not None:
                 watch(block)
             done += len(block.indices) - block.history
-            progress(done / count)
+            yield done / count
     return [(device, renderer.raster()) for device, renderer in renderers]

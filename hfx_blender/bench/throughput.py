@@ -44,6 +44,7 @@ from hfx_blender.engine.track import TrackReader
 from hfx_blender.export import ExportSettings, SceneExport
 from hfx_blender.formats import registry
 from hfx_blender.recording import record_track
+from hfx_blender.stepwise import finish
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.formats.glb_scene import VolumeRecorder
@@ -63,7 +64,7 @@ for _ in range(3):  # the first time loads models and modules
     take("evaluating", start)
     engine = Engine(export.reader.description, tolerance=export.tolerance)
     start = time.process_time()
-    record_track(export.reader, engine, folder / "x.hfxtrack")
+    finish(record_track(export.reader, engine, folder / "x.hfxtrack"))
     take("evaluating and track", start)
     volumes = VolumeRecorder(export.reader.description)
     seen = list(export.reader.blocks())

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Generator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
@@ -11,7 +14,11 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..authoring import effects
 from ..errors import InputError
+from ..stepwise import finish
 from .shared import HfxOperator
+
+if TYPE_CHECKING:
+    from ..export_report import ExportReport
 
 FORMAT_ITEMS = (
     ("track", "Haptic Track", "What is felt, for any device (.hfxtrack)", 1 << 0),
@@ -42,6 +49,8 @@ _RECORD_ITEMS = (
     ("depth", "Depth", "How deep each vertex is within a volume", 4),
 )
 _NAMED = 3  # files that the message names
+_AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for
+_PAUSE_S = 0.01
 
 
 class HFX_OT_export(HfxOperator, ExportHelper):
@@ -75,6 +84,12 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         name="Full Precision", description="Weights as 32-bit floats instead of 8 bits"
     )
 
+    # Without annotations, which Blender would take for properties.
+    _is_invoked = False
+    _steps = None
+    _timer = None
+    _share = 0.0
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(effects.effects_of(context.scene), "Add a haptic effect first")
@@ -88,8 +103,79 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         layout.prop(self, "full_precision")
         layout.column(align=True).prop(self, "record")
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._is_invoked = True
+        return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """All at once for a script; in a window step by step, so that Esc can end it."""
+        if not self._is_invoked or bpy.app.background:
+            return super().execute(context)
+        begun = self.reported(lambda: self._begin(context))
+        return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
+
     def work(self, context: bpy.types.Context) -> str:
-        from ..export import ExportSettings, export_scene, scene_devices
+        return self._told(finish(self._steps_of(context)))
+
+    def _begin(self, context: bpy.types.Context) -> str:
+        self._steps = self._steps_of(context)
+        self._share = 0.0
+        window_manager = context.window_manager
+        self._timer = window_manager.event_timer_add(_PAUSE_S, window=context.window)
+        window_manager.modal_handler_add(self)
+        self._show(context)
+        return ""
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Nothing else can be done meanwhile: the scene must stay as it is."""
+        if event.type == "ESC" and event.value == "PRESS":
+            self.cancel(context)
+            self.report({"WARNING"}, "Export cancelled: nothing was written")
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        went_on = self.reported(self._go_on)
+        if self._steps is not None and went_on == {"FINISHED"}:
+            self._show(context)
+            return {"RUNNING_MODAL"}
+        self.cancel(context)
+        return went_on
+
+    def _go_on(self) -> str:
+        """Some more steps; in the end, what there is to report."""
+        assert self._steps is not None
+        pause = time.monotonic() + _AT_ONCE_S
+        try:
+            while time.monotonic() < pause:
+                self._share = next(self._steps)
+        except StopIteration as end:
+            self._steps = None
+            return self._told(end.value)
+        return ""
+
+    def _show(self, context: bpy.types.Context) -> None:
+        share = self._share
+
+        def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
+            row = header.layout.row()
+            row.label(text="Exporting Haptics", icon="EXPORT")
+            row.progress(factor=share, text=f"{share:.0%}")
+            row.label(text="Cancel", icon="EVENT_ESC")
+
+        context.workspace.status_text_set(draw)
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """The end of it, whether there is a result or not."""
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+            context.workspace.status_text_set(None)
+
+    def _steps_of(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
+        from ..export import ExportSettings, SceneExport, scene_devices
         from ..formats.registry import DEVICE_FORMATS
 
         scene = context.scene
@@ -108,28 +194,21 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         path = Path(bpy.path.abspath(self.filepath))
         if not self.filepath or path.is_dir():
             raise InputError(f"Choose a file to export to; '{self.filepath}' names none.")
-        context.window_manager.progress_begin(0, 1)
-        try:
-            report = export_scene(
-                scene,
-                path.parent,
-                path.stem,
-                ExportSettings(
-                    formats,
-                    devices,
-                    full_precision=self.full_precision,
-                    record=tuple(name for name, *_ in _RECORD_ITEMS if name in self.record),
-                    per_clip=self.per_clip,
-                ),
-                context.window_manager.progress_update,
-            )
-        finally:
-            context.window_manager.progress_end()
+        settings = ExportSettings(
+            formats,
+            devices,
+            full_precision=self.full_precision,
+            record=tuple(name for name, *_ in _RECORD_ITEMS if name in self.record),
+            per_clip=self.per_clip,
+        )
+        return SceneExport(scene, settings).steps(path.parent, path.stem)
+
+    def _told(self, report: ExportReport) -> str:
         for warning in report.warnings:
             self.report({"WARNING"}, warning)
         names = [each.name for each in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        return f"Wrote {', '.join(names[:_NAMED])}{more} to {path.parent}"
+        return f"Wrote {', '.join(names[:_NAMED])}{more} to {report.files[0].parent}"
 
 
 register, unregister = bpy.utils.register_classes_factory((HFX_OT_export,))

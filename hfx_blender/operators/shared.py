@@ -25,8 +25,12 @@ class HfxOperator(bpy.types.Operator):
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        return self.reported(lambda: self.work(context))
+
+    def reported(self, work: Callable[[], str]) -> set[str]:
+        """Do some work: what it returns is reported, and so is why it failed."""
         try:
-            message = self.work(context)
+            message = work()
         except HfxError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

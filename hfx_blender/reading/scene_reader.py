@@ -8,7 +8,7 @@ gives what Blender gives.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
@@ -168,7 +168,7 @@ class SceneReader:
         plan = self._plan_now()
         return plan.reason if plan.in_own_scene and plan.is_exact else None
 
-    def blocks(self, part: tuple[int, int] | None = None) -> Iterator[AnimationBlock]:
+    def blocks(self, part: tuple[int, int] | None = None) -> Generator[AnimationBlock, None, None]:
         """Read each of :attr:`sample_indices`; scenes are left as they were.
 
         Where volumes can be felt, a block begins with the sample before its own if that is of

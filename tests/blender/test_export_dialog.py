@@ -62,3 +62,36 @@ def test_each_clip_by_itself(small: Any, tmp_path: Path) -> None:
     bpy.ops.hfx.add_clip(start=1.0, duration=0.04)
     bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"), per_clip=True)
     assert names_in(tmp_path) == ["x.Clip.hfxtrack", "x.report.json"]
+
+
+def test_an_export_that_is_given_up_leaves_nothing_behind(small: Any, tmp_path: Path) -> None:
+    """What Esc does: no file, no scratch scene, the frame that was."""
+    from hfx_blender.export import ExportSettings, SceneExport
+
+    body = next(obj for obj in small.objects if obj.hfx.role == "BODY")
+    body.pose.bones["head"].constraints.new("LIMIT_ROTATION")  # has to be stepped
+    small.frame_end = 60
+    small.frame_set(2)
+    steps = SceneExport(small, ExportSettings(("track",))).steps(tmp_path / "new", "x")
+    share = next(steps)
+    assert 0.0 < share < 1.0 and len(bpy.data.scenes) == 2 and len(names_in(tmp_path)) == 1
+    steps.close()
+    assert names_in(tmp_path) == []
+    assert list(bpy.data.scenes) == [small] and small.frame_current == 2
+
+
+def test_steps_give_what_an_export_at_once_gives(small: Any, tmp_path: Path) -> None:
+    from hfx_blender.export import ExportSettings, SceneExport, export_scene
+
+    small.frame_end = 40
+    at_once = export_scene(small, tmp_path / "a", "x", ExportSettings(("track",)))
+    steps = SceneExport(small, ExportSettings(("track",))).steps(tmp_path / "b", "x")
+    shares = []
+    while True:
+        try:
+            shares.append(next(steps))
+        except StopIteration as end:
+            report = end.value
+            break
+    assert len(shares) > 2 and shares == sorted(shares) and shares[-1] == 1.0
+    assert report.as_dict()["files"] == at_once.as_dict()["files"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""File > Export > Haptics: what is written is told."""
+"""File > Export > Haptics: what is written is told, and a long one can be given up."""
 
 from __future__ import annotations
 
@@ -46,6 +46,32 @@ def steps(h: Any) -> Iterator[float]:
     h.check("Wrote back.hfxtrack" in told, "the message says what was written")
     h.check(str(h.out) in told, "and where")
     h.shot("4_told.png")
+    yield from given_up(h)
+
+
+def given_up(h: Any) -> Iterator[float]:
+    """Esc ends a long export: no file of it is left."""
+    scene = bpy.context.scene
+    scene.frame_end = 100_000
+    before = sorted(path.name for path in h.out.iterdir())
+    yield from h.press_button("HFX_OT_export")
+    track = h.out / "long.hfxtrack"
+    yield from h.save_as(track)
+    yield from h.until(lambda: is_exporting(h), "the export has begun", 60)
+    yield 3.0
+    h.check(is_exporting(h), "and goes on while the window is drawn")
+    h.shot("5_progress.png")
+    yield from h.key("Escape")
+    yield from h.until(lambda: not is_exporting(h), "Esc ends it", 30)
+    yield 1.0
+    h.shot("6_cancelled.png")
+    left = {path.name for path in h.out.iterdir() if path.suffix != ".png"} - set(before)
+    h.check(not left, f"nothing is left of it {sorted(left)}")
+    h.check(len(bpy.data.scenes) == 1, "no scene of its own is left")
+
+
+def is_exporting(h: Any) -> bool:
+    return any(each.bl_idname == "HFX_OT_export" for each in h.window.modal_operators)
 
 
 def browser(h: Any) -> bpy.types.Area | None:

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Long work in steps, between which its caller may show how far it is, or give it up.
+
+Such work is a generator: it yields the share that is done and returns its result. Closing it
+early undoes what it has begun, as an error would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import TypeVar
+
+Progress = Callable[[float], None]
+_T = TypeVar("_T")
+
+
+def finish(steps: Generator[float, None, _T], progress: Progress = lambda share: None) -> _T:
+    """Do all steps, and give the result."""
+    while True:
+        try:
+            progress(next(steps))
+        except StopIteration as end:
+            result: _T = end.value
+            return result
