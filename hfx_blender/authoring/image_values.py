@@ -148,13 +148,16 @@ def stored(image: bpy.types.Image) -> F32:
 
 
 def show(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) -> None:
-    """Make an image's preview from values (H, W), black lowest, white highest."""
+    """Make an image's preview from values (H, W), black lowest, white highest.
+
+    Where all are alike there is no contrast to show: their own value then, 0 black, 1 white.
+    """
     grid = np.asarray(values, np.float32)
     rows = np.linspace(0, grid.shape[0] - 1, size).round().astype(int)
     columns = np.linspace(0, grid.shape[1] - 1, size).round().astype(int)
     small = grid[rows][:, columns]
     low, high = float(small.min()), float(small.max())
-    grey = (small - low) / (high - low) if high > low else np.zeros_like(small)
+    grey = (small - low) / (high - low) if high > low else np.clip(small, 0.0, 1.0)
     pixels = np.ones((size, size, 4), np.float32)
     pixels[..., :3] = grey[..., None]
     preview = image.preview_ensure()

@@ -272,3 +272,14 @@ def test_a_stroke_is_asked_for_before_it_is_exported(scene: Any) -> None:
     stroke_pad.last_take = None
     with pytest.raises(RuntimeError, match="Stroke a surface first"):
         bpy.ops.hfx.export_stroke(filepath="x.wav")
+
+
+def test_a_layer_that_is_the_same_everywhere_is_shown_as_grey_as_it_is(registered: Any) -> None:
+    from hfx_blender.authoring import image_values
+
+    image = bpy.data.images.new("Even", 4, 4, float_buffer=True, is_data=True)
+    for value in (0.0, 0.5, 1.0):
+        image_values.show(image, np.full((4, 4), value))
+        pixels = np.array(image.preview.image_pixels_float).reshape(-1, 4)
+        # A preview keeps bytes.
+        np.testing.assert_allclose(pixels[:, :3], value, atol=1 / 255)
