@@ -142,11 +142,6 @@ def store(
     return image
 
 
-def stored(image: bpy.types.Image) -> F32:
-    """The channels of an image of :func:`store`, (H, W, 4)."""
-    return pixels_of(image)
-
-
 def show(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) -> None:
     """Make an image's preview from values (H, W), black lowest, white highest.
 

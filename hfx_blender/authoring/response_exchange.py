@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import bpy
+from mathutils import Vector
 
 from .. import compat
 from ..engine.response.controls import CONTROLS, Kind
@@ -152,17 +153,11 @@ def swarm_recipe(
 
 def _extent(emitter: bpy.types.Object) -> tuple[list[float], list[float]]:
     """Middle and half edges of an object's bounding box, world axes."""
-    corners = [emitter.matrix_world @ _vector(corner) for corner in emitter.bound_box]
+    corners = [emitter.matrix_world @ Vector(corner) for corner in emitter.bound_box]
     lowest = [min(corner[axis] for corner in corners) for axis in range(3)]
     highest = [max(corner[axis] for corner in corners) for axis in range(3)]
     middle = [0.5 * (a + b) for a, b in zip(lowest, highest, strict=True)]
     return middle, [0.5 * (b - a) for a, b in zip(lowest, highest, strict=True)]
-
-
-def _vector(corner: Sequence[float]) -> object:
-    from mathutils import Vector
-
-    return Vector(corner)
 
 
 def add_swarm(

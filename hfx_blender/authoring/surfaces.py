@@ -209,7 +209,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
         return None
     if settings.relief_image is None:
         raise InputError(f"The surface of '{obj.name}' has no map yet; bake it first.")
-    heights_m = image_values.stored(settings.relief_image)[..., 0].astype(np.float64) / 1000.0
+    heights_m = image_values.pixels_of(settings.relief_image)[..., 0].astype(np.float64) / 1000.0
     size_mm = settings.made_size_mm
     if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, however large it is now
         size_mm = surface_sources.tile_mm(obj)
@@ -250,14 +250,14 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
         if settings.intensity_image is None or settings.sharpness_image is None:
             raise InputError(f"The surface of '{obj.name}' is an imported map; import one.")
         intensity, sharpness = (
-            np.clip(np.nan_to_num(image_values.stored(image)[..., 0]), 0.0, 1.0)
+            np.clip(np.nan_to_num(image_values.pixels_of(image)[..., 0]), 0.0, 1.0)
             for image in (settings.intensity_image, settings.sharpness_image)
         )
         rows, columns = intensity.shape
         texel = settings.made_size_mm[0] / 1000.0 / columns, settings.made_size_mm[1] / 1000 / rows
         made = HapticMap(intensity, sharpness, texel, settings.made_tiles, device)
         return made if steps is None else made.in_steps(steps)
-    roughness = image_values.stored(settings.relief_image)[..., 1]
+    roughness = image_values.pixels_of(settings.relief_image)[..., 1]
     wanted = MapSettings(
         blur_m=settings.blur_mm / 1000.0,
         full_slope=settings.full_slope,

@@ -16,6 +16,7 @@ from .. import blender_session
 from ..devices.configuration import load_device
 from ..engine.rendering.device import DeviceConfig
 from ..engine.tolerance import parse as parse_tolerance
+from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track.layout import SAMPLES_PER_CHUNK
 from ..errors import HfxError
 from . import inputs, pieces, ranges
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float], None]
 
-_TRACK: Final = ".hfxtrack"
 _VOLUMES: Final = ".npz"
 
 
@@ -198,7 +198,7 @@ def _piece(
         part = cut[number - 1]
         found = _recorded_part(replace(unit, part=part), export, progress)
         track, volumes = Path(found["track"]), Path(found["volumes"])
-        track = track.replace(track.with_suffix(_TRACK))
+        track = track.replace(track.with_suffix(TRACK_SUFFIX))
         files = (track, volumes) if volumes.is_file() else (track,)
         record = pieces.keep(unit, part, found["recorded"], made_from, files)
         text = f"piece {number} of {count}: samples {part[0]} to {part[1] - 1}"
@@ -214,7 +214,7 @@ def _collected(
         files = pieces.files_of(unit, record)
         found.append(
             {
-                "track": str(files[_TRACK]),
+                "track": str(files[TRACK_SUFFIX]),
                 "volumes": str(files.get(_VOLUMES, "")),
                 "recorded": record["recorded"],
             }

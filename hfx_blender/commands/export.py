@@ -9,7 +9,7 @@ import os
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from .. import blender_session
 from ..atomic_files import atomic_file
@@ -205,12 +205,9 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
         scene=options.scene,
         per_clip=options.per_clip,
     )
-    kind: Literal["scene", "piece", "join"] = "scene"
-    if options.piece is not None or options.merge:
-        kind = "join" if options.merge else "piece"
     return [
         Unit(
-            kind=kind,
+            kind="join" if options.merge else "scene" if options.piece is None else "piece",
             input=None if path is None else os.path.abspath(path),
             folder=os.path.abspath(options.output),
             stem=_open_stem() if path is None else path.stem,

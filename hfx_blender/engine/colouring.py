@@ -93,6 +93,15 @@ def strengths(
     return share
 
 
+def colour_name(sample: Sample, is_contact: bool) -> str:
+    """Which colour of a palette a sample has."""
+    modality = sample.stream.modality
+    if modality != "temperature":
+        return modality
+    is_cold = float(sample.parameters[0]) < neutral_temperature_c(is_contact)
+    return COLD if is_cold else modality
+
+
 def felt_shares(
     samples: Iterable[Sample],
     spreads: Mapping[str, Spread],
@@ -109,11 +118,8 @@ def felt_shares(
         stream = sample.stream
         is_contact = stream.effect_id in contact_effects
         at_model = strengths(sample, vertex_counts[stream.model_id], is_contact)
-        is_cold = stream.modality == "temperature" and float(
-            sample.parameters[0]
-        ) < neutral_temperature_c(is_contact)
         spread = spreads[stream.model_id]
-        name = COLD if is_cold else stream.modality
+        name = colour_name(sample, is_contact)
         here = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
         felt[name] = felt[name] + here if name in felt else here
     nothing = np.zeros(count)

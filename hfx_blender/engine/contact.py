@@ -19,7 +19,8 @@ from .counters import Counters
 from .coverage import BodySkin
 from .details import Details
 from .finding import Found
-from .placed import Placed, largest_stretch
+from .motion import largest_stretch
+from .placed import Placed
 from .placed import ReachableBounds as ReachableBounds
 from .scene import EffectBlock, PoseBlock
 from .volume.placement import inverse_placement

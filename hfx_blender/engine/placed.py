@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from . import swept
 from .coverage import BodySkin
-from .motion import largest_stretch as largest_stretch
 from .motion import turned_by
 from .scene import EffectBlock, PoseBlock
 from .target import Target

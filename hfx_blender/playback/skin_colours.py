@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.colouring import COLD, Colour, Spread, overlay, strengths
-from ..engine.modality import neutral_temperature_c
+from ..engine.colouring import Colour, Spread, colour_name, overlay, strengths
 from ..engine.samples import Sample
 
 F32 = npt.NDArray[np.float32]
@@ -71,7 +70,7 @@ class SkinColours:
             if not len(sample.vertices):
                 continue
             is_contact = sample.stream.effect_id in contact_effects
-            name = _name(sample, is_contact)
+            name = colour_name(sample, is_contact)
             groups.setdefault((sample.stream.model_id, name), []).append((sample, is_contact))
         felt: dict[str, F32] = {}
         for (model, name), mine in groups.items():
@@ -88,12 +87,3 @@ class SkinColours:
             for name, each in felt.items()
         }
         return shown, overlay(shares, palette)
-
-
-def _name(sample: Sample, is_contact: bool) -> str:
-    """Of the colour in a palette."""
-    modality = sample.stream.modality
-    if modality != "temperature":
-        return modality
-    is_cold = float(sample.parameters[0]) < neutral_temperature_c(is_contact)
-    return COLD if is_cold else modality

@@ -46,6 +46,13 @@ class Activation:
                 on |= (frames >= start) & (frames <= end)
         return on
 
+    def level(self, hfx: bpy.types.PropertyGroup) -> float:
+        """How strongly the effect is on: by its evaluated settings, clip times intensity."""
+        if self.source is Source.OFF:
+            return 0.0
+        on = 1.0 if self.source is Source.ALWAYS_ON else hfx.activation
+        return float(on * hfx.intensity)
+
 
 SILENCED = Activation(Source.OFF)
 """Of an effect that its user has muted."""

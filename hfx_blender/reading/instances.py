@@ -304,10 +304,9 @@ def _values(
     from ..authoring import volumes
 
     hfx = evaluated.hfx
-    on = 1.0 if state.source is activation.Source.ALWAYS_ON else hfx.activation
     parameters = effect_values.parameters(hfx, np.eye(4))
     scale = volumes.shape_scale(hfx)
-    return on * hfx.intensity, parameters, scale, response_values.controls(hfx, unit_m)
+    return state.level(hfx), parameters, scale, response_values.controls(hfx, unit_m)
 
 
 def _frames(

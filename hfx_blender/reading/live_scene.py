@@ -25,7 +25,7 @@ from ..engine.scene import (
 )
 from ..engine.tolerance import Tolerance
 from ..errors import InputError
-from . import activation, scene_description, skin_areas
+from . import scene_description, skin_areas
 from .effect_values import Shapes
 from .live_clock import LiveClock
 from .live_instances import LiveInstances
@@ -110,12 +110,8 @@ class LiveScene:
             return False
         graph = self.objects.layer.depsgraph
         for obj, state in zip(self.objects.effects, self.objects.activations, strict=True):
-            if state.source is activation.Source.OFF:
-                continue
-            hfx = obj.evaluated_get(graph).hfx
-            is_always_on = state.source is activation.Source.ALWAYS_ON
-            # Not "== 0": what is no number has to be found and told.
-            if not hfx.intensity * (1.0 if is_always_on else hfx.activation) <= 0.0:
+            # Not "> 0": what is no number has to be found and told.
+            if not state.level(obj.evaluated_get(graph).hfx) <= 0.0:
                 return False
         return True
 

@@ -54,8 +54,7 @@ class SteppedReading:
         values = EffectRow()
         if state.source is activation.Source.OFF or not evaluated.is_evaluated:
             return values
-        on = 1.0 if state.source is activation.Source.ALWAYS_ON else hfx.activation
-        values.level = on * hfx.intensity
+        values.level = state.level(hfx)
         matrix = effect_values.world_of(evaluated)
         values.parameters = effect_values.parameters(hfx, matrix)
         values.place = skin_values.place(hfx, self._found.unit_m)

@@ -88,17 +88,22 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             column.label(text=label)
 
 
-class HFX_PT_surface_files(HfxPanel, bpy.types.Panel):
-    """A surface from a picture, a scan or a file of maps, and back"""
+class _OfSurface(HfxPanel):
+    """A part of the panel of an object that is a surface already."""
 
-    bl_label = "Files"
     bl_parent_id = "HFX_PT_surface"
-    bl_order = 1
-    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return active_surface(context) is not None
+
+
+class HFX_PT_surface_files(_OfSurface, bpy.types.Panel):
+    """A surface from a picture, a scan or a file of maps, and back"""
+
+    bl_label = "Files"
+    bl_order = 1
+    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
@@ -110,15 +115,10 @@ class HFX_PT_surface_files(HfxPanel, bpy.types.Panel):
         row.operator("hfx.export_texture", icon="EXPORT")
 
 
-class HFX_PT_surface_felt(HfxPanel, bpy.types.Panel):
+class HFX_PT_surface_felt(_OfSurface, bpy.types.Panel):
     """How the surface is felt"""
 
     bl_label = "Felt As"
-    bl_parent_id = "HFX_PT_surface"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_surface(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -141,17 +141,12 @@ class HFX_PT_surface_felt(HfxPanel, bpy.types.Panel):
         layout.prop(settings, "sound")
 
 
-class HFX_PT_surface_calibration(HfxPanel, bpy.types.Panel):
+class HFX_PT_surface_calibration(_OfSurface, bpy.types.Panel):
     """How strongly fabrics are felt, by you and on a device"""
 
     bl_label = "Calibration"
-    bl_parent_id = "HFX_PT_surface"
     bl_order = 2
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_surface(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

@@ -10,12 +10,9 @@ from __future__ import annotations
 
 import logging
 import os
-import threading
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from queue import SimpleQueue
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,14 +25,13 @@ from .haptics import packed
 from .messages import (
     EVERY_DEVICE,
     Kind,
-    Message,
     MessageError,
     message,
-    read_message,
     values_to,
 )
 from .moments import Moment, SceneMessage, Worn, moment_from, scene_from
 from .tones import Tones, frame_of, of_partials
+from .worker_input import messages_of_owner
 
 F64 = npt.NDArray[np.float64]
 
@@ -135,9 +131,7 @@ def main() -> None:
     """Answer until standard input ends."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not garble the answers
-    waiting: SimpleQueue[Message] = SimpleQueue()
-    source = os.fdopen(os.dup(0), "rb")
-    threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
+    waiting = messages_of_owner(os.fdopen(os.dup(0), "rb"))
     renderers: Renderers | None = None
     while True:
         asked = waiting.get()
@@ -153,17 +147,6 @@ def main() -> None:
             answers = [_fault(EVERY_DEVICE, error)]
         out.write(b"".join((*answers, message(Kind.READY))))
         out.flush()
-
-
-def _read(source: BinaryIO, waiting: SimpleQueue[Message]) -> None:
-    """Ends the process with its owner, whatever it does."""
-    with suppress(MessageError, OSError):
-        while True:
-            found = read_message(source)
-            if found is None:
-                break
-            waiting.put(found)
-    os._exit(0)
 
 
 if __name__ == "__main__":

@@ -16,14 +16,14 @@ import time
 import traceback
 from contextlib import suppress
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, BinaryIO, Final
 
 from ...engine.rendering.device import DeviceConfig
 from ..configuration import load_device
 from .approval import fingerprint_of
 from .haptics import as_values, unpacked
-from .messages import Kind, Message, MessageError, json_from, message, read_message, values_to
+from .messages import Kind, Message, json_from, message, read_message, values_to
+from .worker_input import messages_of_owner
 
 MAX_MEMORY: Final = 4 << 30
 _LOGS_PER_S: Final = 10
@@ -73,8 +73,7 @@ def main() -> None:
     except BaseException as error:
         outlet.fault(_told(error))
         os._exit(1)
-    waiting: SimpleQueue[Message] = SimpleQueue()
-    threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
+    waiting = messages_of_owner(source)
     outlet.tell(Kind.READY)
     while True:
         asked = waiting.get()
@@ -85,17 +84,6 @@ def main() -> None:
             outlet.fault(_told(error))
             os._exit(1)
         outlet.tell(Kind.ANSWER, values_to(values))
-
-
-def _read(source: BinaryIO, waiting: SimpleQueue[Message]) -> None:
-    """Ends the process with its owner, also while the script hangs."""
-    with suppress(MessageError, OSError):
-        while True:
-            found = read_message(source)
-            if found is None:
-                break
-            waiting.put(found)
-    os._exit(0)
 
 
 def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ..indexing import ramp
 from ..motion import largest_stretch
+from ..products import stacked_product
 from ..scene import PoseBlock, SkinBinding
 from .clusters import clusters_of
 from .model import PerceptualModel
@@ -24,11 +25,6 @@ from .model import PerceptualModel
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
-
-
-_UNTHREADED = 1 << 18
-"""Multiplications in one product: more, and OpenBLAS starts threads that wait for each other
-longer than they work, several times over where the processors are busy (measured)."""
 
 
 _SMALL = 96
@@ -229,7 +225,7 @@ class SkinnedModel:
         factors = self.cluster_factors(cluster)[1]
         count = len(matrices)
         stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(1, 3 * count, -1)
-        return _product(stacked, factors).reshape(3, count, -1)
+        return stacked_product(stacked, factors).reshape(3, count, -1)
 
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
         is_used = np.zeros(self._still + 1, np.bool_)
@@ -374,11 +370,11 @@ class _SkinnedClusters:
         entry = 0
         for (first, last), (bones, factor), each in zip(pieces, factors, known, strict=True):
             rows, end = last - first, entry + (last - first) * len(bones)
-            points.append(_product(matrices[:, entry:end].reshape(3, rows, -1), factor))
+            points.append(stacked_product(matrices[:, entry:end].reshape(3, rows, -1), factor))
             gap = np.multiply.outer(stretches[first:last], each.distances).ravel()
             if len(bones) > 1:
                 moved_by = moves[entry:end].reshape(1, rows, -1)
-                gap += _product(moved_by, each.differences.T)[0]
+                gap += stacked_product(moved_by, each.differences.T)[0]
             gaps.append(gap)
             entry = end
         return np.concatenate(points, axis=1), np.concatenate(gaps)
@@ -403,27 +399,6 @@ def _moves(matrices: F64, moved: F64, counts: I64, firsts: I64) -> F64:
     moves: F64 = np.sqrt(np.einsum("ie,ie->e", ways, ways))
     moves += np.sqrt(turned) * moved[:, 5]
     return moves
-
-
-def _product(stacked: F64, factors: F64) -> F64:
-    """Stacked matrices (k, n, K) times factors (V, K): (k, n V); in parts, none threaded.
-
-    The threads that a large product wakes, or one of a single row, go on spinning for longer
-    than it takes.
-    """
-    size, (stack, count, width) = len(factors), stacked.shape
-    products = np.empty((stack, count, size))
-    step = _UNTHREADED // max(size * width, 1)
-    if step < 2:
-        return np.einsum("ink,vk->inv", stacked, factors, out=products).reshape(stack, -1)
-    for first in range(0, count, step):
-        part = stacked[:, first : first + step]
-        out = products[:, first : first + step]
-        if part.shape[1] == 1:
-            np.einsum("ink,vk->inv", part, factors, out=out)
-        else:
-            np.matmul(part, factors.T, out=out)
-    return products.reshape(stack, -1)
 
 
 def joined(posed: PosedClusters, clusters: I64, at: I64) -> F64:

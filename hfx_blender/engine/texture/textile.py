@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..products import stacked_product
 from .height_field import HeightField
 from .stroke import Stroke
 
@@ -31,9 +32,6 @@ MAX_FACTOR: Final = 64
 
 _MOST_UNLIKE: Final = 40
 """Products that are quicker than a Fourier transform of a window."""
-
-_FEW_PRODUCTS: Final = 1 << 18
-"""Of numbers in one product of matrices: more, and OpenBLAS would wake threads for it."""
 
 
 def receptor_weights(frequencies_hz: npt.ArrayLike) -> F64:
@@ -65,10 +63,8 @@ def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
         return _by_fourier(heights, rate_hz)
     rows = heights.reshape(-1, n)
     power = np.einsum("rk,rk->r", rows, rows) / n
-    at_once = max(_FEW_PRODUCTS // max(unlike.size, 1), 1)
-    for first in range(0, len(rows), at_once):
-        less = rows[first : first + at_once] @ unlike
-        power[first : first + at_once] -= np.einsum("rk,rk->r", less, less)
+    less = stacked_product(rows[None], unlike.T).reshape(len(rows), -1)
+    power -= np.einsum("rk,rk->r", less, less)
     return np.sqrt(np.maximum(power, 0.0)).reshape(heights.shape[:-1])
 
 

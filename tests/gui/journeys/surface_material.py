@@ -54,6 +54,7 @@ def bumpy(plane: bpy.types.Object) -> bpy.types.Node:
     nodes, links = material.node_tree.nodes, material.node_tree.links
     noise, bump = nodes.new("ShaderNodeTexNoise"), nodes.new("ShaderNodeBump")
     noise.inputs["Scale"].default_value = 15.0
+    bump.inputs["Distance"].default_value = 0.001  # metres; a new one's was 1 in older Blenders
     links.new(noise.outputs[0], bump.inputs["Height"])
     shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
     links.new(bump.outputs["Normal"], shader.inputs["Normal"])
