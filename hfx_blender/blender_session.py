@@ -73,13 +73,6 @@ def interrupts_held() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def child_environment() -> dict[str, str]:
-    """Environment in which a child process finds this package where it lies."""
-    root = str(Path(__file__).resolve().parents[1])
-    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-    return {**os.environ, "PYTHONPATH": paths}
-
-
 def inside_blender() -> bool:
     """Whether this runs in a whole Blender, not in its Python module: a file is open already."""
     bpy = sys.modules.get("bpy")

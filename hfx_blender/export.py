@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ from .formats.glb_scene import VolumeRecorder
 from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
 from .formats.written import Written, beside
+from .own_processes import cores
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .recording import Recorded, record_track
 from .staging import place, staging
@@ -59,6 +60,7 @@ class ExportSettings:
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
     record: tuple[str, ...] = ()  # engine.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
+    processes: int = field(default_factory=cores)  # at most; the results are the same
     per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
 
     def __post_init__(self) -> None:
@@ -189,6 +191,7 @@ class SceneExport:
             full_precision=settings.full_precision,
             watch=volumes.add if self._wants_volumes else None,
             part=part,
+            processes=settings.processes,
         )
         return Recorded.of(self.reader, engine), played
 

@@ -15,6 +15,7 @@ import bpy
 from . import __version__
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
+from .engine.parallel.evaluating import evaluated
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.devices import Played, renderers_of
 from .engine.scene import AnimationBlock, HapticSurface
@@ -109,14 +110,16 @@ def record_track(
     full_precision: bool = False,
     watch: Watch | None = None,
     part: tuple[int, int] | None = None,
+    processes: int = 1,
 ) -> Generator[float, None, list[Played]]:
     """Evaluate a scene block by block, record it, and render it for the devices on the way.
 
     After each block the share that is done is yielded: whoever stops there leaves no file.
     The devices get exactly what the track keeps: rendering the track later gives the same.
-    With ``part``, only samples ``first <= index < stop`` are recorded, whole chunks of the
-    track. What rings on from before is evaluated first, and forgotten; what devices carry on
-    from one sample to the next is for the whole track.
+    Several ``processes`` evaluate it where that pays, with the same result. With ``part``, only
+    samples ``first <= index < stop`` are recorded, whole chunks of the track. What rings on from
+    before is evaluated first, and forgotten; what devices carry on from one sample to the next
+    is for the whole track.
     """
     scene = reader.description
     models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
@@ -137,12 +140,13 @@ def record_track(
     done = 0
     start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks(part and (start, stop))
+    felt_blocks = evaluated(engine, blocks, samples=count, processes=processes)
     with (
         closing(blocks),  # scenes are as they were even if nobody goes on after a step
+        closing(felt_blocks),
         TrackWriter(path, header, full_precision=full_precision) as writer,
     ):
-        for block in blocks:
-            felt = engine.evaluate(block)
+        for block, felt in felt_blocks:
             if block.indices[-1] < first:
                 engine.counters.clear()
                 continue

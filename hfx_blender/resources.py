@@ -7,6 +7,8 @@ from pathlib import Path
 
 from .errors import HfxError
 
+BODY_MODELS_VARIABLE = "HFX_BODY_MODELS"
+
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -41,7 +43,7 @@ def user_body_models() -> Path:
 
     The environment variable ``HFX_BODY_MODELS`` names another one.
     """
-    named = os.environ.get("HFX_BODY_MODELS")
+    named = os.environ.get(BODY_MODELS_VARIABLE)
     return Path(named).expanduser() if named else _user_data() / "body_models"
 
 

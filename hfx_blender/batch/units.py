@@ -36,6 +36,7 @@ class Unit:
     part_frames: int | None = None  # of a scene: split it into parts of about so many frames
     part: tuple[int, int] | None = None  # of a part: first sample, and the first beyond it
     done: tuple[dict[str, Any], ...] = ()  # of a merge: the outcomes of all parts
+    cores: int = 1  # that whoever does it may use; what is written does not depend on it
     piece: tuple[int, int] | None = None  # of a piece: its number, from 1, and how many there are
 
     @property

@@ -79,7 +79,10 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
 
     scene = scene_named(unit.options.scene)
     names = _device_names(unit.options, scene)
-    export = SceneExport(scene, _settings(unit.options, tuple(map(load_device, names))))
+    settings = replace(
+        _settings(unit.options, tuple(map(load_device, names))), processes=unit.cores
+    )
+    export = SceneExport(scene, settings)
     if unit.kind == "part":
         return {"part": _recorded_part(unit, export, progress)}
     models = sorted({effect.model_id for effect in export.reader.description.effects})

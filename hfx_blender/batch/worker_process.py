@@ -9,7 +9,6 @@ import os
 import queue
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -17,7 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, Any
 
-from ..blender_session import child_environment
+from .. import own_processes
 from ..errors import HfxError
 from .units import Outcome, Unit, failure
 
@@ -41,7 +40,7 @@ class TimeLimitError(Exception):
 
 def worker_command() -> list[str]:
     """The command that starts a worker here."""
-    return [sys.executable, "-m", "hfx_blender.batch.worker"]
+    return own_processes.command("batch.worker")
 
 
 class WorkerProcess:
@@ -116,7 +115,7 @@ class WorkerProcess:
             stderr=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
-            env={**child_environment(), "PYTHONUTF8": "1"},
+            env={**own_processes.environment(), "PYTHONUTF8": "1"},
             **group,
         )
         self._process = process

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import blender_session
+from .. import blender_session, own_processes
 
 _STEP = """
 import bpy, os, sys, time
@@ -179,7 +179,7 @@ def _run(program: str, *arguments: Path) -> tuple[float, dict[str, Any]]:
         [sys.executable, "-c", program, *map(str, arguments)],
         capture_output=True,
         text=True,
-        env=blender_session.child_environment(),
+        env=own_processes.environment(),
     )
     before, found, seconds = done.stderr.rpartition("seconds=")
     if not found:

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .. import blender_session
+from .. import blender_session, own_processes
 from ..batch import batch
 from ..batch.local_workers import LocalWorkers
 from ..batch.options import ExportOptions
@@ -110,7 +110,7 @@ for obj in bpy.data.objects:  # the same over and over: clips do not end, motion
         obj.animation_data_clear()
 devices = tuple(load_device(name) for name in sys.argv[4].split(",") if name)
 formats = ("track", "csv") if devices else ("track",)
-settings = ExportSettings(formats, devices, frames=(0, count - 1))
+settings = ExportSettings(formats, devices, frames=(0, count - 1), processes=1)
 export_scene(scene, Path(sys.argv[2]), "x", settings)
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 sys.stderr.write(f"found={peak * 1024}")
@@ -218,7 +218,7 @@ def _child(program: str, *arguments: Path | str) -> str:
         [sys.executable, "-c", program, *map(str, arguments)],
         capture_output=True,
         text=True,
-        env=blender_session.child_environment(),
+        env=own_processes.environment(),
     )
     _, found, value = done.stderr.rpartition("found=")
     if not found:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import blender_session
+from .. import blender_session, own_processes
 from ..console import Console
 from ..staging import make_folder
 
@@ -115,7 +115,7 @@ def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
             capture_output=True,
             text=True,
             timeout=_PICTURE_LIMIT_S,
-            env=blender_session.child_environment(),
+            env=own_processes.environment(),
         )
     except subprocess.TimeoutExpired:
         return f"it took longer than {_PICTURE_LIMIT_S} s"

@@ -21,6 +21,7 @@ from ..console import Console
 from ..engine.tolerance import Tolerance
 from ..engine.tolerance import parse as parse_tolerance
 from ..errors import UsageError
+from ..own_processes import cores
 
 SOME_FAILED = 5
 _OF_A_PIECE = ("piece", "samples", "files")  # of its record, in the result
@@ -82,6 +83,13 @@ def add_parser(commands: Any) -> None:
     )
     work = parser.add_argument_group("many scenes, long scenes")
     work.add_argument("--jobs", type=int, default=1, metavar="N", help="worker processes")
+    work.add_argument(
+        "--cores",
+        type=int,
+        metavar="N",
+        help="processor cores to use, shared among the workers (default: all of this machine); "
+        "long scenes are evaluated on several, with the same results",
+    )
     work.add_argument(
         "--resume",
         action="store_true",
@@ -214,10 +222,18 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
             stage=str(stage),
             options=asked,
             part_frames=options.split,
+            cores=_cores_of_each(options),
             piece=options.piece,
         )
         for path in options.scenes or [None]
     ]
+
+
+def _cores_of_each(options: argparse.Namespace) -> int:
+    """How many cores each worker may use; one of another machine: its own."""
+    if options.scheduler is not None:
+        return 1
+    return max((options.cores or cores()) // (1 if _in_process(options) else options.jobs), 1)
 
 
 def _open_stem() -> str:
@@ -318,6 +334,8 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError(f"--record {unknown[0]}: expected some of {', '.join(sorted(ON_DEMAND))}")
     if options.jobs < 1:
         raise UsageError(f"--jobs {options.jobs}: expected at least 1")
+    if options.cores is not None and options.cores < 1:
+        raise UsageError(f"--cores {options.cores}: expected at least 1")
     if options.split is not None and options.split < 1:
         raise UsageError(f"--split {options.split}: expected at least 1 frame")
     if options.piece is not None and options.merge:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Final
 
 
 @dataclass
@@ -28,6 +29,39 @@ class Counters:
         models = self.models_loaded
         self.__dict__.update(vars(Counters(models_loaded=models)))
 
+    def copy(self) -> Counters:
+        """The same, now."""
+        return replace(self, models_loaded=[*self.models_loaded], warnings={**self.warnings})
+
+    def since(self, before: Counters) -> Counters:
+        """What was counted since there was :meth:`copy` of these."""
+        changes: dict[str, int] = {
+            name: getattr(self, name) - getattr(before, name) for name in _NUMBERS
+        }
+        new = self.models_loaded[len(before.models_loaded) :]
+        warnings = {
+            text: count - before.warnings.get(text, 0)
+            for text, count in self.warnings.items()
+            if count != before.warnings.get(text, 0)
+        }
+        return Counters(models_loaded=new, warnings=warnings, **changes)
+
+    def add(self, more: Counters) -> None:
+        """Count what was counted elsewhere."""
+        for name in _NUMBERS:
+            setattr(self, name, getattr(self, name) + getattr(more, name))
+        known = {*self.models_loaded}
+        self.models_loaded += [model for model in more.models_loaded if model not in known]
+        for text, count in more.warnings.items():
+            self.warn(text, count)
+
+    def go_back(self, before: Counters) -> None:
+        """To :meth:`copy` of these."""
+        self.__dict__.update(vars(before.copy()))
+
     def as_dict(self) -> dict[str, object]:
         """Plain data for a report."""
         return asdict(self)
+
+
+_NUMBERS: Final = tuple(each.name for each in fields(Counters) if each.type == "int")

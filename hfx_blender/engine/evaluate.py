@@ -58,8 +58,9 @@ class Engine:
         tolerance: Tolerance = STANDARD,
     ) -> None:
         self.scene = scene
+        self.tolerance = tolerance
         self.counters = Counters()
-        wanted = frozenset(record)
+        self.record = wanted = frozenset(record)
         known = ON_DEMAND | ON_DEMAND_HERE
         if not wanted <= known:
             raise ValueError(f"record: expected some of {sorted(known)}, got {record}")

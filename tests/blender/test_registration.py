@@ -13,7 +13,7 @@ import hfx_scenes
 import pytest
 
 import hfx_blender
-from hfx_blender import blender_session
+from hfx_blender import own_processes
 from hfx_blender.ui import blender_command, effects_panel, menus, paint_panel, panels
 
 
@@ -100,7 +100,7 @@ def test_what_is_not_used_yet_is_not_imported() -> None:
     )
     fresh = subprocess.run(
         [sys.executable, "-c", code],
-        env=blender_session.child_environment(),
+        env=own_processes.environment(),
         capture_output=True,
         text=True,
         timeout=120,

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evaluating the blocks of a scene on several cores, in processes that help this one.
+
+This process reads and hands out blocks, evaluates what nobody else has when it would have to
+wait, and gives on what was felt in the order of time. A helper that fails costs what it had
+begun: that is done here.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import threading
+import time
+from collections import deque
+from collections.abc import Generator, Iterator
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from ... import own_processes
+from ..counters import Counters
+from ..evaluate import Engine
+from ..samples import SampleRun
+from ..scene import AnimationBlock, HapticSurface, HapticVolume, SceneDescription
+from ..volume.mesh import MeshVolume
+from .handing_over import packed, receive, send, unpacked
+
+Answer = tuple[list[SampleRun], Counters]
+
+WORTH_S: Final = 2.0
+"""Helpers are started where evaluating what is left would take one core so long: they take
+half a second of a core each to start."""
+
+MOST: Final = 8
+"""More processes than that wait for the one that reads the scene and renders its devices."""
+
+_AHEAD: Final = 2  # blocks that a helper has at once, so that it never waits
+
+
+def evaluated(
+    engine: Engine,
+    blocks: Iterator[AnimationBlock],
+    *,
+    samples: int,
+    processes: int,
+    worth_s: float = WORTH_S,
+) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
+    """Blocks, each with what is felt in it, in their order: the same for any ``processes``.
+
+    Parameters
+    ----------
+    engine : Engine
+        Made for standard models; its counters count what has been given on.
+    blocks : iterator of AnimationBlock
+        Read on a little ahead of what is given on.
+    samples : int
+        How many they hold, to judge whether help pays.
+    processes : int
+        How many, with this one.
+    worth_s : float
+        See :data:`WORTH_S`.
+    """
+    is_alone = processes < 2 or not _may_be_split(engine.scene)
+    spent_s, done = 0.0, 0
+    for number, block in enumerate(blocks):
+        start_s = time.thread_time()
+        runs = engine.evaluate(block)
+        taken_s = time.thread_time() - start_s
+        count = len(block.indices) - block.history
+        samples -= count
+        yield block, runs
+        if is_alone or not number:  # the first loads models
+            continue
+        spent_s, done = spent_s + taken_s, done + count
+        if spent_s / max(done, 1) * samples > worth_s:
+            break
+    else:
+        return
+    helpers = _helpers(engine, min(processes, MOST) - 1)
+    try:
+        yield from _shared(engine, blocks, helpers)
+    finally:
+        for helper in helpers:
+            helper.close()
+
+
+def _may_be_split(scene: SceneDescription) -> bool:
+    """Whether what is felt in a block does not depend on the blocks before it."""
+    return not any(
+        isinstance(effect.area, HapticSurface)
+        or (isinstance(effect.area, HapticVolume) and effect.area.response)
+        for effect in scene.effects
+    )
+
+
+@dataclass(eq=False)
+class _Task:
+    block: AnimationBlock
+    answer: Future[Answer | None] | None = None  # None: nobody has it yet
+
+    def result(self) -> Answer | None:
+        """What a helper answered, None where it could not."""
+        return None if self.answer is None else self.answer.result()
+
+
+def _shared(
+    engine: Engine, blocks: Iterator[AnimationBlock], helpers: list[_Helper]
+) -> Iterator[tuple[AnimationBlock, list[SampleRun]]]:
+    tasks: deque[_Task] = deque()
+    is_read = False
+    while True:
+        while not is_read and len(tasks) <= _AHEAD * len(helpers):
+            block = next(blocks, None)
+            is_read = block is None
+            if block is not None:
+                tasks.append(_Task(block))
+                _hand_out(tasks, helpers)
+        if not tasks:
+            return
+        head = tasks[0]
+        if head.answer is not None and not head.answer.done():
+            free = next((task for task in tasks if task.answer is None), None)
+            if free is not None:
+                free.answer = Future()
+                free.answer.set_result(_here(engine, free.block))
+                _hand_out(tasks, helpers)
+                continue
+        runs, counted = head.result() or _here(engine, head.block)
+        tasks.popleft()
+        _hand_out(tasks, helpers)
+        engine.counters.add(counted)
+        yield head.block, runs
+
+
+def _hand_out(tasks: deque[_Task], helpers: list[_Helper]) -> None:
+    for task in tasks:
+        if task.answer is None:
+            able = [helper for helper in helpers if helper.waiting < _AHEAD and helper.is_alive]
+            if not able:
+                return
+            task.answer = min(able, key=lambda helper: helper.waiting).ask(task.block)
+
+
+def _here(engine: Engine, block: AnimationBlock) -> Answer:
+    """Evaluate a block in this process, without counting yet."""
+    before = engine.counters.copy()
+    runs = engine.evaluate(block)
+    counted = engine.counters.since(before)
+    engine.counters.go_back(before)
+    return runs, counted
+
+
+def _helpers(engine: Engine, count: int) -> list[_Helper]:
+    settings = packed((engine.scene, engine.record, engine.tolerance))
+    found = []
+    with suppress(OSError):  # what cannot be started does not help
+        for _ in range(count):
+            found.append(_Helper(settings))
+    return found
+
+
+@dataclass(eq=False)
+class _Meshes:
+    """Which meshes a helper knows: those of the last block that it was given."""
+
+    numbers: dict[MeshVolume, int] = field(default_factory=dict)
+    last: int = 0
+
+    def of(self, block: AnimationBlock) -> tuple[list[int], dict[int, MeshVolume]]:
+        """Numbers that stay known, and meshes that are new."""
+        meshes = {
+            shape: None
+            for effect in block.effects
+            for shape in effect.shapes
+            if isinstance(shape, MeshVolume)
+        }
+        kept = {mesh: self.numbers[mesh] for mesh in meshes if mesh in self.numbers}
+        fresh: dict[MeshVolume, int] = {}
+        for mesh in meshes:
+            if mesh not in kept:
+                self.last += 1
+                fresh[mesh] = self.last
+        self.numbers = kept | fresh
+        return list(kept.values()), {number: mesh for mesh, number in fresh.items()}
+
+
+class _Helper:
+    """A process that evaluates blocks for this one.
+
+    Raises
+    ------
+    OSError
+        It cannot be started.
+    """
+
+    def __init__(self, settings: bytes) -> None:
+        self._process = subprocess.Popen(
+            own_processes.command("engine.parallel.worker"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            # The cores have work.
+            env={**own_processes.environment(), "OPENBLAS_NUM_THREADS": "1"},
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+        self._meshes = _Meshes()
+        self._lock = threading.Lock()
+        self._asked: deque[Future[Answer | None]] = deque()
+        self._is_alive = True
+        threading.Thread(target=self._listen, daemon=True).start()
+        self._send(settings)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it can still be asked."""
+        return self._is_alive
+
+    @property
+    def pid(self) -> int:
+        """Of its process."""
+        return self._process.pid
+
+    @property
+    def waiting(self) -> int:
+        """How many blocks it has not answered."""
+        return len(self._asked)
+
+    def ask(self, block: AnimationBlock) -> Future[Answer | None]:
+        """Hand it a block; None is the answer of one that cannot."""
+        answer: Future[Answer | None] = Future()
+        with self._lock:
+            if not self._is_alive:
+                answer.set_result(None)
+                return answer
+            self._asked.append(answer)
+        kept, fresh = self._meshes.of(block)
+        self._send(packed((kept, fresh)))
+        self._send(packed(block, self._meshes.numbers))
+        return answer
+
+    def close(self) -> None:
+        """End it, whatever it does."""
+        self._process.kill()
+        self._process.wait()
+        stdin = self._process.stdin
+        assert stdin is not None
+        with suppress(OSError):
+            stdin.close()
+
+    def _send(self, body: bytes) -> None:
+        stdin = self._process.stdin
+        assert stdin is not None
+        with suppress(OSError, ValueError):  # the listener notices
+            send(stdin, body)
+
+    def _listen(self) -> None:
+        stdout = self._process.stdout
+        assert stdout is not None
+        with suppress(OSError, ValueError), stdout:
+            while (body := receive(stdout)) is not None:
+                found: Any = unpacked(body)
+                self._asked[0].set_result(found)
+                self._asked.popleft()
+        with self._lock:
+            self._is_alive = False
+            left = list(self._asked)
+        for answer in left:
+            if not answer.done():
+                answer.set_result(None)

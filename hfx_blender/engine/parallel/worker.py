@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evaluates blocks for another process of this program.
+
+Started as ``python -m hfx_blender.engine.parallel.worker``. It is told the scene, and then one
+block after the other, each with the meshes that it does not know yet; the answer to a block is
+what is felt and what was counted, or None where the block could not be evaluated. It ends with
+whoever started it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from queue import SimpleQueue
+from typing import IO
+
+from ..evaluate import Engine
+from ..volume.mesh import MeshVolume
+from .handing_over import packed, receive, send, unpacked
+
+_log = logging.getLogger(__name__)
+
+
+def main() -> None:
+    """Answer until standard input ends."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever prints must not garble the answers
+    waiting: SimpleQueue[bytes] = SimpleQueue()
+    source = os.fdopen(os.dup(0), "rb")
+    threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
+    description, record, tolerance = unpacked(waiting.get())
+    engine = Engine(description, record=record, tolerance=tolerance)
+    known: dict[int, MeshVolume] = {}
+    while True:
+        kept, fresh = unpacked(waiting.get())
+        known = {number: known[number] for number in kept if number in known} | fresh
+        try:
+            block = unpacked(waiting.get(), known)
+            before = engine.counters.copy()
+            answer = packed((engine.evaluate(block), engine.counters.since(before)))
+        except Exception:  # whoever asked tries it, and tells
+            _log.info("a block could not be evaluated", exc_info=True)
+            answer = packed(None)
+        send(out, answer)
+
+
+def _read(source: IO[bytes], waiting: SimpleQueue[bytes]) -> None:
+    while (body := receive(source)) is not None:
+        waiting.put(body)
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

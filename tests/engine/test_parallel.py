@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several processes find what one finds, whatever becomes of them."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.parallel import evaluating
+from hfx_blender.engine.parallel.evaluating import evaluated
+from hfx_blender.engine.parallel.handing_over import packed, unpacked
+from hfx_blender.engine.response.controls import Filter, Kind
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PaintedArea,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.engine.volume.analytic import Sphere
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.shape import Falloff, Shape
+
+MODEL = load_model("hfx-temperature-1")
+SAMPLES, SIZE = 72, 6
+
+TETRAHEDRON = MeshVolume(
+    np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]),
+    np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]], np.int32),
+    "tetrahedron",
+)
+
+
+def _effect(name: str, area: HapticVolume | PaintedArea) -> EffectDescription:
+    return EffectDescription(name, name, "temperature", MODEL.id, area)
+
+
+def _scene(*filters: Filter) -> SceneDescription:
+    painted = PaintedArea("anna", np.arange(5, dtype=np.int32), np.full(5, 0.5, np.float32))
+    return SceneDescription(
+        TimeBase(Fraction(24), Fraction(24), 0, 0, SAMPLES - 1),
+        (BodyDescription("anna", "Anna", SkinBinding(MODEL.bone_names)),),
+        (
+            _effect("ball", HapticVolume(Falloff())),
+            _effect("mesh", HapticVolume(Falloff(), filters)),
+            _effect("painted", painted),
+        ),
+    )
+
+
+def _volume(first: int, stop: int, shapes: tuple[Shape, ...], height_m: float) -> EffectBlock:
+    count = stop - first
+    matrices = np.tile(np.diag([0.2, 0.2, 0.2, 1.0]), (count, 1, 1))
+    matrices[:, 0, 3] = np.linspace(-0.6, 0.6, SAMPLES)[first:stop]
+    matrices[:, 2, 3] = height_m
+    return EffectBlock(np.ones(count), np.full((count, 1), 40.0), matrices, shapes)
+
+
+def _block(start: int) -> AnimationBlock:
+    history = min(start, 1)
+    first, stop = start - history, start + SIZE
+    count = stop - first
+    bones = np.tile(np.eye(3, 4), (count, len(MODEL.bone_names), 1, 1))
+    pose = PoseBlock(np.ones(count, bool), np.tile(np.eye(4), (count, 1, 1)), bones)
+    # A mesh that stays is read once, one that changes at every block.
+    mesh = (
+        TETRAHEDRON
+        if start < SAMPLES // 2
+        else MeshVolume(TETRAHEDRON.vertices, TETRAHEDRON.triangles, f"changed {start}")
+    )
+    levels = np.ones(count)
+    if start == 2 * SIZE:
+        levels[-1] = np.nan
+    return AnimationBlock(
+        np.arange(first, stop),
+        (
+            _volume(first, stop, (Sphere(),), 1.2),
+            _volume(first, stop, (mesh,), 0.8),
+            EffectBlock(levels, np.full((count, 1), 10.0)),
+        ),
+        (pose,),
+        history,
+    )
+
+
+def _blocks() -> Iterator[AnimationBlock]:
+    return map(_block, range(0, SAMPLES, SIZE))
+
+
+def _plain(value: Any) -> Any:
+    """What can be compared: of arrays their bytes."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if is_dataclass(value):
+        return [_plain(getattr(value, each.name)) for each in fields(value)]
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _found(processes: int) -> tuple[list[Any], dict[str, object]]:
+    engine = Engine(_scene(), tolerance=PAPER)
+    found = [
+        (block.indices.tolist(), _plain(runs))
+        for block, runs in evaluated(
+            engine, _blocks(), samples=SAMPLES, processes=processes, worth_s=0.0
+        )
+    ]
+    return found, engine.counters.as_dict()
+
+
+@pytest.fixture(scope="module")
+def alone() -> tuple[list[Any], dict[str, object]]:
+    return _found(1)
+
+
+@pytest.fixture
+def helpers(monkeypatch: pytest.MonkeyPatch) -> list[evaluating._Helper]:
+    """The processes that help, as they are started."""
+    started: list[evaluating._Helper] = []
+    start = evaluating._Helper.__init__
+
+    def noted(self: evaluating._Helper, settings: bytes) -> None:
+        start(self, settings)
+        started.append(self)
+
+    monkeypatch.setattr(evaluating._Helper, "__init__", noted)
+    return started
+
+
+def _is_over(process: int) -> bool:
+    """Whether a process has ended, soon."""
+    end = time.monotonic() + 10.0
+    while time.monotonic() < end:
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_one_process_feels_something_all_the_time(alone: Any) -> None:
+    found, counters = alone
+    assert [indices[0] for indices, _ in found] == [0, *range(SIZE - 1, SAMPLES - 1, SIZE)]
+    assert counters["contacts"] > SAMPLES * 5
+    assert sum(counters["warnings"].values()) == 1
+
+
+@pytest.mark.parametrize("processes", [2, 3])
+def test_several_processes_find_and_count_the_same(
+    processes: int, alone: Any, helpers: list[evaluating._Helper], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = []
+    evaluate = evaluating._here
+
+    def counted(engine: Engine, block: AnimationBlock) -> Any:
+        here.append(block)
+        return evaluate(engine, block)
+
+    monkeypatch.setattr(evaluating, "_here", counted)
+    assert _found(processes) == alone
+    assert len(helpers) == processes - 1
+    assert len(here) < SAMPLES // SIZE - 2  # the first two are not handed out
+    assert all(_is_over(helper.pid) for helper in helpers)
+
+
+def test_a_helper_that_is_killed_costs_nothing(
+    alone: Any, helpers: list[evaluating._Helper], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask, asked = evaluating._Helper.ask, []
+
+    def killed_then_asked(self: evaluating._Helper, block: AnimationBlock) -> Any:
+        answer = ask(self, block)
+        asked.append(answer)
+        if len(asked) == 2:
+            os.kill(self.pid, signal.SIGTERM)
+        return answer
+
+    monkeypatch.setattr(evaluating._Helper, "ask", killed_then_asked)
+    assert _found(2) == alone
+    assert len(helpers) == 1 and len(asked) >= 2
+
+
+def test_a_helper_that_cannot_be_started_is_missing_and_no_more(
+    alone: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        evaluating.own_processes, "command", lambda module: [str(Path("no", "such", "python"))]
+    )
+    assert _found(2) == alone
+
+
+def test_whoever_stops_in_between_leaves_no_process(helpers: list[evaluating._Helper]) -> None:
+    steps = evaluated(
+        Engine(_scene(), tolerance=PAPER), _blocks(), samples=SAMPLES, processes=2, worth_s=0.0
+    )
+    for _ in range(4):
+        next(steps)
+    (helper,) = helpers
+    steps.close()
+    assert _is_over(helper.pid)
+
+
+def test_a_block_that_cannot_be_evaluated_fails_as_it_would_here() -> None:
+    def broken(start: int) -> AnimationBlock:
+        block = _block(start)
+        if start < 5 * SIZE:
+            return block
+        return AnimationBlock(block.indices, block.effects[:1], block.poses, block.history)
+
+    blocks = map(broken, range(0, SAMPLES, SIZE))
+    steps = evaluated(
+        Engine(_scene(), tolerance=PAPER), blocks, samples=SAMPLES, processes=2, worth_s=0.0
+    )
+    with pytest.raises(ValueError, match="zip"):
+        list(steps)
+
+
+def test_what_is_not_worth_it_gets_no_help(helpers: list[evaluating._Helper]) -> None:
+    steps = evaluated(Engine(_scene(), tolerance=PAPER), _blocks(), samples=SAMPLES, processes=2)
+    assert len(list(steps)) == SAMPLES // SIZE  # far less than two seconds of work
+    assert not helpers
+
+
+def test_what_goes_on_from_sample_to_sample_gets_no_help() -> None:
+    assert not evaluating._may_be_split(_scene(Filter(Kind.IMPACT)))
+    assert evaluating._may_be_split(_scene())
+
+
+def test_only_plain_data_is_made_of_what_is_handed_over() -> None:
+    block = unpacked(packed(_block(8)))
+    assert _plain(block.indices) == _plain(_block(8).indices)
+    for value in (print, os.getpid, Path("a")):
+        with pytest.raises(pickle.UnpicklingError, match="plain data"):
+            unpacked(packed(value))
+    for text in (b"cos\nsystem\n.", b"chfx_blender.engine.evaluate\nload_model\n."):
+        with pytest.raises(pickle.UnpicklingError, match="plain data"):
+            unpacked(text)
+
+
+def test_a_mesh_that_is_known_is_not_sent_again() -> None:
+    meshes = evaluating._Meshes()
+    kept, fresh = meshes.of(_block(0))
+    assert not kept and list(fresh.values()) == [TETRAHEDRON]
+    kept, fresh = meshes.of(_block(SIZE))
+    assert len(kept) == 1 and not fresh
+    kept, fresh = meshes.of(_block(SAMPLES - SIZE))
+    assert not kept and [mesh.name for mesh in fresh.values()] == [f"changed {SAMPLES - SIZE}"]
+    block = _block(0)
+    assert b"tetrahedron" in packed(block)
+    assert b"tetrahedron" not in packed(block, {TETRAHEDRON: 1})
+    assert unpacked(packed(block, {TETRAHEDRON: 1}), {1: TETRAHEDRON}).effects[1].shapes == (
+        TETRAHEDRON,
+    )
