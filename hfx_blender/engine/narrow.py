@@ -133,14 +133,14 @@ def _sides(posed: PosedSkin, slot: I64, quad: I64, target: Target) -> tuple[Bool
     """Which quads, each of a slot, are wholly inside, and which may be cut by the boundary."""
     table, clear, pairs = posed.table, posed.clear, posed.pairs[slot]
     corners = posed.corners(pairs, quad)
-    margins = table.bulge_m[posed.clusters] * target.stretches[posed.rows]
-    margins = np.repeat(margins, table.place_counts[posed.clusters])
-    faces = target.beyond(posed.points, posed.point_rows, margins)
-    is_cut = (faces[corners[0]] & faces[corners[1]] & faces[corners[2]]) == 0
+    rows = posed.rows[pairs]
+    stretches = target.stretches[rows]
+    ring = [posed.points.take(corner, axis=1) for corner in corners]
+    is_cut = ~target.parted(ring, rows, table.bulge_m[posed.clusters[pairs]] * stretches)
     if not (target.is_convex and target.falloff.is_flat):
         return np.zeros(len(slot), np.bool_), is_cut
     deepest = np.maximum(np.maximum(clear[corners[0]], clear[corners[1]]), clear[corners[2]])
-    wholly = deepest <= -table.heights_m[quad] * target.stretches[posed.rows[pairs]]
+    wholly = deepest <= -table.heights_m[quad] * stretches
     return wholly, is_cut & ~wholly
 
 

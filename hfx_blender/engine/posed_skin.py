@@ -75,11 +75,6 @@ class PosedSkin:
         return rows
 
     @cached_property
-    def point_rows(self) -> I64:
-        """The row of each point."""
-        return np.repeat(self.rows, self.table.place_counts[self.clusters])
-
-    @cached_property
     def reaches(self) -> F64:
         """How far a unit's skin can be from its vertex, shape space, (slots,)."""
         reaches: F64 = self.gaps * self.table.reaches[self.units]

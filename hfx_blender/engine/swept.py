@@ -218,7 +218,7 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
     slots, pairs = slots[split][owner], pairs[split][owner]
     rings = [posed.corners(each, quad) for each in (pairs - 1, pairs)]
     if drift.steps == 1:
-        met = np.flatnonzero(~_stays_beyond(posed, rings, pairs, target))
+        met = np.flatnonzero(~_stays_outside(posed, rings, slots, target))
         slots, quad = slots[met], quad[met]
         rings = [(one[met], two[met], three[met]) for one, two, three in rings]
     paths = (sampled(posed, slots, quad, corners, target) for corners in rings)
@@ -229,17 +229,14 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
     return _joined(found)
 
 
-def _stays_beyond(
-    posed: PosedSkin, rings: list[tuple[I64, I64, I64]], pairs: I64, target: Target
+def _stays_outside(
+    posed: PosedSkin, rings: list[tuple[I64, I64, I64]], slots: I64, target: Target
 ) -> Bool:
-    """Which quads move straight on one side of the volume's box, all the way."""
-    rows = posed.rows[pairs]
-    margins = posed.table.bulge_m[posed.clusters[pairs]] * target.stretches[rows]
-    common = np.full(len(pairs), 255, np.uint8)
-    for corners in rings:
-        for corner in corners:
-            common &= target.beyond(posed.points.take(corner, axis=1), rows, margins)
-    return common != 0
+    """Which quads of slots move straight on one side of a plane beside the volume, all the way."""
+    rows, clusters = posed.rows_of(slots), posed.clusters[posed.pairs[slots]]
+    stretches = np.maximum(target.stretches[rows - 1], target.stretches[rows])
+    corners = [posed.points.take(corner, axis=1) for ring in rings for corner in ring]
+    return target.parted(corners, rows, posed.table.bulge_m[clusters] * stretches)
 
 
 def _may_meet(path: F64, reaches: F64, rows: I64, target: Target) -> I64:

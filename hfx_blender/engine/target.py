@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -12,12 +13,13 @@ import numpy.typing as npt
 
 from .volume.analytic import Cuboid
 from .volume.mesh import MeshVolume
+from .volume.parting import parted
 from .volume.shape import Falloff, FalloffKind, Shape
 from .volume.sweep import clearance, passage
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-U8 = npt.NDArray[np.uint8]
+Bool = npt.NDArray[np.bool_]
 
 
 _NEXT: Final = np.array([1, 2, 0])
@@ -134,19 +136,17 @@ class Target:
         outwards[:, ~np.isfinite(outwards).all(axis=0)] = 0.0
         return outwards
 
-    def beyond(self, points: F64, rows: I64, margins: F64) -> U8:
-        """For each point (3, N) one bit for every face of the volume's box that it is beyond.
-
-        ``margins`` (N,) are what bulges may stand out by, shape space.
-        """
+    def parted(self, corners: Sequence[F64], rows: I64, margins: F64) -> Bool:
+        """See :func:`parted`; each hull is at one of the rows (N,)."""
         if len(self.shapes) == 1:
-            return _beyond(self.shapes[0], points, margins)
-        faces = np.zeros(points.shape[1], np.uint8)
+            return parted(self.shapes[0], corners, margins)
+        found = np.zeros(len(margins), np.bool_)
         which = self.which[rows]
         for k in np.unique(which):
             mine = np.flatnonzero(which == k)
-            faces[mine] = _beyond(self.shapes[k], points[:, mine], margins[mine])
-        return faces
+            hulls = [corner[:, mine] for corner in corners]
+            found[mine] = parted(self.shapes[k], hulls, margins[mine])
+        return found
 
     @cached_property
     def _turns(self) -> tuple[F64, F64]:
@@ -173,16 +173,6 @@ def _weights(shape: Shape, points: F64, falloff: Falloff) -> F64:
     values = np.zeros(points.shape[1])
     values[inside] = falloff.weight(shape.rise(points[:, inside]))
     return values
-
-
-def _beyond(shape: Shape, points: F64, margins: F64) -> U8:
-    low, high = shape.bounds
-    faces = np.zeros(points.shape[1], np.uint8)
-    for axis in range(3):
-        place = points[axis]
-        faces |= (place < low[axis] - margins).view(np.uint8) << np.uint8(2 * axis)
-        faces |= (place > high[axis] + margins).view(np.uint8) << np.uint8(2 * axis + 1)
-    return faces
 
 
 def steepest(falloff: Falloff) -> float:
