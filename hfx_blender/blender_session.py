@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -104,8 +105,12 @@ def open_blend(path: Path) -> None:
 def leave(code: int) -> None:
     """End the process at once.
 
-    Blender's module sometimes hangs while Python takes it down, after all work is done.
+    Blender's module sometimes hangs while Python takes it down, after all work is done; what it
+    would have cleared away then is cleared away here.
     """
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and not inside_blender():
+        shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import sys
@@ -46,6 +47,10 @@ def real_time() -> None:
 def pytest_unconfigure(config: pytest.Config) -> Iterator[None] | None:
     # Blender's module sometimes hangs while Python takes it down; all results are out by now.
     if "bpy" in sys.modules:
+        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
+        settings = os.environ.get("BLENDER_USER_RESOURCES", "")
+        if os.path.basename(settings).startswith("hfx_test_"):
+            shutil.rmtree(settings, ignore_errors=True)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(getattr(config, "hfx_exit_status", 0))

@@ -40,7 +40,7 @@ def _listen(units: queue.SimpleQueue[str]) -> None:
     for line in sys.stdin:
         units.put(line)
     with placing:  # not between two files of one result
-        os._exit(0)
+        blender_session.leave(0)
 
 
 def _serve(units: queue.SimpleQueue[str]) -> int:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,9 @@ MIXAMO = {
 }
 
 
-_folder = tempfile.TemporaryDirectory(prefix="hfx_own_avatar_")
+_folder = tempfile.TemporaryDirectory(
+    prefix="hfx_own_avatar_", dir=os.environ.get("BLENDER_USER_RESOURCES")
+)
 
 
 def opened(*, is_fitted: bool = False) -> tuple[Any, Any]:

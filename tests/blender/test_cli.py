@@ -144,6 +144,21 @@ def test_json_of_a_failure_is_one_value_too(tmp_path: Path) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_nothing_is_left_among_temporary_files(blend: Path, tmp_path: Path, jobs: int) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    done = subprocess.run(
+        command("export", blend, "-o", tmp_path / "out", "--frames", "0:9", "--jobs", str(jobs)),
+        env={**environment(), "TMPDIR": str(temporary)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not list(temporary.iterdir())
+
+
 def test_progress_with_the_time_left_on_a_terminal_only(blend: Path, tmp_path: Path) -> None:
     import pty
     import termios
