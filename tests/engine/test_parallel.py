@@ -21,7 +21,7 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.parallel import evaluating
 from hfx_blender.engine.parallel.evaluating import evaluated
 from hfx_blender.engine.parallel.handing_over import packed, unpacked
-from hfx_blender.engine.response.controls import Filter, Kind
+from hfx_blender.engine.response.controls import CONTROLS, WIDTH, Filter, Kind
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
@@ -66,15 +66,26 @@ def _scene(*filters: Filter) -> SceneDescription:
     )
 
 
-def _volume(first: int, stop: int, shapes: tuple[Shape, ...], height_m: float) -> EffectBlock:
+def _volume(
+    first: int,
+    stop: int,
+    shapes: tuple[Shape, ...],
+    height_m: float,
+    filters: tuple[Filter, ...] = (),
+) -> EffectBlock:
     count = stop - first
     matrices = np.tile(np.diag([0.2, 0.2, 0.2, 1.0]), (count, 1, 1))
     matrices[:, 0, 3] = np.linspace(-0.6, 0.6, SAMPLES)[first:stop]
     matrices[:, 2, 3] = height_m
-    return EffectBlock(np.ones(count), np.full((count, 1), 40.0), matrices, shapes)
+    response = np.zeros((count, len(filters), WIDTH))
+    for f, each in enumerate(filters):
+        defaults = [control.default for control in CONTROLS[each.kind]]
+        response[:, f, : len(defaults)] = defaults
+    values = np.full((count, 1), 40.0)
+    return EffectBlock(np.ones(count), values, matrices, shapes, response=response)
 
 
-def _block(start: int) -> AnimationBlock:
+def _block(start: int, *filters: Filter) -> AnimationBlock:
     history = min(start, 1)
     first, stop = start - history, start + SIZE
     count = stop - first
@@ -93,7 +104,7 @@ def _block(start: int) -> AnimationBlock:
         np.arange(first, stop),
         (
             _volume(first, stop, (Sphere(),), 1.2),
-            _volume(first, stop, (mesh,), 0.8),
+            _volume(first, stop, (mesh,), 0.8, filters),
             EffectBlock(levels, np.full((count, 1), 10.0)),
         ),
         (pose,),
@@ -101,8 +112,8 @@ def _block(start: int) -> AnimationBlock:
     )
 
 
-def _blocks() -> Iterator[AnimationBlock]:
-    return map(_block, range(0, SAMPLES, SIZE))
+def _blocks(*filters: Filter) -> Iterator[AnimationBlock]:
+    return (_block(start, *filters) for start in range(0, SAMPLES, SIZE))
 
 
 def _plain(value: Any) -> Any:
@@ -114,12 +125,12 @@ def _plain(value: Any) -> Any:
     return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-def _found(processes: int) -> tuple[list[Any], dict[str, object]]:
-    engine = Engine(_scene(), tolerance=PAPER)
+def _found(processes: int, *filters: Filter) -> tuple[list[Any], dict[str, object]]:
+    engine = Engine(_scene(*filters), tolerance=PAPER)
     found = [
         (block.indices.tolist(), _plain(runs))
         for block, runs in evaluated(
-            engine, _blocks(), samples=SAMPLES, processes=processes, worth_s=0.0
+            engine, _blocks(*filters), samples=SAMPLES, processes=processes, worth_s=0.0
         )
     ]
     return found, engine.counters.as_dict()
@@ -239,9 +250,19 @@ def test_what_is_not_worth_it_gets_no_help(helpers: list[evaluating._Helper]) ->
     assert not helpers
 
 
+def test_responses_settle_in_the_order_of_time() -> None:
+    """An impact goes on ringing in later blocks, whoever evaluates them."""
+    filters = (Filter(Kind.IMPACT), Filter(Kind.PROXIMITY))
+    (alone, counted), (helped, too) = _found(1, *filters), _found(2, *filters)
+    assert helped == alone and too == counted
+    assert counted["contacts"] > _found(1)[1]["contacts"]  # it rings on
+
+
 def test_what_goes_on_from_sample_to_sample_gets_no_help() -> None:
-    assert not evaluating._may_be_split(_scene(Filter(Kind.IMPACT)))
-    assert evaluating._may_be_split(_scene())
+    responding = _scene(Filter(Kind.IMPACT))
+    assert evaluating._may_be_split(Engine(responding))
+    assert not evaluating._may_be_split(Engine(responding, record=("positions",)))
+    assert evaluating._may_be_split(Engine(_scene(), record=("positions",)))
 
 
 def test_only_plain_data_is_made_of_what_is_handed_over() -> None:

@@ -21,12 +21,13 @@ from typing import Any, Final
 from ... import own_processes
 from ..counters import Counters
 from ..evaluate import Engine
+from ..response.touches import Touches
 from ..samples import SampleRun
-from ..scene import AnimationBlock, HapticSurface, HapticVolume, SceneDescription
+from ..scene import AnimationBlock, HapticSurface, HapticVolume
 from ..volume.mesh import MeshVolume
 from .handing_over import packed, receive, send, unpacked
 
-Answer = tuple[list[SampleRun], Counters]
+Answer = tuple[list[SampleRun], list[Touches], Counters]
 
 WORTH_S: Final = 2.0
 """Helpers are started where evaluating what is left would take one core so long: they take
@@ -61,7 +62,7 @@ def evaluated(
     worth_s : float
         See :data:`WORTH_S`.
     """
-    is_alone = processes < 2 or not _may_be_split(engine.scene)
+    is_alone = processes < 2 or not _may_be_split(engine)
     spent_s, done = 0.0, 0
     for number, block in enumerate(blocks):
         start_s = time.thread_time()
@@ -85,13 +86,12 @@ def evaluated(
             helper.close()
 
 
-def _may_be_split(scene: SceneDescription) -> bool:
-    """Whether what is felt in a block does not depend on the blocks before it."""
-    return not any(
-        isinstance(effect.area, HapticSurface)
-        or (isinstance(effect.area, HapticVolume) and effect.area.response)
-        for effect in scene.effects
-    )
+def _may_be_split(engine: Engine) -> bool:
+    """Whether blocks can be evaluated without those before them, but for settling responses."""
+    areas = [effect.area for effect in engine.scene.effects]
+    responds = any(isinstance(area, HapticVolume) and area.response for area in areas)
+    on_surfaces = any(isinstance(area, HapticSurface) for area in areas)
+    return not (on_surfaces or (responds and engine.record))
 
 
 @dataclass(eq=False)
@@ -126,11 +126,10 @@ def _shared(
                 free.answer.set_result(_here(engine, free.block))
                 _hand_out(tasks, helpers)
                 continue
-        runs, counted = head.result() or _here(engine, head.block)
+        answer = head.result() or _here(engine, head.block)
         tasks.popleft()
         _hand_out(tasks, helpers)
-        engine.counters.add(counted)
-        yield head.block, runs
+        yield head.block, _settled(engine, answer)
 
 
 def _hand_out(tasks: deque[_Task], helpers: list[_Helper]) -> None:
@@ -145,10 +144,31 @@ def _hand_out(tasks: deque[_Task], helpers: list[_Helper]) -> None:
 def _here(engine: Engine, block: AnimationBlock) -> Answer:
     """Evaluate a block in this process, without counting yet."""
     before = engine.counters.copy()
-    runs = engine.evaluate(block)
+    engine.responses.defers = True
+    try:
+        runs = engine.evaluate(block)
+    finally:
+        engine.responses.defers = False
+        touches = engine.responses.take_deferred()
     counted = engine.counters.since(before)
     engine.counters.go_back(before)
-    return runs, counted
+    return runs, touches, counted
+
+
+def _settled(engine: Engine, answer: Answer) -> list[SampleRun]:
+    """All that is felt in the next block, counted, in the order of effects and bodies."""
+    runs, touches, counted = answer
+    engine.counters.add(counted)
+    if not touches:
+        return runs
+    settled = engine.responses.settling.settle_all(touches)
+    engine.counters.contacts += sum(int(run.sizes.sum()) for run in settled)
+    effects = {effect.id: k for k, effect in enumerate(engine.scene.effects)}
+    bodies = {body.id: k for k, body in enumerate(engine.scene.bodies)}
+    return sorted(
+        [*runs, *settled],
+        key=lambda run: (effects[run.stream.effect_id], bodies.get(run.stream.body_id, 0)),
+    )
 
 
 def _helpers(engine: Engine, count: int) -> list[_Helper]:

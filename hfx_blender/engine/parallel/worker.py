@@ -3,8 +3,8 @@
 
 Started as ``python -m hfx_blender.engine.parallel.worker``. It is told the scene, and then one
 block after the other, each with the meshes that it does not know yet; the answer to a block is
-what is felt and what was counted, or None where the block could not be evaluated. It ends with
-whoever started it.
+what is felt, touches whose response remembers what was before, and what was counted, or None
+where the block could not be evaluated. It ends with whoever started it.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ def main() -> None:
     threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
     description, record, tolerance = unpacked(waiting.get())
     engine = Engine(description, record=record, tolerance=tolerance)
+    engine.responses.defers = True
     known: dict[int, MeshVolume] = {}
     while True:
         kept, fresh = unpacked(waiting.get())
@@ -38,9 +39,12 @@ def main() -> None:
         try:
             block = unpacked(waiting.get(), known)
             before = engine.counters.copy()
-            answer = packed((engine.evaluate(block), engine.counters.since(before)))
+            runs = engine.evaluate(block)
+            counted = engine.counters.since(before)
+            answer = packed((runs, engine.responses.take_deferred(), counted))
         except Exception:  # whoever asked tries it, and tells
             _log.info("a block could not be evaluated", exc_info=True)
+            engine.responses.take_deferred()
             answer = packed(None)
         send(out, answer)
 

@@ -45,6 +45,11 @@ class Answering:
     deferred: list[Touches] = field(default_factory=list)
     _places: tuple[ReachableBounds, BodyPlaces] | None = field(init=False, default=None)
 
+    def take_deferred(self) -> list[Touches]:
+        """Touches that have been deferred since they were last taken, in their order."""
+        taken, self.deferred = self.deferred, []
+        return taken
+
     @property
     def memory_s(self) -> float:
         """For how long what was felt may matter: a part of time is felt as in the whole if what
