@@ -19,6 +19,9 @@ hypothesis.settings.register_profile(
 )
 hypothesis.settings.load_profile("hfx")
 
+# Nobody's own device configurations: a folder that is not there, unless a test names one.
+os.environ["HFX_DEVICES"] = os.path.join(os.path.dirname(__file__), "no-devices")
+
 # A shell that starts the tests in the background has them ignore Ctrl-C, and their children too.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

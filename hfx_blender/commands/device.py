@@ -31,25 +31,42 @@ def add_parser(commands: Any) -> None:
 def _list(options: argparse.Namespace, console: Console) -> int:
     from ..devices.configuration import list_devices, load_device
 
-    found = {name: describe_device(load_device(name)) for name in list_devices()}
-    for name, facts in found.items():
+    names = list_devices()
+    width = max(map(len, names))
+    found: dict[str, Any] = {}
+    for name in names:
+        try:
+            facts = describe_device(load_device(name))
+        except InputError as error:  # one of the user's own
+            found[name] = {"device": name, "fault": str(error)}
+            console.warn(f"hfx: {error}")
+            continue
+        found[name] = facts
         instead = "".join(f", {a} as {b}" for a, b in facts["instead"].items())
         plays = ", ".join(facts["plays"])
-        console.say(f"{name:<20} {facts['actuators']:>3} actuators  {plays}{instead}")
+        console.say(f"{name:<{width}} {facts['actuators']:>4} actuators  {plays}{instead}")
     console.result(found)
     return 0
 
 
 def _check(options: argparse.Namespace, console: Console) -> int:
-    from ..devices.configuration import check
+    from ..devices.configuration import check, load_device
 
     if not options.file.is_file():
-        raise InputError(f"{options.file}: there is no such file.")
+        what = "is a folder" if options.file.is_dir() else "there is no such file"
+        raise InputError(f"{options.file}: {what}.")
     faults = check(options.file)
     for fault in faults:
         console.warn(fault)
     if not faults:
         console.say(f"{options.file}: is right")
+        device = load_device(options.file)
+        written = device.id if device.side is None else device.id.removesuffix(f"_{device.side}")
+        if written != options.file.stem:
+            console.say(
+                f"note: its id is '{written}', and files that are written for it are named so; it "
+                f"is found by the name of its file, '{options.file.stem}'"
+            )
     console.result({"file": str(options.file), "faults": faults})
     return InputError.exit_code if faults else 0
 

@@ -10,6 +10,7 @@ from typing import Any
 from .. import blender_session
 from ..console import Console
 from ..errors import InputError
+from .info_report import facts_of_report, is_report
 
 
 def add_parser(commands: Any) -> None:
@@ -25,7 +26,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Tell it, as text or as JSON."""
     tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
-    if path.is_file() and _is_of_a_format(path):
+    if is_report(path):
+        tellers[path.suffix] = facts_of_report
+    elif path.is_file() and _is_of_a_format(path):
         tellers[path.suffix] = _of_a_format
     if path.suffix not in tellers:
         raise InputError(
@@ -147,7 +150,14 @@ def _model(path: Path) -> dict[str, Any]:
 
 def _device(path: Path) -> dict[str, Any]:
     from ..devices.configuration import load_device
+    from ..devices.strict_json import read
 
+    content = read(path).value
+    if not isinstance(content, dict) or not {"schema", "actuator_types"} & set(content):
+        raise InputError(
+            f"{path}: is JSON, but neither a device configuration, nor an export's report "
+            "(.report.json), nor of a format of hfx export."
+        )
     return describe_device(load_device(path))
 
 

@@ -35,10 +35,15 @@ def list_devices(folder: Path | None = None) -> list[str]:
     read by its own name.
     """
     names: set[str] = set()
-    for each in (resources.device_configs(), folder):
-        for path in each.glob("*" + SUFFIX) if each is not None and each.is_dir() else ():
+    for each in _folders(folder):
+        for path in each.glob("*" + SUFFIX) if each.is_dir() else ():
             names.update(_names(path))
     return sorted(names)
+
+
+def _folders(folder: Path | None) -> tuple[Path, Path]:
+    """Where a device of some name is looked for: the user's own, or another's; then shipped."""
+    return folder or resources.user_devices(), resources.device_configs()
 
 
 def _names(path: Path) -> list[str]:
@@ -59,7 +64,7 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
         ending in ``.json``). A device that can be worn on either side takes ``_left`` or
         ``_right`` after its name, and after its file's name; alone it is as it was written.
     folder : Path, optional
-        The user's own configurations; they go before shipped ones of the same name.
+        Configurations that go before shipped ones of the same name; without, the user's own.
 
     What the user has calibrated for it comes along.
 
@@ -77,11 +82,10 @@ def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
         return _worn(Path(text)) or _read(Path(text))
-    for each in (folder, resources.device_configs()):
-        if each is not None and re.fullmatch(ID_PATTERN, text):
-            device = _worn(each / (text + SUFFIX))
-            if device is not None:
-                return device
+    for each in _folders(folder) if re.fullmatch(ID_PATTERN, text) else ():
+        device = _worn(each / (text + SUFFIX))
+        if device is not None:
+            return device
     known = ", ".join(list_devices(folder)) or "none"
     raise InputError(f"Device '{text[:100]}' is unknown; there are: {known}.")
 
@@ -92,8 +96,7 @@ def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | No
     if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
         paths = [Path(text)]
     else:
-        folders = [each for each in (folder, resources.device_configs()) if each is not None]
-        paths = [each / (text + SUFFIX) for each in folders]
+        paths = [each / (text + SUFFIX) for each in _folders(folder)]
     for path in paths:
         stem, _, side = path.stem.rpartition("_")
         written = path.with_name(stem + SUFFIX) if stem and side in WEARABLE_SIDES else path

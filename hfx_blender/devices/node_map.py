@@ -9,7 +9,6 @@ carries the node, and the OSC address of its avatar parameter.
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -95,6 +94,11 @@ def configuration_of(path: Path, device_id: str, model: PerceptualModel) -> dict
     document = read(path)
     top = document.value
     nodes = top.get("nodes") if isinstance(top, dict) else None
+    if isinstance(top, dict) and "actuator_types" in top:
+        raise InputError(
+            f"{path}: is a device configuration already, not a node map; copy it to "
+            f"{resources.user_devices()}."
+        )
     if not isinstance(nodes, list) or not 0 < len(nodes) <= MAX_NODES:
         raise InputError(f"{path}: 'nodes' is not a list of 1 to {MAX_NODES} nodes.")
     actuators, addresses = [], []
@@ -156,7 +160,7 @@ def _position(node: dict[str, Any], where: str) -> np.ndarray[Any, np.dtype[np.f
 
 def _number(value: Any, where: str, lowest: float, highest: float) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not lowest <= value <= highest:
+    if not (is_number and lowest <= value <= highest):  # not a number is in no range
         raise InputError(
             f"{where} is {str(value)[:60]!r}, allowed is a number from {lowest:g} to {highest:g}."
         )

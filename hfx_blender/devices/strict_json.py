@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -102,35 +102,62 @@ class Node:
         return int(self.value)
 
 
-def read(path: Path) -> Node:
+def read(path: Path, most_bytes: int = MAX_BYTES) -> Node:
     """Read a JSON document.
 
     Raises
     ------
     InputError
-        It cannot be read, is larger than ``MAX_BYTES`` or deeper than ``MAX_DEPTH``, is not
+        It cannot be read, is larger than ``most_bytes`` or deeper than ``MAX_DEPTH``, is not
         UTF-8, is not JSON, repeats a key in an object or holds a number that is not finite.
     """
     try:
         with open(path, "rb") as file:
-            content = file.read(MAX_BYTES + 1)
+            content = file.read(most_bytes + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: cannot be read ({error}).") from error
-    if len(content) > MAX_BYTES:
-        raise InputError(f"{path}: is larger than {MAX_BYTES} bytes, the most that is allowed.")
+    return parse(content, str(path), most_bytes)
+
+
+def parse(content: bytes, name: str, most_bytes: int = MAX_BYTES) -> Node:
+    """The same for bytes that are no file; messages call them by ``name``."""
+    if len(content) > most_bytes:
+        raise InputError(f"{name}: is larger than {most_bytes} bytes, the most that is allowed.")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8.") from None
+        raise InputError(f"{name}: byte {error.start} is not UTF-8.") from None
     if _depth(text) > MAX_DEPTH:
-        raise InputError(f"{path}: is nested deeper than {MAX_DEPTH}, the most that is allowed.")
+        raise InputError(f"{name}: is nested deeper than {MAX_DEPTH}, the most that is allowed.")
     try:
-        value = json.loads(text, **STRICT)
+        value = json.loads(text, **_MARKING)
     except ValueError as error:
-        raise InputError(f"{path}: is not valid JSON ({error}).") from None
-    return Node(value, str(path))
+        raise InputError(f"{name}: is not valid JSON ({error}).") from None
+    document = Node(value, name)
+    _refuse_marked(document)
+    return document
+
+
+def _refuse_marked(node: Node) -> None:
+    """Raise for the first value that is marked as a fault: only now its place is known."""
+    value, where = node.value, node.path or "the document"
+    if isinstance(value, _Fault):
+        raise InputError(f"{node.file}: {where}: {value.told}.")
+    if isinstance(value, dict):
+        for each in node.entries(allowed="an object").values():
+            _refuse_marked(each)
+    elif isinstance(value, list):
+        for each in node.items(least=0, most=len(value)):
+            _refuse_marked(each)
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """Stands for what is no strict JSON, until its place is known."""
+
+    told: str
 
 
 def _depth(text: str) -> int:
@@ -167,6 +194,16 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+def _marked(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def found(content: Any) -> Any:
+        try:
+            return read(content)
+        except ValueError as error:
+            return _Fault(str(error))
+
+    return found
+
+
 STRICT: Final[dict[str, Any]] = {
     "object_pairs_hook": _object,
     "parse_float": _finite,
@@ -174,3 +211,5 @@ STRICT: Final[dict[str, Any]] = {
     "parse_constant": _finite,
 }
 """Arguments of ``json.loads``: no key twice, no number that is endless, too long or none."""
+
+_MARKING: Final[dict[str, Any]] = {key: _marked(read) for key, read in STRICT.items()}

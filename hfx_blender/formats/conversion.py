@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from ..devices.configuration import load_device
@@ -53,7 +54,8 @@ def convert(
         Key of ``DEVICE_FORMATS`` or ``TRACK_FORMATS``.
     device : str, optional
         Name or file; tracks and rasters need it for device formats, and envelopes for those
-        that are of a whole device (csv, npz, wav, tact).
+        that are of a whole device (csv, npz, wav, tact). With it envelopes become what that
+        device plays in any format; HJIF then has its units and places on the body.
     body : str, optional
         Name or id of who wears it; tracks with several bodies need it.
     tolerance : CurveTolerance
@@ -131,14 +133,16 @@ def _converted(
         from_actuators.write_signals if kind == "hjif" else DEVICE_FORMATS[kind].write_signals
     )
     found_device = None
-    if kind != "hjif" and (write_signals is None or device is not None):
+    if write_signals is None or device is not None:
         found_device = _device(device, kind)
     signals, frequencies = read_signals(source)
     if all(each.is_silent for each in signals):
         raise InputError(f"{source}: holds no vibration.")
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
-        return write(kind, raster, found_device, stem, tolerance) + Written((), left_out, notes)
+        write_raster = from_actuators.write if kind == "hjif" else partial(write, kind)
+        written = write_raster(raster, found_device, stem, tolerance)
+        return written + Written((), left_out, notes)
     assert write_signals is not None
     written = write_signals(distinct(signals), frequencies, stem, tolerance)
     return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written

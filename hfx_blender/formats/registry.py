@@ -229,11 +229,19 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
     Raises
     ------
     UsageError
-        A format is unknown, needs a device, or none of the devices has anything for it.
+        A format is unknown, needs a device, or none of the devices has anything for it; or two
+        different devices have one id, which their files are named by.
     """
     unknown = sorted(set(formats) - set(FORMATS))
     if unknown:
         raise UsageError(f"format '{unknown[0]}' is unknown; there are: {', '.join(FORMATS)}")
+    known: dict[str, DeviceConfig] = {}
+    for each in devices:
+        if vars(known.setdefault(each.id, each)) != vars(each):
+            raise UsageError(
+                f"two different devices have the id '{each.id}', which their files are named by: "
+                "give the configuration of one of them another 'id', as its file is called"
+            )
     for name in formats:
         chosen = DEVICE_FORMATS.get(name)
         if chosen is None:

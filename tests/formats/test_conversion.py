@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,6 +63,14 @@ def test_temperature_in_a_vibration_format_is_refused(tmp_path, name):
     assert not list(tmp_path.iterdir())
     with pytest.raises(UsageError, match="none of the devices has vibration"):
         registry.check([name], [device])
+
+
+def test_two_devices_of_one_id_are_refused_and_one_that_is_named_twice_is_not():
+    """Files are named by the id: the second would replace the first."""
+    one, again = load_device("back_pad"), load_device("back_pad")
+    registry.check(["csv"], [one, again])
+    with pytest.raises(UsageError, match="two different devices have the id 'back_pad'"):
+        registry.check(["csv"], [one, replace(again, gain=0.5)])
 
 
 def test_what_some_of_the_devices_cannot_play_is_told(tmp_path):
@@ -246,6 +255,26 @@ def test_a_raster_goes_to_hjif_a_channel_an_actuator(tmp_path):
     for each in found:
         strength = each.strength.at(np.arange(50) / 100.0) * each.full_scale
         assert strength == pytest.approx((raster.values - raster.neutral)[:, 0], abs=0.06)
+
+
+def test_envelopes_go_to_hjif_as_what_a_device_plays(tmp_path):
+    """1 s up to full scale; with the device there are its 20 actuators, their places and m/s^2."""
+    haptic.write([signal([0, 1], rate_hz=1.0, name="buzz")], RANGE, tmp_path / "x")
+    source = tmp_path / "x.buzz.haptic"
+    device = load_device("back_pad")
+    without = hjif_reader.read(convert(source, tmp_path / "a.hjif").files[0])
+    assert [len(each.channels) for each in without.perceptions] == [1]
+    written = convert(source, tmp_path / "b.hjif", device="back_pad")
+    assert files.validate(written.files[0])[1] == []
+    document = hjif_reader.read(written.files[0])
+    (perception,) = document.perceptions
+    assert [each.description for each in perception.channels] == [a.id for a in device.actuators]
+    assert all(each.body_part_mask for each in perception.channels)
+    for found in to_signals.envelopes(document):
+        half = float(found.strength.at(np.array([0.5]))[0] * found.full_scale)
+        assert half == pytest.approx(device.actuators[0].type.strength.highest / 2.0, rel=0.02)
+    with pytest.raises(InputError, match="has no vibration actuators"):
+        convert(source, tmp_path / "c.hjif", device="fan_heater")
 
 
 def test_ticks_go_to_hjif_and_back(tmp_path):

@@ -8,6 +8,7 @@ the strongest counts at an actuator, as with coverage.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,7 +19,7 @@ from ..body.model import PerceptualModel
 from ..body.parts import SIDES
 from .coverage import ActuatorCells
 from .device import Actuator, BodyPlace, DeviceConfig, Mount, RoomPlace
-from .panning.neighbours import joined_on_skin, parted
+from .panning.neighbours import SkinNeighbours, parted
 from .panning.planar import PlanarPanning
 from .panning.ring import LinePanning, RingPanning
 from .panning.splat import GaussianSplatting, NearestPanning
@@ -32,6 +33,13 @@ I32 = npt.NDArray[np.int32]
 
 _LONE_SPACING_M: Final = 0.05
 """Takes the place of the distance between actuators where there is only one."""
+
+
+_FARTHEST_M: Final = 1e6
+"""Where what is farther away is taken to be: squares of larger numbers may overflow."""
+
+_NO_DIRECTION: Final = 1e-6
+"""Share of a layout's size: an actuator nearer to its middle has no direction from there."""
 
 
 def cells_of(
@@ -102,11 +110,13 @@ def panned_layout(
         )
     vertices, fade = _near(centres, _candidates(actuators, rows, model), model)
     anchors = np.array([_nearest(c, row, model) for c, row in zip(centres, rows, strict=True)])
-    is_joined = joined_on_skin(model, centres, anchors)
+    neighbours = SkinNeighbours(model, centres, anchors)
     panned = _FLAT[device.scheme.name](device, centres)
 
     def at(places: F64) -> F64:
-        return parted(panned(places), is_joined)
+        is_place = np.isfinite(places).all(axis=1)
+        known = np.clip(np.where(is_place[:, None], places, 0.0), -_FARTHEST_M, _FARTHEST_M)
+        return parted(panned(known) * is_place[:, None], neighbours.are_joined)
 
     gains = at(model.vertices[vertices].astype(np.float64)) * fade[:, None]
     return PannedLayout(vertices, gains, fade, _spacing_m(centres), at)
@@ -205,20 +215,38 @@ def _line(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
-    """In space round the middle of the actuators; in their plane if they are flat."""
-    middle = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
+    """In space round the middle of the actuators; in their plane if they are flat.
+
+    If one of them is in the middle, all are seen from a place behind it.
+    """
     if not np.any(centres != centres[0]):  # one place has no directions
         alone = PlanarPanning(np.zeros((len(centres), 2)), "power")
         return lambda points: alone.gains(points[:, :2])
-    try:
-        panning = VectorBasePanning(centres - middle)
-        return lambda points: panning.gains(points - middle)
-    except ValueError:
-        mount = _mount(device, centres)
-        ring = on_mount(mount, centres)
-        centre = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
-        flat = VectorBasePanning(ring - centre)
-        return lambda points: flat.gains(on_mount(mount, points) - centre)
+    middle = 0.5 * (centres.min(axis=0) + centres.max(axis=0))
+    if _have_directions(centres - middle):
+        with suppress(ValueError):
+            return _seen_from(middle, centres, np.eye(3))
+    mount = _mount(device, centres)
+    axes = np.array([mount.x_axis, mount.y_axis])
+    ring = on_mount(mount, centres)
+    centre = np.array(mount.origin_m) + 0.5 * (ring.min(axis=0) + ring.max(axis=0)) @ axes
+    if _have_directions((centres - centre) @ axes.T):
+        return _seen_from(centre, centres, axes)
+    normal = np.cross(*axes)
+    behind = centre - np.linalg.norm(centres - centre, axis=1).max() * normal
+    with suppress(ValueError):
+        return _seen_from(behind, centres, np.eye(3))
+    return _seen_from(behind, centres, np.array([axes[0], normal]))  # a line
+
+
+def _seen_from(origin: F64, centres: F64, axes: F64) -> _Gains:
+    panning = VectorBasePanning((centres - origin) @ axes.T)
+    return lambda points: panning.gains((points - origin) @ axes.T)
+
+
+def _have_directions(offsets: F64) -> bool:
+    away_m = np.linalg.norm(offsets, axis=1)
+    return bool(away_m.min() > _NO_DIRECTION * away_m.max())
 
 
 _FLAT: Final[dict[str, Callable[[DeviceConfig, F64], _Gains]]] = {

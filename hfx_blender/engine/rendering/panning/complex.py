@@ -9,6 +9,7 @@ triangulation of its convex hull, and around a convex body.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,11 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 _PAIRS_AT_ONCE: Final = 1 << 17
+
+_ON_IT_M: Final = 1e-12
+
+_FARTHEST_M: Final = 1e6
+"""Where what is farther away is taken to be: the squares of larger numbers may overflow."""
 
 SAME_PLACE: Final = 1e-9
 """Actuators closer than this share of the layout's extent stand at one place."""
@@ -33,7 +39,7 @@ class ActuatorComplex:
     simplices: I64  # (S, 3) indices of places
     place_of: I64  # (A,) of each actuator; several may stand at one place
 
-    def shares(self, points: F64) -> tuple[F64, F64]:
+    def shares(self, points: F64, blend: float = 0.0) -> tuple[F64, F64]:
         """Shares of the actuators at the nearest place of the complex.
 
         Actuators at one place share it equally.
@@ -41,6 +47,11 @@ class ActuatorComplex:
         Parameters
         ----------
         points : (n, 3) float64
+        blend : float
+            How much farther, as a share of the distance, another triangle's nearest place may be
+            and still count, the less the farther. From a complex that is not convex the nearest
+            place jumps where two are at one distance; blended, it goes over. On the complex
+            itself nothing changes.
 
         Returns
         -------
@@ -51,26 +62,58 @@ class ActuatorComplex:
         """
         points = np.asarray(points, np.float64)
         finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+        points = np.clip(points, -_FARTHEST_M, _FARTHEST_M)
         of_places = np.zeros((len(points), len(self.places)))
         distances = np.full(len(points), np.inf)
         step = max(1, _PAIRS_AT_ONCE // len(self.simplices))
         for first in range(0, len(finite), step):
             rows = finite[first : first + step]
-            simplex, weights, distances[rows] = self._nearest(points[rows])
-            np.add.at(of_places, (rows[:, None], self.simplices[simplex]), weights)
+            row, simplex, weights, distances[rows] = self._nearest(points[rows], blend)
+            np.add.at(of_places, (rows[row][:, None], self.simplices[simplex]), weights)
+        if np.array_equal(self.place_of, np.arange(len(self.places))):
+            return of_places, distances
         crowd = np.bincount(self.place_of, minlength=len(self.places))
         return (of_places / np.maximum(crowd, 1))[:, self.place_of], distances
 
-    def _nearest(self, points: F64) -> tuple[I64, F64, F64]:
-        count = len(self.simplices)
-        corners = np.tile(self.places[self.simplices], (len(points), 1, 1))
-        repeated = np.repeat(points, count, axis=0)
-        weights = barycentric(repeated, corners)
+    def _nearest(self, points: F64, blend: float) -> tuple[I64, I64, F64, F64]:
+        """Places near n points: whose, on which simplex, corners' weights; and least distances."""
+        row, simplex = self._candidates(points, blend)
+        corners = self.places[self.simplices[simplex]]
+        weights = barycentric(points[row], corners)
         found = np.einsum("ij,ijk->ik", weights, corners)
-        distances = np.linalg.norm(repeated - found, axis=1).reshape(-1, count)
-        best = np.argmin(distances, axis=1)
-        rows = np.arange(len(points))
-        return best, weights.reshape(-1, count, 3)[rows, best], distances[rows, best]
+        distances = np.linalg.norm(points[row] - found, axis=1)
+        firsts = np.searchsorted(row, np.arange(len(points)))
+        least = np.minimum.reduceat(distances, firsts)
+        nearest = np.flatnonzero(distances == least[row])
+        best = nearest[np.diff(row[nearest], prepend=-1) != 0]  # the first of those at one distance
+        if not blend:
+            return row[best], simplex[best], weights[best], least
+        width = blend * least[row]
+        counts = np.divide(least[row] - distances, width, out=np.zeros_like(width), where=width > 0)
+        counts = np.maximum(1.0 + counts, 0.0)
+        on_it = least[row] <= _ON_IT_M
+        counts[on_it] = 0.0
+        counts[best[least <= _ON_IT_M]] = 1.0
+        counts /= np.add.reduceat(counts, firsts)[row]
+        some = np.flatnonzero(counts)
+        return row[some], simplex[some], weights[some] * counts[some, None], least
+
+    @cached_property
+    def _balls(self) -> tuple[F64, F64]:
+        """A ball round each simplex: middles (S, 3) and radii (S,)."""
+        corners = self.places[self.simplices]
+        middles = corners.mean(axis=1)
+        return middles, np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+
+    def _candidates(self, points: F64, blend: float) -> tuple[I64, I64]:
+        """Points and simplices, in order, that may be near enough: by balls round these."""
+        middles, radii_m = self._balls
+        squares = sum((points[:, axis, None] - middles[None, :, axis]) ** 2 for axis in range(3))
+        away_m = np.sqrt(squares)
+        nearest_m = away_m.min(axis=1, keepdims=True)  # to a middle, which is of the complex
+        slack_m = blend * nearest_m + 1e-9 * (1.0 + nearest_m)
+        row, simplex = np.nonzero(away_m - radii_m <= nearest_m + slack_m)
+        return row.astype(np.int64), simplex.astype(np.int64)
 
 
 def merged_places(positions: F64) -> tuple[F64, I64]:

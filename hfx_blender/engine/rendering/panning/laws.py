@@ -27,7 +27,8 @@ def gain(shares: F64, law: Law) -> F64:
     if law == "linear":
         return shares
     if law == "log":
-        return np.log2(1.0 + shares)
+        above_one = 1.0 + shares
+        return np.log2(above_one, out=above_one)
     if law == "power":
         return np.sqrt(shares)
     raise ValueError(f"law: expected one of {', '.join(LAWS)}, got '{law}'")

@@ -7,11 +7,13 @@ more than 200 mm of skin apart: over such a gap nobody feels one sensation betwe
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from ...body.mesh_edit import edges_of
 from ...body.model import PerceptualModel
 from ...body.parts import PARTS
 from ...body.skin_distance import SkinDistances
@@ -25,6 +27,16 @@ MAX_SPAN_M: Final = 0.2
 
 _SURELY_NEAR_M: Final = 0.1
 """Skin between two places this close in space is not measured."""
+
+_ELLIPSOID_MARGIN_M: Final = 0.01
+
+_MEASURED_ONE_BY_ONE: Final = 64
+SOURCES_AT_ONCE: Final = 64
+"""Distances from so many places are held together: 20 MiB on the finest body model."""
+_ROWS_AT_ONCE: Final = 1 << 12
+
+AreJoined = Callable[[I64, I64], Bool]
+"""Tells of pairs of actuators, (k,) and (k,), whether they may share a place."""
 
 _LIMBS: Final = {
     "head": 0,
@@ -41,8 +53,10 @@ def limbs_of(model: PerceptualModel) -> I64:
     return np.asarray(kind * 3 + np.where(is_trunk, 0, model.side), np.int64)
 
 
-def joined_on_skin(model: PerceptualModel, centres: F64, anchors: I64) -> Bool:
-    """Which pairs of A actuators are neighbours enough to share a place, (A, A).
+class SkinNeighbours:
+    """Which pairs of A actuators are neighbours enough to share a place.
+
+    Only pairs that somebody asks for are measured, as few of a large array ever play together.
 
     Parameters
     ----------
@@ -52,39 +66,108 @@ def joined_on_skin(model: PerceptualModel, centres: F64, anchors: I64) -> Bool:
     anchors : (A,) int64
         The vertex under each actuator.
     """
-    straight_m = np.linalg.norm(centres[:, None] - centres[None], axis=2)
-    limb = limbs_of(model)[anchors]
-    found = (straight_m <= MAX_SPAN_M) & (limb[:, None] == limb[None])
-    doubtful = found & (straight_m > _SURELY_NEAR_M)
-    skin: SkinDistances | None = None
-    for k in np.flatnonzero(np.triu(doubtful).any(axis=1)):
-        skin = skin or SkinDistances(model.vertices, model.triangles)
-        others = np.flatnonzero(doubtful[k] & (np.arange(len(centres)) > k))
-        reached, _ = skin.around(skin.nearest(centres[k]), MAX_SPAN_M)
-        is_far = ~np.isin(anchors[others], reached)
-        found[k, others[is_far]] = found[others[is_far], k] = False
-    return np.asarray(found)
+
+    def __init__(self, model: PerceptualModel, centres: F64, anchors: I64) -> None:
+        self._model = model
+        self._centres = centres
+        self._anchors = anchors
+        self._limb = limbs_of(model)[anchors]
+        self._measured: dict[tuple[int, int], bool] = {}
+        self._skin: SkinDistances | None = None
+
+    def are_joined(self, one: I64, other: I64) -> Bool:
+        """Whether pairs of actuators are on one limb, and near along the skin, (k,)."""
+        straight_m = np.linalg.norm(self._centres[one] - self._centres[other], axis=1)
+        found = (straight_m <= MAX_SPAN_M) & (self._limb[one] == self._limb[other])
+        doubtful = np.flatnonzero(found & (straight_m > _SURELY_NEAR_M))
+        pairs = [
+            (min(a, b), max(a, b))
+            for a, b in zip(one[doubtful].tolist(), other[doubtful].tolist(), strict=True)
+        ]
+        self._measure({pair for pair in pairs if pair not in self._measured})
+        found[doubtful] = [self._measured[pair] for pair in pairs]
+        return found
+
+    def _measure(self, pairs: set[tuple[int, int]]) -> None:
+        left = sorted(pairs)
+        if len(left) > _MEASURED_ONE_BY_ONE:
+            is_near = self._near_by_edges(np.array(left))
+            self._measured |= {p: True for p, near in zip(left, is_near, strict=True) if near}
+            left = [p for p, near in zip(left, is_near, strict=True) if not near]
+        for pair in left:
+            self._measured[pair] = self._is_near(*pair)
+
+    def _near_by_edges(self, pairs: I64) -> Bool:
+        """Which pairs a way along edges joins, which is never shorter than the skin's."""
+        from scipy.sparse.csgraph import dijkstra
+
+        graph = edge_graph(self._model)
+        sources, row = np.unique(pairs[:, 0], return_inverse=True)
+        found = np.zeros(len(pairs), np.bool_)
+        for first in range(0, len(sources), SOURCES_AT_ONCE):
+            mine = slice(first, first + SOURCES_AT_ONCE)
+            anchors = self._anchors[sources[mine]]
+            away_m = dijkstra(graph, directed=False, indices=anchors, limit=MAX_SPAN_M)
+            own = np.flatnonzero((row >= first) & (row < first + SOURCES_AT_ONCE))
+            to = self._anchors[pairs[own, 1]]
+            found[own] = away_m[row[own] - first, to] <= MAX_SPAN_M
+        return found
+
+    def _is_near(self, one: int, other: int) -> bool:
+        """Whether a way along the skin is short enough: it stays in an ellipsoid round both."""
+        model, anchor = self._model, int(self._anchors[other])
+        self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
+        source = self._skin.nearest(self._centres[one])
+        away_m = np.linalg.norm(model.vertices - source.point, axis=1)
+        away_m += np.linalg.norm(model.vertices - model.vertices[anchor], axis=1)
+        inside = away_m <= MAX_SPAN_M + _ELLIPSOID_MARGIN_M
+        inside[source.corners] = True
+        triangles = model.triangles[inside[model.triangles].any(axis=1)]
+        reached, _ = SkinDistances(model.vertices, triangles).around(source, MAX_SPAN_M)
+        return bool(np.isin(anchor, reached))
 
 
-def parted(gains: F64, is_joined: Bool) -> F64:
+def edge_graph(model: PerceptualModel) -> Any:
+    """The model's edges as a sparse matrix (V, V) of lengths, for scipy's ways through graphs."""
+    from scipy.sparse import coo_array, csr_array
+
+    points = model.vertices.astype(np.float64)
+    ends = edges_of(model.triangles.astype(np.int64), len(model)).ends
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    return csr_array(coo_array((lengths, tuple(ends.T)), shape=(len(model),) * 2))
+
+
+def parted(gains: F64, are_joined: AreJoined) -> F64:
     """Gains (n, A) of which no two actuators that are not joined play together.
 
     Of two that are not, the weaker is silent, and the stronger fades out until both are as
     strong: on a gap between two, from a quarter of the way to the middle. So nothing jumps.
     """
-    one, other = np.nonzero(np.triu(~is_joined, 1))
-    if not len(one):
+    one, other = playing_together(gains)
+    is_apart = ~are_joined(one, other)
+    if not is_apart.any():
         return gains
-    power = gains * gains
-    both = (gains[:, one] > 0.0) & (gains[:, other] > 0.0)
-    is_shared = both.any(axis=0)
-    if not is_shared.any():
-        return gains
+    one, other = one[is_apart], other[is_apart]
+    where = {k: np.flatnonzero(gains[:, k] > 0.0) for k in np.union1d(one, other).tolist()}
     share = np.ones_like(gains)
-    for a, b in zip(one[is_shared], other[is_shared], strict=True):
-        total = power[:, a] + power[:, b]
-        lead = np.divide(power[:, a] - power[:, b], total, out=0.0 * total, where=total > 0.0)
-        meets = (gains[:, a] > 0.0) & (gains[:, b] > 0.0)
-        share[:, a] = np.where(meets, np.minimum(share[:, a], 2.0 * lead), share[:, a])
-        share[:, b] = np.where(meets, np.minimum(share[:, b], -2.0 * lead), share[:, b])
-    return np.asarray(gains * np.clip(share, 0.0, 1.0))
+    for a, b in zip(one.tolist(), other.tolist(), strict=True):
+        rows = np.intersect1d(where[a], where[b], assume_unique=True)
+        power_a, power_b = gains[rows, a] ** 2, gains[rows, b] ** 2
+        total = power_a + power_b
+        lead = np.divide(power_a - power_b, total, out=0.0 * total, where=total > 0.0)
+        share[rows, a] = np.minimum(share[rows, a], 2.0 * lead)
+        share[rows, b] = np.minimum(share[rows, b], -2.0 * lead)
+    np.clip(share, 0.0, 1.0, out=share)
+    share *= gains
+    return share
+
+
+def playing_together(gains: F64) -> tuple[I64, I64]:
+    """Pairs of actuators, one < other, that play at one of n places together: gains (n, A)."""
+    columns = np.flatnonzero((gains > 0.0).any(axis=0))
+    shared = np.zeros((len(columns),) * 2, np.float32)
+    for first in range(0, len(gains), _ROWS_AT_ONCE):
+        playing = (gains[first : first + _ROWS_AT_ONCE, columns] > 0.0).astype(np.float32)
+        shared += playing.T @ playing
+    one, other = np.nonzero(np.triu(shared, 1))
+    return columns[one].astype(np.int64), columns[other].astype(np.int64)

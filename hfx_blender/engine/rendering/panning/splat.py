@@ -39,6 +39,9 @@ class NearestPanning:
 class GaussianSplatting:
     """Each actuator plays exp(-d^2 / (2 sigma^2)) of what is felt at distance d.
 
+    After the Gaussian footprints of Westover ("Footprint evaluation for volume rendering",
+    SIGGRAPH 1990); no paper on touch is known to us that uses them so.
+
     Parameters
     ----------
     positions : (A, D) float64

@@ -8,17 +8,17 @@ through the air: not two fingers, not an arm and the chest.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ...body.mesh_edit import edges_of
 from ...body.model import PerceptualModel
 from .complex import ActuatorComplex, merged_places
 from .laws import Law, gain
-from .neighbours import MAX_SPAN_M, limbs_of
+from .neighbours import MAX_SPAN_M, SOURCES_AT_ONCE, edge_graph, limbs_of, parted
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -30,6 +30,45 @@ _ROUND_ABOUT: Final = 1.7
 _HOLLOW: Final = 0.1
 
 
+_BLEND: Final = 0.2
+"""How much farther another triangle of actuators may be and still have a part in a place."""
+
+
+class SurfaceNeighbours:
+    """Which of P places on the skin may be joined, and how long the way between them is.
+
+    Pairs are measured when somebody asks for them.
+    """
+
+    def __init__(self, model: PerceptualModel, graph: Any, anchors: I64) -> None:
+        self._model = model
+        self._graph = graph
+        self._anchors = anchors  # (P,) vertices
+        self._limb = limbs_of(model)[anchors]
+        self._known: dict[tuple[int, int], float] = {}
+
+    def lengths_m(self, pairs: I64) -> F64:
+        """Lengths along the skin (k,) of the ways between pairs (k, 2); infinite: not joined."""
+        asked = [(a, b) if a < b else (b, a) for a, b in pairs.tolist()]
+        new = [pair for pair in dict.fromkeys(asked) if pair not in self._known]
+        if new:
+            self._known.update(zip(new, self._measured(np.array(new)).tolist(), strict=True))
+        return np.array([self._known[pair] for pair in asked], np.float64)
+
+    def _measured(self, pairs: I64) -> F64:
+        places = self._model.vertices[self._anchors].astype(np.float64)
+        one, other = pairs.T
+        straight_m = np.linalg.norm(places[one] - places[other], axis=1)
+        found = np.full(len(pairs), np.inf)
+        near = np.flatnonzero((self._limb[one] == self._limb[other]) & (straight_m <= MAX_SPAN_M))
+        if len(near):
+            allowed_m = np.minimum(MAX_SPAN_M, _ROUND_ABOUT * straight_m[near])
+            found[near] = _along_the_skin(self._graph, self._anchors[pairs[near]], allowed_m)
+            near = near[np.isfinite(found[near])]
+            found[near[_through_the_air(self._model, places, pairs[near])]] = np.inf
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceGains:
     """How strongly each of A actuators is driven by each vertex that the device reaches."""
@@ -38,12 +77,7 @@ class SurfaceGains:
     gains: F64  # (n, A)
     simplices: I64  # (S, 3) neighbouring actuators; an edge or a point repeats its last corner
     fade: F64  # (n,) what the gains hold of it
-    complex: ActuatorComplex
-    law: Law
-
-    def at(self, points: F64) -> F64:
-        """Gains (m, A) for any places (m, 3), without the fade beyond the layout."""
-        return gain(self.complex.shares(points)[0], self.law)
+    at: Callable[[F64], F64]  # places (m, 3) to gains (m, A), without the fade beyond the layout
 
 
 def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> SurfaceGains:
@@ -51,7 +85,8 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
 
     Within the triangles of neighbours a vertex has the barycentric shares of the nearest place
     of its triangle. Beyond them the nearest place is shown, fading out between one and two
-    spacings from the nearest actuator.
+    spacings from the nearest actuator; where several are about as near, it goes over from one to
+    the other.
 
     Parameters
     ----------
@@ -62,98 +97,129 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     """
     points = model.vertices.astype(np.float64)
     unique, first, place_of = np.unique(anchors, return_index=True, return_inverse=True)
-    nearest, distance_m, between_m = _along_the_skin(model, unique)
-    straight_m = np.linalg.norm(points[unique][:, None] - points[unique][None], axis=2)
-    limb = limbs_of(model)
-    is_joined = (between_m <= MAX_SPAN_M) & (between_m <= _ROUND_ABOUT * straight_m)
-    is_joined &= limb[unique][:, None] == limb[unique][None]
-    is_joined &= ~_through_the_air(model, points[unique], is_joined)
-    simplices = _dual(model.triangles.astype(np.int64), nearest, is_joined)
+    graph = edge_graph(model)
+    nearest, distance_m = _cells(graph, unique)
+    cells = _meeting(model.triangles.astype(np.int64), nearest)
+    pairs = np.unique(
+        np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [0, 2]]]), axis=0
+    )
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    neighbours = SurfaceNeighbours(model, graph, unique)
+    length_m = neighbours.lengths_m(pairs)
+    pairs, length_m = pairs[np.isfinite(length_m)], length_m[np.isfinite(length_m)]
+    simplices = _dual(cells, pairs, len(unique))
     places, same = merged_places(points[unique])
     complex_ = ActuatorComplex(places, same[simplices], same[place_of.ravel()])
-    span_m = _spacing(simplices, between_m, len(unique))
+    place_of = place_of.ravel()
+
+    def are_joined(one: I64, other: I64) -> npt.NDArray[np.bool_]:
+        ends = np.column_stack((place_of[one], place_of[other]))
+        return np.isfinite(neighbours.lengths_m(ends)) | (ends[:, 0] == ends[:, 1])
+
+    def at(where: F64) -> F64:
+        return parted(gain(complex_.shares(where, _BLEND)[0], law), are_joined)
+
+    span_m = _spacing(pairs, length_m, len(unique))
     near = np.flatnonzero(nearest >= 0)
     fade = np.clip(2.0 - distance_m[near] / span_m[nearest[near]], 0.0, 1.0)
     near, fade = near[fade > 0.0], fade[fade > 0.0]
-    shares, _ = complex_.shares(points[near])
-    return SurfaceGains(
-        near.astype(np.int32),
-        gain(shares, law) * fade[:, None],
-        first[simplices],
-        fade,
-        complex_,
-        law,
-    )
+    gains = at(points[near])
+    gains *= fade[:, None]
+    return SurfaceGains(near.astype(np.int32), gains, first[simplices], fade, at)
 
 
-def _along_the_skin(model: PerceptualModel, anchors: I64) -> tuple[I64, F64, F64]:
-    """Nearest anchor of each vertex (-1: none within reach), its distance, anchors' distances."""
-    from scipy.sparse import coo_array, csr_array
+def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
+    """Nearest anchor of each vertex along the edges (-1: none within reach), and its distance."""
     from scipy.sparse.csgraph import dijkstra
 
-    points = model.vertices.astype(np.float64)
-    ends = edges_of(model.triangles.astype(np.int64), len(model)).ends
-    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    graph = csr_array(coo_array((lengths, tuple(ends.T)), shape=(len(model),) * 2))
-    reach = 2.0 * MAX_SPAN_M
-    distances = dijkstra(graph, directed=False, indices=anchors, limit=reach)
-    nearest = np.argmin(distances, axis=0)
-    distance = distances[nearest, np.arange(len(model))]
-    nearest = np.where(np.isfinite(distance), nearest, -1)
-    return nearest.astype(np.int64), distance, distances[:, anchors]
+    distance, _, source = dijkstra(
+        graph,
+        directed=False,
+        indices=anchors,
+        limit=2.0 * MAX_SPAN_M,
+        min_only=True,
+        return_predecessors=True,
+    )
+    found = np.searchsorted(anchors, np.maximum(source, 0))
+    return np.where(np.isfinite(distance), found, -1).astype(np.int64), distance
 
 
-def _through_the_air(
-    model: PerceptualModel, places: F64, candidates: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
-    """Which pairs of places, (A, A), see each other from outside, as two fingertips do.
+def _meeting(triangles: I64, nearest: I64) -> I64:
+    """Which cells meet in a triangle of skin, (n, 3), ascending in each row."""
+    cells = nearest[triangles]
+    return np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
+
+
+def _along_the_skin(graph: Any, ends: I64, allowed_m: F64) -> F64:
+    """Lengths (k,) of the ways along edges between pairs of vertices (k, 2).
+
+    Infinite: longer than is allowed, (k,).
+    """
+    from scipy.sparse.csgraph import dijkstra
+
+    found = np.full(len(ends), np.inf)
+    sources, row = np.unique(ends[:, 0], return_inverse=True)
+    for first in range(0, len(sources), SOURCES_AT_ONCE):
+        mine = np.flatnonzero((row >= first) & (row < first + SOURCES_AT_ONCE))
+        away_m = dijkstra(
+            graph,
+            directed=False,
+            indices=sources[first : first + SOURCES_AT_ONCE],
+            limit=float(allowed_m[mine].max()),
+        )
+        found[mine] = away_m[row[mine] - first, ends[mine, 1]]
+    return np.where(found <= allowed_m, found, np.inf)
+
+
+def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDArray[np.bool_]:
+    """Which pairs of places, (k,), see each other from outside, as two fingertips do.
 
     The way straight on may leave the body by a tenth of its length: skin is hollow in places.
     """
     from scipy.spatial import cKDTree
 
     tree = cKDTree(model.vertices.astype(np.float64))
-    one, other = np.nonzero(np.triu(candidates, 1))
-    is_outside = np.zeros(len(one), np.bool_)
-    length_m = np.linalg.norm(places[one] - places[other], axis=1)
+    start, way = places[pairs[:, 0]], places[pairs[:, 1]] - places[pairs[:, 0]]
+    is_outside = np.zeros(len(pairs), np.bool_)
+    length_m = np.linalg.norm(way, axis=1)
     for share in (0.25, 0.5, 0.75):
-        points = places[one] + share * (places[other] - places[one])
+        points = start + share * way
         _, skin = tree.query(points)
         offset = points - model.vertices[skin]
         height_m = np.einsum("ij,ij->i", offset, model.normals[skin].astype(np.float64))
         is_outside |= height_m > _HOLLOW * length_m
-    found = np.zeros_like(candidates)
-    found[one, other] = found[other, one] = is_outside
-    return found
+    return is_outside
 
 
-def _dual(triangles: I64, nearest: I64, is_joined: npt.NDArray[np.bool_]) -> I64:
-    """Neighbours by the cells that meet: triangles, then edges and points that are in none."""
-    cells = nearest[triangles]
-    cells = np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
+def _dual(cells: I64, pairs: I64, count: int) -> I64:
+    """Neighbours by the cells that meet: triangles, then edges and points that are in none.
+
+    Parameters
+    ----------
+    cells : (n, 3) int64
+        That meet, ascending in each row.
+    pairs : (k, 2) int64
+        Those that are joined, the smaller first.
+    count : int
+        Of all cells.
+    """
     i, j, k = cells.T
-    is_triangle = (i != j) & (j != k) & is_joined[i, j] & is_joined[j, k] & is_joined[i, k]
+    joined = pairs @ [count, 1]
+    is_triangle = (i != j) & (j != k)
+    for a, b in ((i, j), (j, k), (i, k)):
+        is_triangle &= np.isin(a * count + b, joined)
     found = [cells[is_triangle]]
-    pairs = np.unique(
-        np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [0, 2]]]), axis=0
-    )
-    a, b = pairs.T
-    pairs = pairs[(a != b) & is_joined[a, b]]
-    count = len(is_joined)
-    sides = np.sort(found[0][:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
-    pairs = pairs[~np.isin(pairs @ [count, 1], sides @ [count, 1])]
-    found.append(pairs[:, [0, 1, 1]])
+    sides = found[0][:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
+    edges = pairs[~np.isin(joined, sides @ [count, 1])]
+    found.append(edges[:, [0, 1, 1]])
     alone = np.setdiff1d(np.arange(count), np.concatenate([each.ravel() for each in found]))
     found.append(np.repeat(alone[:, None], 3, axis=1))
     return np.concatenate(found).astype(np.int64)
 
 
-def _spacing(simplices: I64, between_m: F64, count: int) -> F64:
+def _spacing(pairs: I64, length_m: F64, count: int) -> F64:
     """Distance of each anchor to the farthest of its neighbours; a lone one: a quarter span."""
-    spacing = np.full(count, MAX_SPAN_M / 4.0)
     longest = np.zeros(count)
-    for a, b in ((0, 1), (1, 2), (0, 2)):
-        one, other = simplices[:, a], simplices[:, b]
-        np.maximum.at(longest, one, between_m[one, other])
-        np.maximum.at(longest, other, between_m[one, other])
-    return np.where(longest > 0.0, longest, spacing)
+    for end in pairs.T:
+        np.maximum.at(longest, end, length_m)
+    return np.where(longest > 0.0, longest, MAX_SPAN_M / 4.0)

@@ -21,6 +21,9 @@ I64 = npt.NDArray[np.int64]
 
 _ROUNDING: Final = 1e-9
 
+_PAIRS_AT_ONCE: Final = 1 << 17
+"""Directions times bases that are tried together."""
+
 
 class VectorBasePanning:
     """Directions over a layout of A sources round a listener or a limb.
@@ -57,8 +60,10 @@ class VectorBasePanning:
         lengths = np.linalg.norm(points, axis=1)
         rows = np.flatnonzero(np.isfinite(points).all(axis=1) & (lengths > 0.0))
         gains = np.zeros((len(points), len(self._units)))
-        if len(rows):
-            gains[rows] = self._of_units(points[rows] / lengths[rows, None])
+        step = max(1, _PAIRS_AT_ONCE // max(len(self._bases), 1))
+        for first in range(0, len(rows), step):
+            some = rows[first : first + step]
+            gains[some] = self._of_units(points[some] / lengths[some, None])
         return np.asarray((gains / self._crowd)[:, self._place_of])
 
     def _of_units(self, units: F64) -> F64:

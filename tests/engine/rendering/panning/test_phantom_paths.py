@@ -33,7 +33,7 @@ from hfx_blender.engine.scene import (
 )
 from hfx_blender.engine.track.header import TrackHeader
 
-COUNT = 51
+COUNT = 501
 STRENGTH = 5.0
 MODEL = "hfx-vibration-1"
 
@@ -48,7 +48,7 @@ def with_law(law: str) -> DeviceConfig:
 
 
 def raster_of(device: DeviceConfig, path: np.ndarray) -> np.ndarray:
-    """Gains (COUNT, A) of a spot that goes along a path at even speed within a second."""
+    """Gains (COUNT, A) of a spot that goes along a path at even speed."""
     time = TimeBase(Fraction(100), Fraction(100), 0, 0, COUNT - 1)
     effect = EffectDescription("spot", "Spot", "vibration", MODEL, SpotArea("body", path))
     scene = SceneDescription(time, (BodyDescription("body", "B", SkinBinding(())),), (effect,))

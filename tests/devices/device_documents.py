@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Valid device configurations that together use every field of the format."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+from hfx_blender import resources
+
+FULL: dict[str, Any] = {
+    "schema": "hfx-device",
+    "version": 1,
+    "id": "test_sleeve",
+    "name": "Test sleeve",
+    "description": "Every field once.",
+    "brand": {
+        "vendor": "Nobody",
+        "model": "None",
+        "usb": [{"vendor_id": "0x2341", "product_id": "0x0043"}],
+        "serial": "HFX-*",
+    },
+    "size_m": {"width": 0.2, "height": 0.1},
+    "side": "left",
+    "actuator_types": {
+        "motor": {
+            "modality": "vibration",
+            "parameters": {
+                "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 15},
+                "frequency_hz": {"unit": "Hz", "minimum": 60, "maximum": 250, "neutral": 80},
+            },
+            "latency_ms": 30,
+            "update_interval_ms": 20,
+            "takes_waveform": False,
+            "resonance_hz": 175,
+            "drive": [
+                {"frequency_hz": 80, "points": [[0, 0], [0.5, 2], [1, 6]]},
+                {"frequency_hz": 175, "points": [[0, 0], [0.5, 6], [1, 15]]},
+            ],
+            "detection_thresholds": [[80, 0.3], [250, 0.05]],
+            "limits": {"amplitude_m_s2": {"maximum": 12}},
+        },
+        "lra": {
+            "modality": "vibration",
+            "parameters": {
+                "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 10},
+                "frequency_hz": {"unit": "Hz", "fixed": 175},
+            },
+        },
+        "peltier": {
+            "modality": "temperature",
+            "parameters": {
+                "temperature_c": {"unit": "degC", "minimum": 10, "maximum": 45, "neutral": 33}
+            },
+            "limits": {"temperature_c": {"minimum": 15, "maximum": 40}},
+        },
+    },
+    "actuators": [
+        {
+            "id": "a",
+            "type": "motor",
+            "place": {
+                "placement": {
+                    "parts": ["forearm"],
+                    "side": "left",
+                    "centre_m": [0.41, -0.05, 1.2],
+                    "radius_m": 0.02,
+                }
+            },
+        },
+        {
+            "id": "b",
+            "type": "lra",
+            "place": {
+                "vertices": [{"model": "hfx-vibration-1", "hash": "0" * 64, "ids": [1, 5, 9]}]
+            },
+        },
+        {
+            "id": "c",
+            "type": "peltier",
+            "place": {
+                "room": {
+                    "reaches": ["head", "torso"],
+                    "at_m": [0, -2, 1.2],
+                    "aim": [0, 0.5, 0],
+                    "range_m": 3,
+                    "cone_deg": 60,
+                }
+            },
+        },
+    ],
+    "rendering": {"scheme": "coverage", "options": {"statistic": "mean"}},
+    "substitutions": {
+        "pressure": {
+            "as": "vibration",
+            "scale": {"value": 1, "unit": "m/s^2 per kPa"},
+            "frequency_hz": 80,
+        },
+        "wind": {"as": "temperature", "scale": {"value": -0.5, "unit": "degC per m/s"}},
+    },
+    "defaults": {"gain": 1.5},
+}
+
+
+def changed(**members: Any) -> dict[str, Any]:
+    """The full configuration with other members at its top."""
+    return copy.deepcopy(FULL) | members
+
+
+def with_types(*types: dict[str, Any], **members: Any) -> dict[str, Any]:
+    """A configuration with an actuator of each of some types, which stand in the room."""
+    return {
+        "schema": "hfx-device",
+        "version": 1,
+        "id": "types",
+        "name": "Types",
+        "actuator_types": {f"type{k}": each for k, each in enumerate(types)},
+        "actuators": [
+            {"id": f"a{k}", "type": f"type{k}", "place": {"room": {}}} for k in range(len(types))
+        ],
+        **members,
+    }
+
+
+LIMITS = {"minimum": 0, "maximum": 5}
+STRENGTHS = {"pressure": ("pressure_kpa", "kPa"), "wind": ("speed_m_s", "m/s")}
+VIBRATION = FULL["actuator_types"]["motor"] | {
+    "slew_per_s": 100,
+    "maximum_on_s": 5,
+    "rest_s": 2,
+    "limits": {
+        "amplitude_m_s2": LIMITS,
+        "frequency_hz": {"minimum": 60, "maximum": 200},
+    },
+}
+FIXED = {
+    "modality": "vibration",
+    "parameters": {
+        "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 10, "neutral": 0},
+        "frequency_hz": {"unit": "Hz", "fixed": 175},
+    },
+    "limits": {"frequency_hz": {"minimum": 175, "maximum": 175}},
+}
+OTHERS = [
+    {
+        "modality": modality,
+        "parameters": {name: {"unit": unit, "minimum": 0, "maximum": 9, "neutral": 0}},
+        "latency_ms": 5,
+        "update_interval_ms": 20,
+        "takes_waveform": False,
+        "slew_per_s": 1,
+        "maximum_on_s": 5,
+        "rest_s": 2,
+        "limits": {name: LIMITS},
+    }
+    for modality, (name, unit) in STRENGTHS.items()
+]
+THERMAL = FULL["actuator_types"]["peltier"] | {
+    "latency_ms": 5,
+    "update_interval_ms": 20,
+    "takes_waveform": False,
+    "slew_per_s": 1,
+    "maximum_on_s": 5,
+    "rest_s": 2,
+}
+UNITS = {"vibration": "m/s^2", "pressure": "kPa", "temperature": "degC", "wind": "m/s"}
+PAD = {
+    "mount": {"origin_m": [0, 0.1, 1.2], "x_axis": [1, 0, 0], "y_axis": [0, 0, 1]},
+    "actuators": [
+        {
+            "id": "p",
+            "type": "motor",
+            "place": {
+                "pad": {"parts": ["torso"], "side": "left", "at_mm": [10, -20], "radius_m": 0.02}
+            },
+        }
+    ],
+    "substitutions": {},
+}
+SCHEMES = [
+    {"scheme": "coverage", "options": {"statistic": "strongest"}},
+    {"scheme": "barycentric", "options": {"law": "linear"}},
+    {"scheme": "surface", "options": {"law": "power"}},
+    {"scheme": "splat", "options": {"sigma_m": 0.01}},
+    *({"scheme": each, "options": {}} for each in ("nearest", "ring", "line", "vbap")),
+]
+
+
+def substituting(source: str, target: str) -> dict[str, Any]:
+    """A configuration in which one modality is shown as another."""
+    kinds = {"vibration": VIBRATION, "temperature": THERMAL}
+    kinds |= dict(zip(STRENGTHS, OTHERS, strict=True))
+    how = {"as": target, "scale": {"value": 1, "unit": f"{UNITS[target]} per {UNITS[source]}"}}
+    if target == "vibration":
+        how["frequency_hz"] = 100
+    return with_types(kinds[target], substitutions={source: how})
+
+
+def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """All of them by name: shipped ones, and those made to use what none of these does."""
+    found = {
+        path.stem: json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(resources.device_configs().glob("*.json"))
+    }
+    found["full"] = copy.deepcopy(FULL)
+    found["types"] = with_types(VIBRATION, FIXED, THERMAL, *OTHERS)
+    found["pad"] = changed(**PAD)
+    found |= {f"scheme {each['scheme']}": changed(rendering=each) for each in SCHEMES}
+    pairs = [(a, b) for a in UNITS for b in UNITS if a != b]
+    found |= {f"{a} as {b}": substituting(a, b) for a, b in pairs}
+    return found | {f"output {kind}": each for kind, each in outputs.items()}

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every field that the JSON Schema knows, wrong in turn; and schema and reader agree.
+
+The fields are found by walking the schema. One that is added to it and that no document uses fails
+the first test; as soon as a document uses it, all others try it.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import jsonschema
+import pytest
+from device_documents import FULL, documents
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_output_configuration import GOOD, with_output
+
+from hfx_blender import resources
+from hfx_blender.devices.configuration_reader import device_from
+from hfx_blender.devices.strict_json import parse
+from hfx_blender.errors import InputError
+
+SCHEMA = json.loads(
+    (resources.device_configs() / "schema" / "device.schema.json").read_text(encoding="utf-8")
+)
+VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
+DOCUMENTS = documents(
+    {name: with_output(copy.deepcopy(FULL), each) for name, (each, _) in GOOD.items()}
+)
+DOCUMENTS["output text stop"] = copy.deepcopy(FULL) | {
+    "output": {"encoder": GOOD["text"][0]["encoder"] | {"stop": "STOP"}}
+}
+
+KINDS = ("scheme", "modality", "kind", "as")
+"""Members whose value says which of several objects one is."""
+
+Place = tuple[str | int, ...]
+
+
+def resolved(schema: Any) -> Any:
+    while "$ref" in schema:
+        schema = SCHEMA["$defs"][schema["$ref"].removeprefix("#/$defs/")]
+    return schema
+
+
+def kind_of(members: dict[str, Any]) -> str:
+    """``[ring]`` for an object whose ``scheme`` is ``ring``; nothing for most."""
+    return "".join(f"[{members[key]}]" for key in KINDS if isinstance(members.get(key), str))
+
+
+def fields_of_schema(schema: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every member and item that the schema knows: its path, and what is allowed there."""
+    schema = resolved(schema)
+    for each in schema.get("anyOf", ()):
+        yield from fields_of_schema(each, path)
+    known = schema.get("properties", {})
+    here = path + kind_of({key: each.get("const") for key, each in known.items()})
+    for key, each in known.items():
+        yield f"{here}.{key}", resolved(each)
+        yield from fields_of_schema(each, f"{here}.{key}")
+    lists = [schema[key] for key in ("items", "additionalProperties") if schema.get(key)]
+    for each in [*lists, *schema.get("prefixItems", ())]:
+        yield f"{path}.*", resolved(each)
+        yield from fields_of_schema(each, f"{path}.*")
+
+
+def fields_of(value: Any, at: Place = (), path: str = "") -> Iterator[tuple[str, Place]]:
+    """The same for a document, with the place of each."""
+    if isinstance(value, dict):
+        is_free = path in (".actuator_types",)
+        here = path + kind_of(value)
+        for key, each in value.items():
+            inner = f"{path}.*" if is_free else f"{here}.{key}"
+            yield inner, (*at, key)
+            yield from fields_of(each, (*at, key), inner)
+    elif isinstance(value, list):
+        for k, each in enumerate(value):
+            yield f"{path}.*", (*at, k)
+            yield from fields_of(each, (*at, k), f"{path}.*")
+
+
+ALLOWED: dict[str, list[Any]] = {}
+for _path, _schema in fields_of_schema(SCHEMA):
+    ALLOWED.setdefault(_path, []).extend(map(resolved, _schema.get("anyOf", [_schema])))
+
+FIRST: dict[str, tuple[str, Place]] = {}
+"""A document in which each field is, and where."""
+for _name, _document in DOCUMENTS.items():
+    for _path, _place in fields_of(_document):
+        FIRST.setdefault(_path, (_name, _place))
+
+OF_ANY_TYPE = [None, True, 0.5, "?", [], {}]
+UNKNOWN = "unknown_field"
+
+
+def put(document: Any, place: Place, value: Any) -> Any:
+    *keys, last = place
+    for key in keys:
+        document = document[key]
+    document[last] = value
+
+
+def at(document: Any, place: Place) -> Any:
+    for key in place:
+        document = document[key]
+    return document
+
+
+def refusal(document: Any) -> str | None:
+    """What the reader says against a document; None: nothing."""
+    content = document if isinstance(document, bytes) else json.dumps(document).encode()
+    try:
+        device_from(parse(content, "device.json"))
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def check_refused(content: Any, place: Place, why: str) -> None:
+    told = refusal(content)
+    assert told is not None, f"{place} {why} is accepted"
+    assert told.startswith("device.json: ") and told.endswith(".") and "\n" not in told, told
+    assert len(told) < 1500, told
+    names = [each for each in place if isinstance(each, str)]
+    assert any(each in told for each in names[-2:]), f"{place} {why}: {told}"
+
+
+def type_name(value: Any) -> str:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return "number" if is_number else type(value).__name__
+
+
+def with_raw(document: Any, place: Place, raw: str) -> bytes:
+    """A document's text with something at a place that no JSON writer writes."""
+    document = copy.deepcopy(document)
+    put(document, place, "@raw@")
+    return json.dumps(document).replace('"@raw@"', raw).encode()
+
+
+def test_every_field_of_the_schema_is_in_a_document():
+    assert not sorted(set(ALLOWED) - set(FIRST)), "use them in device_documents.py"
+    assert not sorted(set(FIRST) - set(ALLOWED)), "the schema does not know them"
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_the_documents_are_right_for_reader_and_schema(name):
+    assert refusal(DOCUMENTS[name]) is None
+    VALIDATOR.validate(DOCUMENTS[name])
+
+
+@pytest.mark.parametrize("path", sorted(ALLOWED))
+def test_every_field_wrong_in_turn(path):
+    name, place = FIRST[path]
+    whole = DOCUMENTS[name]
+    value = at(whole, place)
+    wrong: list[tuple[str, Any]] = [
+        (f"as {each!r}", each) for each in OF_ANY_TYPE if type_name(each) != type_name(value)
+    ]
+    most = 400
+    for schema in ALLOWED[path]:
+        wrong += [("too low", schema["minimum"] - 1)] if "minimum" in schema else []
+        wrong += [("too high", schema["maximum"] + 1)] if "maximum" in schema else []
+        most = max(most, schema.get("maxItems", 0))
+    if type_name(value) == "number":
+        wrong += [("huge", 1e300), ("huge", -1e300), ("huge", 10**19)]
+    elif isinstance(value, str):
+        wrong += [("huge", "x" * 10_000), ("with a line", value + "\n"), ("maybe", "")]
+    elif isinstance(value, list):
+        wrong += [
+            ("huge", (value * (most // len(value) + 1))[: most + 1]),
+            ("null", [*value, None]),
+        ]
+    elif isinstance(value, dict):
+        wrong += [("unknown", value | {UNKNOWN: 1})]
+    for why, each in wrong:
+        document = copy.deepcopy(whole)
+        put(document, place, each)
+        # Of a kind that allows more; and Python's $ takes a line feed, as the standard's does not.
+        if why in ("maybe", "too low", "too high") and VALIDATOR.is_valid(document):
+            continue
+        check_refused(document, (*place, UNKNOWN) if why == "unknown" else place, why)
+        if why in ("as None", "as 0.5", "as '?'"):  # a schema is slow: not all of them
+            assert not VALIDATOR.is_valid(document), f"the schema accepts {place} {why}"
+    for raw in ("NaN", "-Infinity", "1e999", "9" * 40):
+        check_refused(with_raw(whole, place, raw), place, raw)
+    if isinstance(place[-1], str):
+        twice = f"0, {json.dumps(place[-1])}: {json.dumps(value)}"
+        check_refused(with_raw(whole, place, twice), place, "twice")
+
+
+@pytest.mark.parametrize("path", sorted(ALLOWED))
+def test_what_may_be_missing_may_be_missing_for_both(path):
+    name, place = FIRST[path]
+    document = copy.deepcopy(DOCUMENTS[name])
+    del at(document, place[:-1])[place[-1]]
+    told = refusal(document)
+    if VALIDATOR.is_valid(document):
+        assert told is None or reader_only(told), told
+    else:
+        assert told is not None, f"only the schema needs {place}"
+        check_refused(document, place, "missing")
+
+
+READER_ONLY = re.compile(
+    r"ascending|which an actuator before it has|both rise|allowed is [0-9]+ items"
+    r"|\.(type|as|unit) is .*, allowed is one of "
+    "|has no 'mount'|differs for each|each model once|the hottest allowed|a direction"
+    r"|\.(parameters|limits)\..*, allowed is a number from "
+    "|not silent at its minimum|actuators at most"
+)
+"""What the reader says of faults that a schema cannot see."""
+
+
+def reader_only(told: str) -> bool:
+    return READER_ONLY.search(told) is not None
+
+
+values = st.recursive(
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(-3, 300),
+        st.floats(-1e4, 1e4),
+        st.sampled_from([0, 0.5, 1, 100, 1e6, "", "left", "right", "motor", "vibration", "ff"]),
+        st.sampled_from(["kPa", "torso", "Vibrate", "VestFront", "/a/{number}", "0x1234", "log"]),
+        st.text(max_size=5),
+    ),
+    lambda inner: st.lists(inner, max_size=3),
+    max_leaves=4,
+)
+
+
+@given(st.sampled_from(sorted(FIRST)), values, st.sampled_from(["put", "remove", "twice", "add"]))
+@settings(max_examples=200)
+def test_schema_and_reader_agree_on_anything(path, value, action):
+    name, place = FIRST[path]
+    document = copy.deepcopy(DOCUMENTS[name])
+    inside = at(document, place[:-1])
+    if action == "put":
+        put(document, place, value)
+    elif action == "remove":
+        del inside[place[-1]]
+    elif action == "add" and isinstance(inside, dict):
+        inside[str(value)[:20]] = value
+    elif isinstance(inside, list):
+        inside.append(copy.deepcopy(inside[place[-1]]))
+    told = refusal(document)
+    if VALIDATOR.is_valid(document):
+        assert told is None or reader_only(told), told
+    else:
+        assert told is not None, "only the schema refuses this"

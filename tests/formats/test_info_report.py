@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx info`` of an export's report, and of JSON that is nothing of ours."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from hfx_blender import cli
+
+REPORT = {
+    "scene": "Garage",
+    "files": [{"name": "a.csv", "bytes": 3, "sha256": "0" * 64}],
+    "felt": [{"effect": "Fire", "body": "Avatar", "seconds": 2.0}],
+    "unrendered": [],
+    "warnings": ["a device is missing"],
+    "notes": [],
+}
+
+
+def info(capsys, path, *more):
+    code = cli.run(["info", str(path), *more])
+    return code, *capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("content", "state", "complete"),
+    [(b"abc", "there", "yes"), (b"abcd", "of another size", "no"), (None, "missing", "no")],
+)
+def test_a_report_tells_what_was_written_and_whether_it_is_there(
+    tmp_path, capsys, content, state, complete
+):
+    path = tmp_path / "x.report.json"
+    path.write_text(json.dumps(REPORT))
+    if content is not None:
+        (tmp_path / "a.csv").write_bytes(content)
+    code, out, _ = info(capsys, path, "--json")
+    facts = json.loads(out)
+    assert code == 0
+    assert (facts["scene"], facts["complete"]) == ("Garage", complete)
+    assert facts["files"] == [{"name": "a.csv", "bytes": 3, "state": state}]
+    assert facts["felt"] == REPORT["felt"]
+    code, out, _ = info(capsys, path)
+    assert code == 0 and "Fire" in out and "a device is missing" in out
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ({}, "is no report of an export"),
+        ([], "allowed is an export's report"),
+        (REPORT | {"files": 1}, "files is 1"),
+        (REPORT | {"files": [{"name": "../a", "bytes": 1}]}, "files[0].name"),
+        (REPORT | {"files": [{"name": "a"}]}, "files[0] is"),
+        (REPORT | {"felt": [{}]}, "felt[0] is {}"),
+        (REPORT | {"felt": [1]}, "felt[0] is 1"),
+        (REPORT | {"warnings": [None]}, "warnings[0] is null"),
+    ],
+)
+def test_what_is_no_report_is_told_in_one_line(tmp_path, capsys, content, told):
+    path = tmp_path / "x.report.json"
+    path.write_text(json.dumps(content))
+    code, out, err = info(capsys, path)
+    assert code == 3 and not out
+    assert err.count("\n") == 1 and str(path) in err and told in err
+
+
+def test_json_that_is_nothing_of_ours_is_told_so(tmp_path, capsys):
+    path = tmp_path / "x.wav.channels.json"
+    path.write_text('{"channels": []}')
+    code, _, err = info(capsys, path)
+    assert code == 3 and "neither a device configuration, nor an export's report" in err
