@@ -14,10 +14,10 @@ __version__ = "0.1.0"
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import handlers, operators, properties, ui
+    from . import handlers, operators, preferences, properties, ui
     from .playback import live, preview
 
-    return properties, operators, ui, handlers, preview, live
+    return preferences, properties, operators, ui, handlers, preview, live
 
 
 register, unregister = registration.of_modules(_modules)

@@ -26,6 +26,8 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         The file cannot be written (no such folder, not allowed, disk full, name of a folder).
         An ``OSError`` of the block that names another file is passed on as it is.
     """
+    if not path.name:
+        raise OutputError(f"'{path}' is no name of a file.")
     temporary = path.with_name(path.name + ".tmp")
     try:
         if path.is_dir():

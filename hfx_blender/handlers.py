@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What happens by itself: before a file is saved, copies of effects get ids of their own, and
-what is being painted is stored with its effect.
+what is being painted is stored with its effect; drawn fades go along with their clips.
+After a file is loaded, what was painted on earlier body models is carried over to the present ones.
 """
 
 from __future__ import annotations
 
+import logging
+
 import bpy
 from bpy.app.handlers import persistent
 
-from .authoring import effects, painting, surface_updates
+from .authoring import drawn_fades, earlier_models, effects, painting, surface_updates
+
+_log = logging.getLogger(__name__)
 
 
 @persistent
@@ -17,11 +22,31 @@ def _before_saving(*_: object) -> None:
     painting.take_over_all()
 
 
+@persistent
+def _after_loading(*_: object) -> None:
+    found = earlier_models.update_all()
+    if found:
+        _log.info("carried over to the present body models: %s", ", ".join(found))
+
+
+@persistent
+def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    for update in depsgraph.updates:
+        if isinstance(update.id, bpy.types.Object):
+            effect = update.id.original
+            if drawn_fades.is_remembered(effect) and drawn_fades.follow(effect):
+                effect.update_tag()
+
+
 def register() -> None:
     bpy.app.handlers.save_pre.append(_before_saving)
+    bpy.app.handlers.load_post.append(_after_loading)
+    bpy.app.handlers.depsgraph_update_post.append(_on_update)
     surface_updates.register()
 
 
 def unregister() -> None:
     surface_updates.unregister()
+    bpy.app.handlers.depsgraph_update_post.remove(_on_update)
+    bpy.app.handlers.load_post.remove(_after_loading)
     bpy.app.handlers.save_pre.remove(_before_saving)

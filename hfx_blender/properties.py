@@ -114,7 +114,12 @@ def _parameter(modality: str, name: str, label: str, tip: str, **options: object
 class HfxAvatarPart(bpy.types.PropertyGroup):
     """Another mesh of an avatar that is in several pieces."""
 
-    mesh: PointerProperty(name="Mesh", type=bpy.types.Object)
+    mesh: PointerProperty(
+        name="Mesh",
+        description="A mesh that shows this body",
+        type=bpy.types.Object,
+        **_OVERRIDABLE,
+    )
 
 
 class HfxMappedBone(bpy.types.PropertyGroup):
@@ -125,10 +130,15 @@ class HfxMappedBone(bpy.types.PropertyGroup):
         description="The avatar's bone that begins at this joint; empty: the skin here follows "
         "the joint above",
         update=_refresh_bones,
+        **_OVERRIDABLE,
     )
-    found: StringProperty(name="Found", description="The bone that was found automatically")
+    found: StringProperty(
+        name="Found", description="The bone that was found automatically", **_OVERRIDABLE
+    )
     follows: StringProperty(
-        name="Follows", description="The bone that moves this skin while none is assigned"
+        name="Follows",
+        description="The bone that moves this skin while none is assigned",
+        **_OVERRIDABLE,
     )
 
 
@@ -150,13 +160,23 @@ class HfxActuatorValue(bpy.types.PropertyGroup):
 class HfxObjectProperties(bpy.types.PropertyGroup):
     """An object's haptic side. Parameters are in the units of the engine (SI, degrees C)."""
 
-    role: EnumProperty(name="Role", items=ROLES)
-    uid: StringProperty(name="Id", description="Stays the same when the object is renamed")
+    role: EnumProperty(
+        name="Role", description="What the object is to haptics", items=ROLES, **_OVERRIDABLE
+    )
+    uid: StringProperty(
+        name="Id", description="Stays the same when the object is renamed", **_OVERRIDABLE
+    )
 
     modality: EnumProperty(
-        name="Modality", items=MODALITY_ITEMS, update=_redraw_volume, **_OVERRIDABLE
+        name="Modality",
+        description="What is felt; each has parameters of its own",
+        items=MODALITY_ITEMS,
+        update=_redraw_volume,
+        **_OVERRIDABLE,
     )
-    kind: EnumProperty(name="Kind", items=KINDS, default="VOLUME")
+    kind: EnumProperty(
+        name="Kind", description="Where the effect is felt", items=KINDS, default="VOLUME"
+    )
     activation: FloatProperty(
         name="Activation",
         description="Written by clips; without any animation the effect is always on",
@@ -180,7 +200,10 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     temperature: _parameter("temperature", "temperature_c", "Temperature", "Temperature")
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
     temperature_reference: EnumProperty(
-        name="Reference", items=TEMPERATURE_REFERENCES, **_OVERRIDABLE
+        name="Reference",
+        description="At which temperature nothing is felt",
+        items=TEMPERATURE_REFERENCES,
+        **_OVERRIDABLE,
     )
 
     is_muted: BoolProperty(
@@ -199,7 +222,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
 
     shape: EnumProperty(
-        name="Shape", items=SHAPES, default="SPHERE", update=_redraw_volume, **_OVERRIDABLE
+        name="Shape",
+        description="Form of the volume; handles in the viewport size it",
+        items=SHAPES,
+        default="SPHERE",
+        update=_redraw_volume,
+        **_OVERRIDABLE,
     )
     size: FloatVectorProperty(
         name="Size",
@@ -213,6 +241,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     radius: FloatProperty(
         name="Radius",
+        description="Of a sphere, a cylinder or a capsule, or of the disc of a point on the skin",
         default=0.5,
         min=0.0,
         unit="LENGTH",
@@ -228,7 +257,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         update=_redraw_volume,
         **_OVERRIDABLE,
     )
-    falloff: EnumProperty(name="Falloff", items=FALLOFFS, **_OVERRIDABLE)
+    falloff: EnumProperty(
+        name="Falloff",
+        description="How the strength grows from the boundary inwards",
+        items=FALLOFFS,
+        **_OVERRIDABLE,
+    )
     falloff_share: FloatProperty(
         name="Falloff Share",
         description="Part of the way from the boundary to the core over which strength rises",
@@ -239,7 +273,11 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         **_OVERRIDABLE,
     )
 
-    surface: PointerProperty(type=surface_properties.HfxSurfaceProperties)
+    surface: PointerProperty(
+        name="Surface",
+        description="How the object is felt by moving over it",
+        type=surface_properties.HfxSurfaceProperties,
+    )
 
     response: CollectionProperty(
         name="Contact Response",
@@ -247,7 +285,9 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         type=HfxResponseFilter,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
-    response_active: IntProperty(name="Filter", options=set())
+    response_active: IntProperty(
+        name="Filter", description="The selected filter of the response", options=set()
+    )
     envelope: FloatProperty(
         name="Envelope",
         description="How strongly the volume is felt; Bake Response writes it, for drivers of "
@@ -287,12 +327,16 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     model_id: StringProperty(name="Model", description="Perceptual model that is painted on")
     model_hash: StringProperty(name="Model Hash", description="Content of that model")
     avatar: PointerProperty(
-        name="Avatar", description="The mesh that shows this body", type=bpy.types.Object
+        name="Avatar",
+        description="The mesh that shows this body",
+        type=bpy.types.Object,
+        **_OVERRIDABLE,
     )
     avatar_parts: CollectionProperty(
         name="Parts",
         description="Other meshes of an avatar that is in several pieces",
         type=HfxAvatarPart,
+        override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
     follow: EnumProperty(
         name="Follow",
@@ -300,9 +344,27 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         items=FOLLOWS,
         **_OVERRIDABLE,
     )
-    bone_map: CollectionProperty(type=HfxMappedBone)
-    bone_map_active: IntProperty(name="Row", options=set())
-    bone_map_region: EnumProperty(name="Show", items=BONE_REGIONS, options=set())
+    bone_map: CollectionProperty(
+        name="Bones",
+        description="Which bone of the avatar stands for which joint",
+        type=HfxMappedBone,
+        override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
+    )
+    fit_kept: PointerProperty(
+        name="Fit",
+        description="What keeps the fit of a body that is a library override; none: the armature",
+        type=bpy.types.Mesh,
+        **_OVERRIDABLE,
+    )
+    bone_map_active: IntProperty(
+        name="Row", description="The selected row of the bone table", options=set()
+    )
+    bone_map_region: EnumProperty(
+        name="Show",
+        description="Which part of the bone table is shown",
+        items=BONE_REGIONS,
+        options=set(),
+    )
     bone_map_convention: StringProperty(
         name="Convention", description="How the bones are named, as far as it was recognised"
     )
@@ -312,6 +374,7 @@ PALETTES = (
     ("PAPER", "Red, Green, Blue", "Vibration red, pressure green, temperature blue"),
     ("WARM_COLD", "Warm and Cold", "The same, but warmth orange and cold blue"),
     ("COLOUR_BLIND", "Colour-Blind Safe", "Colours that all common kinds of vision tell apart"),
+    ("OWN", "My Colours", "The colours in the preferences of this extension"),
 )
 
 
@@ -332,7 +395,9 @@ class HfxDeviceName(bpy.types.PropertyGroup):
 class HfxSceneProperties(bpy.types.PropertyGroup):
     """A scene's haptic settings."""
 
-    devices: CollectionProperty(type=HfxDeviceName)
+    devices: CollectionProperty(
+        name="Devices", description="What plays this scene, by name", type=HfxDeviceName
+    )
     play_space: PointerProperty(
         name="Play Space",
         description="Object in whose room fans, heaters and other devices stand; a teleport "

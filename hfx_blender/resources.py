@@ -8,6 +8,8 @@ from pathlib import Path
 from .errors import HfxError
 
 BODY_MODELS_VARIABLE = "HFX_BODY_MODELS"
+DEVICES_VARIABLE = "HFX_DEVICES"
+EFFECTS_VARIABLE = "HFX_EFFECTS"
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -52,8 +54,17 @@ def user_devices() -> Path:
 
     The environment variable ``HFX_DEVICES`` names another one.
     """
-    named = os.environ.get("HFX_DEVICES")
+    named = os.environ.get(DEVICES_VARIABLE)
     return Path(named).expanduser() if named else _user_data() / "devices"
+
+
+def user_effects() -> Path:
+    """Folder of the user's own sensations; it need not exist.
+
+    The environment variable ``HFX_EFFECTS`` names another one.
+    """
+    named = os.environ.get(EFFECTS_VARIABLE)
+    return Path(named).expanduser() if named else _user_data() / "effects"
 
 
 def approved_scripts() -> Path:

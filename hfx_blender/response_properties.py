@@ -50,14 +50,25 @@ def _control(kind: str, control: str, label: str, tip: str, **options: object) -
 class HfxResponseFilter(bpy.types.PropertyGroup):
     """One filter; of its controls, those of its kind count. Lengths are in Blender's units."""
 
-    kind: EnumProperty(name="Kind", items=KINDS, default="impact", update=_remark)
+    kind: EnumProperty(
+        name="Kind",
+        description="What the filter does",
+        items=KINDS,
+        default="impact",
+        update=_remark,
+    )
     operation: EnumProperty(
         name="Operation",
         description="How it goes into what the filters above yield",
         items=OPERATIONS,
         update=_remark,
     )
-    about: EnumProperty(name="From", items=ABOUT_WHAT, update=_remark)
+    about: EnumProperty(
+        name="From",
+        description="Which property of the touch goes in",
+        items=ABOUT_WHAT,
+        update=_remark,
+    )
     domain: EnumProperty(
         name="Over", description="What the sine runs over", items=DOMAINS, update=_remark
     )

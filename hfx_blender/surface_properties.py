@@ -56,7 +56,9 @@ PROCEDURALS = tuple(
 class HfxSurfaceProperties(bpy.types.PropertyGroup):
     """How an object's surface is made and felt. Lengths are in mm, as labelled."""
 
-    source: EnumProperty(name="Source", items=SOURCES, update=_remake)
+    source: EnumProperty(
+        name="Source", description="What the relief is made of", items=SOURCES, update=_remake
+    )
     uv_map: StringProperty(
         name="UV Map", description="Empty: the one that is rendered", update=_remake
     )
@@ -68,15 +70,30 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         max=4096,
         update=_remake,
     )
-    image: PointerProperty(name="Image", type=bpy.types.Image, update=_remake)
-    image_kind: EnumProperty(name="Image Holds", items=IMAGE_KINDS, update=_remake)
+    image: PointerProperty(
+        name="Image",
+        description="Laid over the object by its UV map",
+        type=bpy.types.Image,
+        update=_remake,
+    )
+    image_kind: EnumProperty(
+        name="Image Holds",
+        description="What the image's pixels mean",
+        items=IMAGE_KINDS,
+        update=_remake,
+    )
     roughness_image: PointerProperty(
         name="Roughness",
         description="Dark is smooth; without one, the surface is half rough",
         type=bpy.types.Image,
         update=_remake,
     )
-    scan_path: StringProperty(name="Scan", subtype="FILE_PATH", update=_remake)
+    scan_path: StringProperty(
+        name="Scan",
+        description="File of a scanned piece: points, or a picture of heights",
+        subtype="FILE_PATH",
+        update=_remake,
+    )
     scan_unit_mm: FloatProperty(
         name="Unit (mm)",
         description="Millimetres of one unit of the scan's coordinates",
@@ -94,7 +111,11 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         update=_remake,
     )
     procedural: EnumProperty(
-        name="Material", items=PROCEDURALS, default="gravel-fine", update=_remake
+        name="Material",
+        description="One of the library's materials",
+        items=PROCEDURALS,
+        default="gravel-fine",
+        update=_remake,
     )
     seed: IntProperty(
         name="Variant", description="Another piece of the same", default=0, min=0, update=_remake
@@ -164,7 +185,9 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         default=False,
         update=_remake,
     )
-    renderer: EnumProperty(name="Renderer", items=RENDERERS)
+    renderer: EnumProperty(
+        name="Renderer", description="How the relief becomes vibration", items=RENDERERS
+    )
     drive: FloatProperty(
         name="Drive (1/mm)",
         description="c_v of the textile paper: share of full strength per mm of weighted height; "
@@ -179,15 +202,20 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         type=bpy.types.Sound,
     )
 
-    relief_image: PointerProperty(type=bpy.types.Image)
-    intensity_image: PointerProperty(type=bpy.types.Image)
-    sharpness_image: PointerProperty(type=bpy.types.Image)
+    relief_image: PointerProperty(description="The heights that were made", type=bpy.types.Image)
+    intensity_image: PointerProperty(
+        description="How strongly each place is felt, as it was made", type=bpy.types.Image
+    )
+    sharpness_image: PointerProperty(
+        description="How fine each place is, as it was made", type=bpy.types.Image
+    )
     made_size_mm: FloatVectorProperty(size=2, options={"HIDDEN"})
     made_tiles: BoolProperty(options={"HIDDEN"})
     made_of: StringProperty(options={"HIDDEN"}, description="Settings that the relief is made of")
     layers_of: StringProperty(options={"HIDDEN"}, description="Settings of the layers")
     note: StringProperty(options={"HIDDEN"}, description="What was done, or why it could not be")
     is_faulty: BoolProperty(options={"HIDDEN"})
+    warning: StringProperty(options={"HIDDEN"}, description="What is wrong with the maps, if any")
     material_state: StringProperty(
         options={"HIDDEN"}, description="State of the material that the relief is made of"
     )

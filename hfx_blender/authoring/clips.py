@@ -10,6 +10,7 @@ import bpy
 
 from .. import compat
 from ..errors import InputError
+from . import drawn_fades
 
 DATA_PATH = "hfx.activation"
 
@@ -67,6 +68,7 @@ def add_clip(
     track = _free_track(effect, floor(frame_start), frame_end)
     strip = track.strips.new(name, floor(frame_start), action)  # whole frames only, at first
     data.action = busy
+    strip.name = name  # Blender before 4.4 calls it as its action
     strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]
     strip.repeat = repeat
     strip.frame_start, strip.frame_end = frame_start, frame_end
@@ -102,24 +104,6 @@ def add_heartbeat(
     )
 
 
-def draw_fades(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
-    """Give a clip's strength a curve of its own, to be drawn in the Graph or NLA editor.
-
-    It starts as the fades that the clip has, which it takes the place of.
-    """
-    start, end = strip.frame_start, strip.frame_end
-    rise, fall = strip.blend_in, strip.blend_out
-    strip.use_animated_influence = True
-    keys = [(start, 0.0 if rise else 1.0)]
-    keys += [(start + rise, 1.0)] if rise else []
-    keys += [(end - fall, 1.0)] if fall else []
-    keys += [(end, 0.0 if fall else 1.0)]
-    curve = strip.fcurves.find("influence")
-    compat.set_keys(curve, keys, "BEZIER")
-    strip.blend_in = strip.blend_out = 0.0
-    return curve
-
-
 def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
     """Give an effect clips like those of another, at the same times; how many."""
     copied = strips_of(source)
@@ -147,6 +131,7 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
             repeat=strip.repeat,
         )
         made.mute = strip.mute
+        drawn_fades.copy(strip, target, made)
     return len(copied)
 
 

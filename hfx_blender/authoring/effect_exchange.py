@@ -16,7 +16,16 @@ from ..engine.body import areas
 from ..engine.body.model import load_model
 from ..errors import InputError
 from ..reading.effect_values import PARAMETER_PROPERTIES
-from . import clips, effects, painting, paths, response_exchange, vector_sensations
+from . import (
+    clips,
+    drawn_fades,
+    earlier_models,
+    effects,
+    painting,
+    paths,
+    response_exchange,
+    vector_sensations,
+)
 from .effect_file import (
     SUFFIX,
     ActuatorsRecipe,
@@ -31,10 +40,19 @@ from .effect_file import (
     parameter_names,
 )
 
+OWN = "own/"
+"""Begins the names of the user's own sensations."""
+
 
 def library() -> dict[str, Path]:
     """The shipped sensations: file by stem, in alphabetical order."""
     return {path.stem: path for path in sorted(resources.effect_library().glob("*" + SUFFIX))}
+
+
+def own_library() -> dict[str, Path]:
+    """The user's own sensations, named ``own/STEM``: what was saved into their folder."""
+    folder = resources.user_effects()
+    return {OWN + path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
 
 
 def place(
@@ -66,7 +84,8 @@ def place(
     fps = scene.render.fps / scene.render.fps_base
     made = []
     for recipe in sensation.effects:
-        name = recipe.name if len(sensation.effects) == 1 else f"{sensation.name} {recipe.name}"
+        is_alone = len(sensation.effects) == 1 or not sensation.name
+        name = recipe.name if is_alone else f"{sensation.name} {recipe.name}"
         if isinstance(recipe.where, VolumeRecipe):
             effect = effects.add_volume(scene, recipe.modality, recipe.where.shape, name)
             _shape(scene, effect, recipe.where, frame, origin)
@@ -94,7 +113,7 @@ def place(
         effect.hfx.temperature_reference = recipe.temperature_reference
         for clip in recipe.clips:
             start = frame + clip.start_s * fps
-            clips.add_clip(
+            strip = clips.add_clip(
                 effect,
                 start,
                 start + clip.duration_s * fps,
@@ -104,6 +123,9 @@ def place(
                 profile=[(time * fps, value) for time, value in clip.profile],
                 repeat=clip.repeat,
             )
+            if clip.drawn_fades:
+                keys = [(start + time * fps, value) for time, value in clip.drawn_fades]
+                drawn_fades.set_keys(effect, strip, keys)
         made.append(effect)
     return made
 
@@ -123,6 +145,8 @@ def _check(effect: EffectRecipe, body: bpy.types.Object | None) -> None:
     if isinstance(where, VertexArea):
         model = load_model(effects.model_id_for(effect.modality))
         if (where.model_id, where.model_hash) != (model.id, model.content_hash):
+            if where.model_id == model.id and _carried_over(where) is not None:
+                return
             raise InputError(
                 f"'{effect.name}' was painted on another edition of the body model "
                 f"('{where.model_id}', {where.model_hash[:12]}; this is '{model.id}', "
@@ -131,10 +155,20 @@ def _check(effect: EffectRecipe, body: bpy.types.Object | None) -> None:
         effects.checked_area(effect.name, list(where.vertices), list(where.weights), len(model))
 
 
+def _carried_over(area: VertexArea) -> np.ndarray | None:
+    return earlier_models.carried_over(
+        area.model_id, area.model_hash, list(area.vertices), list(area.weights)
+    )
+
+
 def _weights(recipe: EffectRecipe) -> np.ndarray:
     model = load_model(effects.model_id_for(recipe.modality))
     where = recipe.where
     if isinstance(where, VertexArea):
+        if where.model_hash != model.content_hash:
+            carried_over = _carried_over(where)
+            assert carried_over is not None  # checked
+            return carried_over
         weights = np.zeros(len(model))
         weights[list(where.vertices)] = where.weights
         return weights
@@ -199,9 +233,18 @@ def _unit_m(scene: bpy.types.Scene) -> float:
 
 
 def sensation_of(
-    scene: bpy.types.Scene, chosen: Sequence[bpy.types.Object], name: str, description: str = ""
+    scene: bpy.types.Scene,
+    chosen: Sequence[bpy.types.Object],
+    name: str,
+    description: str = "",
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Sensation:
     """A sensation from effects of a scene, timed from the first of their clips.
+
+    Parameters
+    ----------
+    origin : (3,)
+        The place from which its volumes are measured; Blender's units, world space.
 
     Raises
     ------
@@ -225,7 +268,27 @@ def sensation_of(
         for _, system in response_exchange.emitters(scene, obj)
     ]
     first = min(starts, default=0.0)
-    return Sensation(name, description, tuple(_recipe(scene, obj, first, fps) for obj in chosen))
+    origin_m = [x * _unit_m(scene) for x in origin]
+    recipes = (_recipe(scene, obj, first, fps) for obj in chosen)
+    return Sensation(name, description, tuple(_measured_from(each, origin_m) for each in recipes))
+
+
+def _measured_from(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
+    """The same effect, with its places relative to an origin."""
+    volume = recipe.where
+    if not isinstance(volume, VolumeRecipe):
+        return recipe
+
+    def moved(place: Sequence[float]) -> tuple[float, float, float]:
+        x, y, z = (at - from_m for at, from_m in zip(place, origin_m, strict=True))
+        return x, y, z
+
+    swarm = volume.swarm
+    if swarm is not None:
+        swarm = replace(swarm, location_m=moved(swarm.location_m))
+    path = tuple((time, moved(place)) for time, place in volume.path)
+    where = replace(volume, location_m=moved(volume.location_m), path=path, swarm=swarm)
+    return replace(recipe, where=where)
 
 
 def _recipe(
@@ -355,12 +418,16 @@ def _clip(
         fade_out_s=strip.blend_out / fps,
         repeat=strip.repeat,
         profile=tuple((max(time, 0.0), value) for time, value in keys),
+        drawn_fades=tuple(
+            ((frame - strip.frame_start) / fps, value)
+            for frame, value in drawn_fades.sampled(strip)
+        ),
     )
 
 
 def load_library(name: str) -> Sensation:
-    """A shipped sensation by its name."""
-    found = library()
+    """A shipped sensation, or one of the user's own, by its name."""
+    found = {**library(), **own_library()}
     if name not in found:
         raise InputError(f"There is no sensation '{name}' in the library: {', '.join(found)}.")
     return load(found[name])

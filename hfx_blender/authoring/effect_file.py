@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from .. import file_suffixes
 from ..atomic_files import atomic_file
-from ..devices.strict_json import Node, read
+from ..devices.strict_json import Node, parse, read
 from ..engine.body.parts import PARTS
 from ..engine.modality import MODALITIES
 from . import path_file
@@ -34,6 +34,9 @@ SUFFIX: Final = file_suffixes.EFFECT
 SCHEMA: Final = "hfx-effects"
 VERSION: Final = 1
 
+_MOST_BYTES: Final = 32 << 20
+"""Painted areas are lists of their vertices: one of a whole body has 41 thousand of them."""
+
 Number3 = tuple[float, float, float]
 
 _SHAPES: Final = {
@@ -49,7 +52,10 @@ _SIDES: Final = ("both", "left", "right")
 
 @dataclass(frozen=True)
 class ClipRecipe:
-    """One clip; its profile is (seconds, activation) over one repetition."""
+    """One clip; its profile is (seconds, activation) over one repetition.
+
+    Its drawn fades are (seconds, strength) over the whole of it, in place of straight ones.
+    """
 
     name: str
     start_s: float
@@ -58,6 +64,7 @@ class ClipRecipe:
     fade_out_s: float = 0.0
     repeat: float = 1.0
     profile: tuple[tuple[float, float], ...] = ()
+    drawn_fades: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -145,9 +152,21 @@ def load(path: Path) -> Sensation:
     InputError
         For the first fault: file, place in it, what was found and what is allowed.
     """
-    top = read(path).members(
-        required=("schema", "version", "name", "effects"), optional=("description",)
-    )
+    return _sensation(read(path, _MOST_BYTES))
+
+
+def from_text(text: str) -> Sensation:
+    """The same from the text of a file, as it is copied and pasted."""
+    return _sensation(parse(text.encode(), "What was copied", _MOST_BYTES))
+
+
+def text_of(sensation: Sensation) -> str:
+    """What a file holds."""
+    return json.dumps(_document(sensation), indent=1) + "\n"
+
+
+def _sensation(node: Node) -> Sensation:
+    top = node.members(required=("schema", "version", "name", "effects"), optional=("description",))
     top["schema"].choice((SCHEMA,))
     top["version"].integer(VERSION, VERSION)
     return Sensation(
@@ -166,7 +185,7 @@ def save(sensation: Sensation, path: Path) -> None:
         It cannot be written.
     """
     with atomic_file(path) as file:
-        file.write((json.dumps(_document(sensation), indent=1) + "\n").encode())
+        file.write(text_of(sensation).encode())
 
 
 def parameter_names(modality: str) -> tuple[str, ...]:
@@ -316,23 +335,29 @@ def _triple(node: Node, most: float, unit: str) -> Number3:
 def _clip(node: Node) -> ClipRecipe:
     times = ("fade_in_s", "fade_out_s")
     members = node.members(
-        required=("start_s", "duration_s"), optional=("name", *times, "repeat", "profile")
+        required=("start_s", "duration_s"),
+        optional=("name", *times, "repeat", "profile", "drawn_fades"),
     )
     duration = members["duration_s"].number(0.001, 86_400.0, "s")
     fades = {key: members[key].number(0.0, duration, "s") for key in times if key in members}
-    profile = []
-    for item in members["profile"].items(least=2, most=100_000) if "profile" in members else ():
-        time, value = item.items(least=2, most=2)
-        last = profile[-1][0] if profile else 0.0
-        profile.append((time.number(last, 86_400.0, "s"), value.number(0.0, 1.0)))
     return ClipRecipe(
         name=members["name"].text() if "name" in members else "Clip",
         start_s=members["start_s"].number(0.0, 86_400.0, "s"),
         duration_s=duration,
         repeat=members["repeat"].number(0.1, 1000.0) if "repeat" in members else 1.0,
-        profile=tuple(profile),
+        profile=_curve(members["profile"]) if "profile" in members else (),
+        drawn_fades=_curve(members["drawn_fades"]) if "drawn_fades" in members else (),
         **fades,
     )
+
+
+def _curve(node: Node) -> tuple[tuple[float, float], ...]:
+    found: list[tuple[float, float]] = []
+    for item in node.items(least=2, most=100_000):
+        time, value = item.items(least=2, most=2)
+        last = found[-1][0] if found else 0.0
+        found.append((time.number(last, 86_400.0, "s"), value.number(0.0, 1.0)))
+    return tuple(found)
 
 
 def _document(sensation: Sensation) -> dict[str, Any]:
@@ -412,7 +437,11 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             "fade_in_s": clip.fade_in_s,
             "fade_out_s": clip.fade_out_s,
             "repeat": clip.repeat,
-            **({"profile": [list(point) for point in clip.profile]} if clip.profile else {}),
+            **{
+                key: [list(point) for point in getattr(clip, key)]
+                for key in ("profile", "drawn_fades")
+                if getattr(clip, key)
+            },
         }
         for clip in effect.clips
     ]

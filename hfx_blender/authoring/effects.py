@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import bpy
@@ -116,7 +116,8 @@ def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
             for strip in track.strips:
                 if strip.action is not None:
                     strip.action = strip.action.copy()
-    for collection in effect.users_collection:
+    homes = [each for each in effect.users_collection if _is_own(each)]
+    for collection in homes or [_collection(bpy.context.scene)]:
         collection.objects.link(copy)
     return copy
 
@@ -138,12 +139,29 @@ def _make_effect(
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    """Where a new effect goes: a collection of our own in which it is seen, made if need be."""
+    layer = bpy.context.view_layer if bpy.context.scene == scene else None
+    unseen = set() if layer is None else set(_unseen(layer.layer_collection))
     for collection in scene.collection.children_recursive:
-        if collection.name.startswith(COLLECTION):
+        is_ours = collection.name.startswith(COLLECTION)
+        if is_ours and _is_own(collection) and collection not in unseen:
             return collection
     collection = bpy.data.collections.new(COLLECTION)
     scene.collection.children.link(collection)
     return collection
+
+
+def _is_own(collection: bpy.types.Collection) -> bool:
+    """Whether objects can be added to a collection: those of a linked file take none."""
+    return collection.library is None and collection.override_library is None
+
+
+def _unseen(found: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]:
+    """Collections that are excluded from a view layer or hidden in it."""
+    for child in found.children:
+        if child.exclude or not child.is_visible:
+            yield child.collection
+        yield from _unseen(child)
 
 
 def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterable[float]) -> None:
@@ -199,17 +217,17 @@ def checked_area(
 
 
 def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
-    """A stable id for each object, by object name.
+    """A stable id for each object, by its full name, which tells linked files apart.
 
     Blender copies properties with the object, so copies share their ``uid``: the first by name
     keeps it, each other gets one derived from it, the same on every run.
     """
     taken: dict[str, int] = {}
     ids: dict[str, str] = {}
-    for obj in sorted(objects, key=lambda obj: obj.name):
+    for obj in sorted(objects, key=lambda obj: (obj.name, obj.name_full)):
         uid = obj.hfx.uid or obj.name
         copies = taken[uid] = taken.get(uid, 0) + 1
-        ids[obj.name] = uid if copies == 1 else f"{uid}-{copies}"
+        ids[obj.name_full] = uid if copies == 1 else f"{uid}-{copies}"
     return ids
 
 
@@ -217,4 +235,4 @@ def settle_ids() -> None:
     """Write down the ids of copies, so that renaming cannot swap them afterwards."""
     owned = [obj for obj in bpy.data.objects if obj.hfx.role != "NONE" and obj.library is None]
     for name, uid in unique_ids(owned).items():
-        bpy.data.objects[name].hfx.uid = uid
+        bpy.data.objects[name, None].hfx.uid = uid

@@ -76,7 +76,7 @@ def relief_of(material: bpy.types.Material) -> Relief:
         tree.links.remove(displaced.links[0])
     shader = _shader(material)
     if shader is None:
-        is_bent = any(node.type in _BENDS for node in _nodes(tree))
+        is_bent = any(node.type in _BENDS for node in nodes_of(tree))
         return Relief(_sum(tree, heights), is_surface_bent=is_bent)
     source = _source(shader.inputs["Normal"]) if "Normal" in shader.inputs else None
     while source is not None and source.node.type == "BUMP":
@@ -138,7 +138,7 @@ def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[
 def depends_on(materials: Sequence[bpy.types.Material], uv_map: str) -> str:
     """What materials depend on besides one UV map; empty if nothing."""
     for material in materials:
-        for node in _nodes(material.node_tree):
+        for node in nodes_of(material.node_tree):
             found = _stranger(node, uv_map)
             if found:
                 return found
@@ -162,7 +162,7 @@ def _stranger(node: bpy.types.Node, uv_map: str) -> str:
     return ""
 
 
-def _nodes(
+def nodes_of(
     tree: bpy.types.NodeTree, seen: frozenset[str] = frozenset()
 ) -> Iterator[bpy.types.Node]:
     """Nodes of a tree and of its groups."""
@@ -170,7 +170,7 @@ def _nodes(
         yield node
         group = getattr(node, "node_tree", None)
         if group is not None and group.name_full not in seen:
-            yield from _nodes(group, seen | {group.name_full})
+            yield from nodes_of(group, seen | {group.name_full})
 
 
 def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:

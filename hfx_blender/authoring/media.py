@@ -11,6 +11,11 @@ from .. import compat
 from ..errors import InputError
 from . import effects
 
+START = "hfx_video_start"
+"""ID property of a screen or a world: the frame at which its video begins."""
+
+_LONGEST = 300_000  # frames; what an image user takes in every version
+
 _SCREEN_HEIGHT = 2.2
 _SCREEN_BEHIND = 1.5
 """Where a flat video stands, seen from the front of the body, metres."""
@@ -63,9 +68,9 @@ def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Obje
     place = bodies[0].matrix_world.translation if bodies else scene.cursor.location
     screen.location = (place[0], place[1] + _SCREEN_BEHIND / metres, place[2])
     screen.use_empty_image_alpha = False
-    if image.source == "MOVIE":
-        _play(screen.image_user, image, frame)
     scene.collection.objects.link(screen)
+    if image.source == "MOVIE":
+        _play(scene, image, frame, screen, screen, "image_user")
     return screen
 
 
@@ -91,12 +96,28 @@ def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.type
     texture.location = background.location.x - 300, background.location.y
     texture.image = image
     if image.source == "MOVIE":
-        _play(texture.image_user, image, frame)
+        user = f'nodes["{bpy.utils.escape_identifier(texture.name)}"].image_user'
+        _play(scene, image, frame, world, world.node_tree, user)
     links.new(texture.outputs["Color"], background.inputs["Color"])
-    if scene.world is not None:
+    if scene.world is not None and START not in scene.world:
         scene.world.use_fake_user = True
     scene.world = world
     return world
+
+
+def videos_of(scene: bpy.types.Scene) -> list[bpy.types.Object | bpy.types.World]:
+    """What shows a video that was added: screens, then the world."""
+    owners = [*scene.objects, *([scene.world] if scene.world is not None else [])]
+    return [each for each in owners if START in each]
+
+
+def rate_of(path: Path) -> float:
+    """Frames a second of a video; 0 if it does not tell."""
+    clip = bpy.data.movieclips.load(str(path))
+    try:
+        return float(clip.fps)
+    finally:
+        bpy.data.movieclips.remove(clip)
 
 
 def _check(path: Path) -> None:
@@ -117,7 +138,38 @@ def _image(path: Path) -> bpy.types.Image:
     return image
 
 
-def _play(user: bpy.types.ImageUser, image: bpy.types.Image, frame: int) -> None:
-    user.frame_start = frame
-    user.frame_duration = max(image.frame_duration, 1)
+def _play(
+    scene: bpy.types.Scene,
+    image: bpy.types.Image,
+    frame: int,
+    owner: bpy.types.Object | bpy.types.World,
+    driven: bpy.types.ID,
+    user_path: str,
+) -> None:
+    """Let a video begin at a frame and run at its own rate, whatever the scene's is.
+
+    Blender shows picture after picture, frame by frame of the scene: a driver corrects which. Its
+    start is an ID property, as a driver that reads the image user that it drives is a cycle.
+    """
+    user = driven.path_resolve(user_path)
+    user.frame_start = 1
+    user.frame_duration = _LONGEST  # beyond it, Blender counts no further
     user.use_auto_refresh = True
+    owner[START] = frame
+    own_rate = rate_of(Path(bpy.path.abspath(image.filepath)))
+    rate = own_rate or scene.render.fps / scene.render.fps_base
+    driver = driven.driver_add(f"{user_path}.frame_offset").driver
+    driver.type = "SCRIPTED"
+    kind = "WORLD" if isinstance(owner, bpy.types.World) else "OBJECT"
+    for name, id_type, id_block, path in (
+        ("start", kind, owner, f'["{START}"]'),
+        ("fps", "SCENE", scene, "render.fps"),
+        ("base", "SCENE", scene, "render.fps_base"),
+    ):
+        variable = driver.variables.new()
+        variable.name = name
+        target = variable.targets[0]
+        target.id_type, target.id, target.data_path = id_type, id_block, path
+    # The picture shown is max(frame, 1) + offset; a millionth more keeps what is whole so.
+    due = f"floor((frame - start) * {rate:.9g} * base / fps + 0.000001) + 1"
+    driver.expression = f"min(max({due}, 1), {max(image.frame_duration, 1)}) - max(frame, 1)"

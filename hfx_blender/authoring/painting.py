@@ -73,7 +73,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
     Raises
     ------
     InputError
-        The mesh that is being painted on was edited.
+        The mesh that is being painted on was edited, or the stored area is spoilt.
     """
     import numpy as np
 
@@ -85,7 +85,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
     model = load_model(effects.model_id_for(effect.hfx.modality))
     weights = np.zeros(len(model))
     if (effect.hfx.model_id, effect.hfx.model_hash) == (model.id, model.content_hash):
-        vertices, values = effects.area(effect)
+        vertices, values = effects.checked_area(effect.name, *effects.area(effect), len(model))
         weights[vertices] = values
     return weights
 

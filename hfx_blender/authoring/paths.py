@@ -31,6 +31,9 @@ PATH = "hfx_path"
 KNOTS = "hfx_path_knots"
 """ID properties: the path, and the points that it was drawn through, as flat lists of metres."""
 
+OWN = "hfx_path_own"
+"""ID property: how many of the path's places are its own; see :func:`own_path`."""
+
 KIND = "hfx_path_kind"
 CLOSED = "hfx_path_closed"
 
@@ -92,6 +95,13 @@ def path_of(effect: bpy.types.Object) -> F64:
     return _points(effect, PATH)
 
 
+def own_path(effect: bpy.types.Object) -> F64:
+    """The path without the way to where its point is only until the frame changes, (n, 3)."""
+    path = path_of(effect)
+    own = effect.get(OWN, 0)
+    return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
+
+
 def knots_of(effect: bpy.types.Object) -> F64:
     """The points that the path was drawn through, (k, 3) metres; its own if none are stored."""
     found = _points(effect, KNOTS)
@@ -110,22 +120,37 @@ def _points(effect: bpy.types.Object, key: str) -> F64:
     return flat.reshape(-1, 3)
 
 
+def check_own(effect: bpy.types.Object) -> None:
+    """Raise InputError if an effect's path cannot be changed in this file and stay so."""
+    if effect.library is not None or effect.override_library is not None:
+        source = effect.library or effect.override_library.reference.library
+        raise InputError(
+            f"The path of '{effect.name}' is that of {bpy.path.basename(source.filepath)}, and "
+            "what is drawn here is not saved: make the effect local (Object > Relations > Make "
+            "Local), or draw it in that file."
+        )
+
+
 def set_path(effect: bpy.types.Object, path: F64, knots: F64 | None = None) -> None:
     """Store a path (n, 3), n > 0, that lies on the skin.
 
     Raises
     ------
     InputError
-        The effect is no point on the skin, or a place is not finite or not on the body.
+        The effect is no point on the skin, it is another file's, or a place is not finite or not
+        on the body.
     """
     import numpy as np
 
+    check_own(effect)
     if effect.hfx.kind != "SPOT":
         raise InputError(f"'{effect.name}' is not a point on the skin.")
     path = np.asarray(path, np.float64).reshape(-1, 3)
     if not 0 < len(path) <= MAX_POINTS or not np.isfinite(path).all():
         raise InputError(f"Effect '{effect.name}': a path has 1 to {MAX_POINTS} places.")
     effect[PATH] = path.ravel().tolist()
+    if OWN in effect:
+        del effect[OWN]
     effect[KNOTS] = np.asarray(path if knots is None else knots, np.float64).ravel().tolist()
     effect.update_tag()
 
@@ -180,9 +205,12 @@ def through(places: F64, kind: str, closed: bool = False) -> tuple[F64, F64]:
 
 def length_m(effect: bpy.types.Object) -> float:
     """Length of an effect's path, metres; 0 without one."""
+    return _length(own_path(effect))
+
+
+def _length(path: F64) -> float:
     from ..engine.spot import lengths_along
 
-    path = path_of(effect)
     return float(lengths_along(path)[-1]) if len(path) else 0.0
 
 
@@ -234,7 +262,12 @@ def set_motion(
 
 def motion_of(effect: bpy.types.Object) -> bpy.types.FCurve | None:
     """The F-curve of an effect's position, if it has any."""
-    return next((c for c in compat.fcurves(effect) if c.data_path == POSITION), None)
+    return curve_of(effect, POSITION)
+
+
+def curve_of(effect: bpy.types.Object, data_path: str) -> bpy.types.FCurve | None:
+    """The F-curve of one of an effect's numbers, if it has any."""
+    return next((c for c in compat.fcurves(effect) if c.data_path == data_path), None)
 
 
 def reverse(effect: bpy.types.Object) -> None:
@@ -290,8 +323,10 @@ def motion_keys(
     if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
         frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})
     start = frames[0] if first is None else first
+    longer = _length(path_of(effect)) / max(length_m(effect), 1e-12) if OWN in effect else 1.0
     return tuple(
-        (max((f - start) / fps, 0.0), min(max(curve.evaluate(f), 0.0), 1.0)) for f in frames
+        (max((f - start) / fps, 0.0), min(max(curve.evaluate(f) * longer, 0.0), 1.0))
+        for f in frames
     )
 
 

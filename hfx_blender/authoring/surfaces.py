@@ -123,6 +123,8 @@ def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
     from . import material_state, surface_sources, surface_updates
 
     settings = obj.hfx.surface
+    if obj.mode == "EDIT":  # its mesh cannot be read there
+        raise InputError(f"'{obj.name}' is in Edit Mode: leave that first.")
     try:
         if settings.source != "MAP" and (anew or settings.made_of != _relief_key(obj)):
             begin = time.monotonic()
@@ -168,7 +170,7 @@ def _on_grid(roughness: np.ndarray | None, field: HeightField) -> np.ndarray:
 
 
 def _keep_layers(obj: bpy.types.Object) -> None:
-    from . import image_values
+    from . import image_values, surface_saturation
 
     settings = obj.hfx.surface
     if settings.layers_of == _layer_key(obj):
@@ -182,6 +184,7 @@ def _keep_layers(obj: bpy.types.Object) -> None:
             image = image_values.store(f"{obj.name} {title}", getattr(settings, name), [layer])
             setattr(settings, name, image)
         image_values.show(getattr(settings, name), layer)
+    settings.warning = surface_saturation.warning(obj, made)
     settings.layers_of = _layer_key(obj)
 
 

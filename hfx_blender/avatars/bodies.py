@@ -22,6 +22,9 @@ _LARGE_BONES = (
     *("upperarm", "lowerarm", "wrist", "upperleg", "lowerleg", "foot"),
 )
 
+_INSIDE_M = 0.02
+"""So much earlier the head bone ends, for its end not to show as a dot over the crown."""
+
 
 def add_avatar(
     context: bpy.types.Context, name: str = "Avatar", avatar_id: str = AVATAR_ID
@@ -166,7 +169,7 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
         bone = armature.data.edit_bones.new(bone_name)
         bone.length = length
         bone.matrix = Matrix(rest.tolist())
-        bone.length = length
+        bone.length = length - (_INSIDE_M if bone_name == "head" else 0.0)
         if parent >= 0:
             bone.parent = made[parent]
         made.append(bone)

@@ -2,8 +2,9 @@
 """Somebody's own avatar as a haptic body: fitting it, and keeping the fit in the .blend.
 
 The fit is stored on the armature object as typed ID-property arrays, which go wherever the
-object goes (copy, append, link, override) and are read without a loop: about 3 MB for the three
-shipped models, before Blender compresses the file.
+object goes (copy, append, link) and are read without a loop: about 3 MB for the three shipped
+models, before Blender compresses the file. Blender saves no ID properties of an override: its fit
+is kept on a mesh of this file, which nobody sees, that ``hfx.fit_kept`` points to.
 """
 
 from __future__ import annotations
@@ -120,7 +121,11 @@ def check_scipy() -> None:
 
 def store(armature: bpy.types.Object, fit: Fit) -> None:
     """Keep a fit in the .blend."""
-    armature[FIT] = {
+    keeper = armature
+    if armature.override_library is not None:  # ID properties of an override are not saved
+        keeper = armature.hfx.fit_kept or bpy.data.meshes.new(f".HFX Fit of {armature.name}")
+        armature.hfx.fit_kept = keeper
+    keeper[FIT] = {
         "rest": _rest_of(armature),
         "all_bones": _names_of(armature),
         "mesh_names": "\n".join(mesh.name for mesh in fit.meshes),
@@ -148,7 +153,7 @@ def _stored_quality(quality: Quality) -> dict[str, object]:
 
 def quality_of(armature: bpy.types.Object) -> list[Quality]:
     """How well each model fits, as it was judged when it was fitted; empty without a fit."""
-    fit = armature.get(FIT)
+    fit = _stored_fit(armature)
     if fit is None:
         return []
     found = []
@@ -183,7 +188,7 @@ def _badness(part: PartQuality) -> float:
 
 def texts_of(armature: bpy.types.Object, kind: str) -> list[str]:
     """The "warnings" or the "notes" of a stored fit."""
-    fit = armature.get(FIT)
+    fit = _stored_fit(armature)
     return [] if fit is None else list(filter(None, fit[kind].split("\n")))
 
 
@@ -204,12 +209,18 @@ def _stored(fitted: FittedModel) -> dict[str, object]:
 
 def forget(armature: bpy.types.Object) -> None:
     """Drop a stored fit: the body follows the canonical skeleton."""
-    if FIT in armature:
-        del armature[FIT]
+    for keeper in (armature, armature.hfx.fit_kept):
+        if keeper is not None and FIT in keeper:
+            del keeper[FIT]
 
 
 def is_fitted(armature: bpy.types.Object) -> bool:
-    return FIT in armature
+    return _stored_fit(armature) is not None
+
+
+def _stored_fit(armature: bpy.types.Object) -> Any:
+    kept = armature.hfx.fit_kept
+    return (armature if kept is None or FIT not in kept else kept).get(FIT)
 
 
 def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | None:
@@ -221,9 +232,9 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
         The armature's rest pose or the avatar's meshes were edited since, or the fit is of
         another edition of the model.
     """
-    if FIT not in armature:
+    fit, again = _stored_fit(armature), "; fit the body again."
+    if fit is None:
         return None
-    fit, again = armature[FIT], "; fit the body again."
     if _is_edited(armature, fit):
         raise InputError(
             f"Body '{armature.name}': the armature's rest pose was edited since the body was "

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Live devices: what they cost Blender each frame, and how soon a frame is at the port.
 
-*Handing over* is all that Blender's main thread does for devices once a frame has been evaluated;
-while an animation plays it evaluates later frames as well, for actuators that answer late.
+*Handing over* is all that Blender's main thread does for devices once a frame has been evaluated,
+also while an animation plays with actuators that answer late. What comes is *read ahead* for those:
+in slices between frames, once before it plays and once after an edit.
 *Made into bytes* is what a thread beside it does then; it holds Python's lock meanwhile, so a frame
 may wait for it at worst. *At the port* is from a frame evaluated to the first datagram of it that
 is received on loopback: made into bytes, handed on, rendered, guarded, encoded, sent.
@@ -34,7 +35,10 @@ from ..engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackMode
 from ..errors import InputError
 
 if TYPE_CHECKING:
+    import bpy
+
     from ..playback.evaluation import Evaluation
+    from ..playback.live import Live
 
 HANDING_OVER_MS: Final = 0.5
 AT_PORT_P99_MS: Final = 10.0
@@ -42,6 +46,7 @@ AT_PORT_P99_MS: Final = 10.0
 _MODEL: Final = "hfx-vibration-1"
 _RATE_HZ: Final = 60.0
 _PATIENCE_S: Final = 10.0
+_READING_S: Final = 120.0  # on a machine that is busy
 _INTERVALS_MS: Final = (5, 10)
 
 Progress = Callable[[float], None]
@@ -64,25 +69,30 @@ def measure(
             _at_port(interval_ms, frames), "p99_ms", AT_PORT_P99_MS
         )
         progress((k + 1) / (len(_INTERVALS_MS) + 1))
-    evaluated, packed, handed = _in_blender(frames)
+    evaluated, packed, slices, handed = _in_blender(frames)
     found["evaluating the demo, once for preview and devices"] = _row(evaluated)
-    for name, times in handed.items():
-        found[f"handing over to {name}"] = _row(times, "median_ms", HANDING_OVER_MS)
+    for name, (times, work) in handed.items():
+        row = _row(times, "median_ms", HANDING_OVER_MS)
+        row["processor_median_ms"] = _row(work)["median_ms"]
+        found[f"handing over to {name}"] = row
     found["made into bytes, in a thread"] = _row(packed)
+    found["reading ahead, a slice between frames"] = _row(slices)
     progress(1.0)
     return found
 
 
 def as_text(result: dict[str, Any]) -> str:
     """A table for people."""
-    lines = [f"{'each frame':<56}{'trials':>8}{'median':>11}{'p99':>11}{'max':>11}  limit"]
+    lines = [f"{'each frame':<76}{'trials':>8}{'median':>11}{'p99':>11}{'max':>11}  limit"]
     for name, row in result.items():
         figures = "".join(f"{row[key]:>8.3f} ms" for key in ("median_ms", "p99_ms", "max_ms"))
         limit = ""
         if "limit_ms" in row:
             over = "" if row[row["of"]] <= row["limit_ms"] else "  over"
             limit = f"  {row['of'].removesuffix('_ms')} {row['limit_ms']:g} ms{over}"
-        lines.append(f"{name:<56}{row['trials']:>8}{figures}{limit}")
+        if "processor_median_ms" in row:
+            limit += f" (of the processor {row['processor_median_ms']:.3f} ms)"
+        lines.append(f"{name:<76}{row['trials']:>8}{figures}{limit}")
     return "\n".join(lines)
 
 
@@ -239,12 +249,16 @@ def _write_device(folder: Path, interval_ms: int) -> None:
     (folder / "one.json").write_text(json.dumps(content))
 
 
-def _in_blender(frames: int) -> tuple[list[float], list[float], dict[str, list[float]]]:
-    """Seconds for evaluating each frame of the demo, making it into bytes, handing it over."""
+def _in_blender(
+    frames: int,
+) -> tuple[list[float], list[float], list[float], dict[str, tuple[list[float], list[float]]]]:
+    """Seconds for evaluating each frame of the demo, making it into bytes, each slice that is read
+    ahead, handing it over: on the clock, and of the processor.
+    """
     bpy = blender_session.start()
 
     from ..demo import garage
-    from ..playback import live_listening
+    from ..playback import live_listening, look_ahead
     from ..playback.evaluation import evaluation
     from ..playback.live import Live
     from ..playback.live_settings import LiveSettings
@@ -255,18 +269,23 @@ def _in_blender(frames: int) -> tuple[list[float], list[float], dict[str, list[f
     scene = bpy.context.scene
     evaluated: list[float] = []
     packed: list[float] = []
-    handed: dict[str, list[float]] = {}
+    slices: list[float] = []
+    handed: dict[str, tuple[list[float], list[float]]] = {}
     every = f"all {len(garage.DEVICES)} devices of the demo"
+    late = "answering late, while it plays"
     ways = (
         (garage.DEVICES[0], garage.DEVICES[:1], False),
         (every, garage.DEVICES, False),
-        (f"{every}, looking ahead for late ones", garage.DEVICES, True),
+        (f"{garage.DEVICES[0]}, {late}", garage.DEVICES[:1], True),
+        (f"{every}, {late}", garage.DEVICES, True),
     )
-    was_playing = live_listening.is_playing
+    was_playing, was_settled_s = live_listening.is_playing, look_ahead.SETTLE_S
+    look_ahead.SETTLE_S = 0.0
     for name, devices, plays in ways:
         live = Live()
         live_listening.is_playing = lambda plays=plays: plays
         times: list[float] = []
+        work: list[float] = []
         try:
             for each in devices:
                 live.connect(each, LiveSettings())
@@ -277,14 +296,17 @@ def _in_blender(frames: int) -> tuple[list[float], list[float], dict[str, list[f
                 time.sleep(0.005)
                 if time.monotonic() > end:
                     raise InputError("The demo's devices do not play.")
+            if plays:
+                slices += _read_ahead(live, bpy.context)
             for k in range(frames):
                 scene.frame_set(scene.frame_start + k % (scene.frame_end - scene.frame_start))
                 live.describe(bpy.context)
                 live.touch()
                 begun = time.perf_counter()
                 evaluation.runs()
-                between = time.perf_counter()
+                between, worked = time.perf_counter(), time.thread_time()
                 live.update(scene)
+                work.append(time.thread_time() - worked)
                 ended = time.perf_counter()
                 live.beat()
                 if not all(each.is_armed for each in live.states.values()):
@@ -295,8 +317,24 @@ def _in_blender(frames: int) -> tuple[list[float], list[float], dict[str, list[f
         finally:
             live.close()
             live_listening.is_playing = was_playing
-        handed[name] = times
-    return evaluated, packed, handed
+        handed[name] = times, work
+    look_ahead.SETTLE_S = was_settled_s
+    return evaluated, packed, slices, handed
+
+
+def _read_ahead(live: Live, context: bpy.types.Context) -> list[float]:
+    """Seconds of each slice until all that comes has been read."""
+    found = []
+    live.describe(context)
+    end = time.monotonic() + _READING_S
+    while not live.ahead.is_read:
+        begun = time.perf_counter()
+        live.beat()
+        found.append(time.perf_counter() - begun)
+        time.sleep(0.005)
+        if time.monotonic() > end:
+            raise InputError(f"What comes cannot be read: {live.ahead.reason or 'too slow'}")
+    return found
 
 
 def _packing(evaluation: Evaluation) -> float:

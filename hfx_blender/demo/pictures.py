@@ -66,7 +66,7 @@ def effects_by_id(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     """The scene's effects by the ids that its track uses."""
     objects = effects.effects_of(scene)
     ids = effects.unique_ids([*effects.bodies_of(scene), *objects])
-    return {ids[obj.name]: obj for obj in objects}
+    return {ids[obj.name_full]: obj for obj in objects}
 
 
 def _set_up_rendering(scene: bpy.types.Scene) -> None:

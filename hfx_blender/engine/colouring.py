@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -33,9 +32,13 @@ COLOURS: Final[Mapping[str, Colour]] = {
     "wind": (0.1, 0.7, 0.75),  # not in the paper
 }
 
+_WARM_COLD: Final = {**COLOURS, "temperature": (1.0, 0.45, 0.0), COLD: (0.1, 0.45, 1.0)}
+
+_own: dict[str, Colour] = dict(_WARM_COLD)
+
 PALETTES: Final[Mapping[str, Mapping[str, Colour]]] = {
     "PAPER": COLOURS,
-    "WARM_COLD": {**COLOURS, "temperature": (1.0, 0.45, 0.0), COLD: (0.1, 0.45, 1.0)},
+    "WARM_COLD": _WARM_COLD,
     # Okabe and Ito, Color Universal Design (2008): told apart by all common kinds of vision.
     "COLOUR_BLIND": {
         "vibration": (0.835, 0.369, 0.0),
@@ -44,6 +47,7 @@ PALETTES: Final[Mapping[str, Mapping[str, Colour]]] = {
         COLD: (0.0, 0.447, 0.698),
         "wind": (0.337, 0.706, 0.914),
     },
+    "OWN": _own,
 }
 """Colours by modality, and of cold."""
 
@@ -56,6 +60,11 @@ FULL_COLOUR: Final[Mapping[str, float]] = {
 """Strength at which an effect has its full colour."""
 
 SKIN: Final = (0.62, 0.6, 0.58)
+
+
+def set_own_palette(colours: Mapping[str, Colour]) -> None:
+    """Let the palette ``OWN`` be these colours, by the same names as the others."""
+    _own.update({name: colours[name] for name in COLOURS})
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,18 +88,15 @@ class Spread:
         return cls(nearest, inverse / inverse.sum(axis=1, keepdims=True))
 
 
-def strengths(
-    sample: Sample, vertex_count: int, is_contact: bool = False
-) -> npt.NDArray[np.float64]:
-    """How strongly each vertex of a model feels a sample, 0..1 of full colour, (V,)."""
+def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float64]:
+    """How strongly each of a sample's vertices feels it, 0..1 of full colour, (n,)."""
     modality = MODALITIES[sample.stream.modality]
     value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
     if modality.name == "temperature":
         value -= neutral_temperature_c(is_contact)
-    felt = np.zeros(vertex_count)
-    felt[sample.vertices] = sample.weights
-    share: F64 = np.clip(felt * sample.level * abs(value) / FULL_COLOUR[modality.name], 0.0, 1.0)
-    return share
+    scale = sample.level * abs(value) / FULL_COLOUR[modality.name]
+    found: F64 = np.minimum(sample.weights * scale, 1.0, dtype=np.float64)
+    return found
 
 
 def colour_name(sample: Sample, is_contact: bool) -> str:
@@ -117,7 +123,8 @@ def felt_shares(
     for sample in samples:
         stream = sample.stream
         is_contact = stream.effect_id in contact_effects
-        at_model = strengths(sample, vertex_counts[stream.model_id], is_contact)
+        at_model = np.zeros(vertex_counts[stream.model_id])
+        at_model[sample.vertices] = strengths(sample, is_contact)
         spread = spreads[stream.model_id]
         name = colour_name(sample, is_contact)
         here = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
@@ -131,15 +138,13 @@ def felt_shares(
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
     """Colour and opacity to lay over an avatar, (A, 4) in 0..1; clear where nothing is felt."""
-    felt = [(share, palette[name]) for name, share in shares.items() if share.any()]
-    found = np.zeros((len(next(iter(shares.values()))), 4))
-    if not felt:
-        return found
-    opacity = reduce(np.maximum, [share for share, _ in felt])
-    shown = np.flatnonzero(opacity)
-    for channel in range(3):  # straight alpha: the strongest is in full colour
-        tint = sum(share[shown] * colour[channel] for share, colour in felt)
-        found[shown, channel] = np.minimum(tint / opacity[shown], 1.0)
+    felt = np.stack(list(shares.values()))
+    opacity = felt.max(axis=0)
+    # Not as a product of matrices: that wakes other threads for it.
+    tint = np.einsum("ka,kc->ac", felt, np.array([palette[name] for name in shares]))
+    found = np.empty((len(opacity), 4))
+    # Straight alpha: the strongest is in full colour.
+    found[:, :3] = np.minimum(tint / np.where(opacity > 0.0, opacity, 1.0)[:, None], 1.0)
     found[:, 3] = np.minimum(opacity, 1.0)
     return found
 

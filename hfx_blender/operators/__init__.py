@@ -21,16 +21,19 @@ def _modules() -> tuple[ModuleType, ...]:
         hjif_import,
         library,
         live,
+        live_setup,
         media,
         paint,
         paint_status,
         path_drawing,
         paths,
         response,
+        spot_handles,
         stroke_pad,
         surfaces,
         values,
         vector_sensations,
+        workspace,
     )
 
     return (
@@ -47,6 +50,7 @@ def _modules() -> tuple[ModuleType, ...]:
         global_tools,
         export,
         live,
+        live_setup,
         media,
         surfaces,
         stroke_pad,
@@ -54,7 +58,9 @@ def _modules() -> tuple[ModuleType, ...]:
         response,
         paths,
         path_drawing,
+        spot_handles,
         vector_sensations,
+        workspace,
     )
 
 

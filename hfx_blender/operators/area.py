@@ -22,6 +22,7 @@ BLENDS = (
     ("subtract", "Subtract", "The old area without the new one"),
     ("multiply", "Multiply", "Where both are"),
 )
+_BLEND_TIP = "What becomes of the area that was there"
 
 
 class _AreaOperator(HfxOperator):
@@ -50,6 +51,7 @@ class HFX_OT_area_filter(_AreaOperator):
 
     action: EnumProperty(
         name="Action",
+        description="What is done to the area",
         items=(
             ("grow", "Grow", "Reach one vertex farther"),
             ("shrink", "Shrink", "Reach one vertex less far"),
@@ -66,14 +68,15 @@ class HFX_OT_area_filter(_AreaOperator):
         from ..engine.body import areas
 
         effect = painted_effect(context)
+        model = self.model(effect)
+        if self.action == "clear":  # also what cannot be read
+            return self.covers(effect, painting.set_weights(effect, np.zeros(len(model))))
         weights = painting.weights_of(effect)
         if self.action == "invert":
             weights = 1.0 - weights
-        elif self.action == "clear":
-            weights = np.zeros_like(weights)
         else:
             change = {"grow": areas.grow, "shrink": areas.shrink, "smooth": areas.smooth}
-            weights = change[self.action](self.model(effect), weights, self.steps)
+            weights = change[self.action](model, weights, self.steps)
         return self.covers(effect, painting.set_weights(effect, weights))
 
 
@@ -85,6 +88,7 @@ class HFX_OT_area_mirror(_AreaOperator):
 
     action: EnumProperty(
         name="Action",
+        description="What is done to the area",
         items=(
             ("flip", "Swap Sides", "Left becomes right, right becomes left"),
             ("left", "Left to Right", "Copy the body's left to its right"),
@@ -114,13 +118,14 @@ class HFX_OT_area_from_image(_AreaOperator):
     uv_map: StringProperty(name="UV Map", description="Empty: the one that is rendered")
     channel: EnumProperty(
         name="Channel",
+        description="What of the image says how strong the area is",
         items=(
             ("brightness", "Brightness", "Bright is strong"),
             ("darkness", "Darkness", "Dark is strong"),
             ("alpha", "Alpha", "Opaque is strong"),
         ),
     )
-    blend: EnumProperty(name="Blend", items=BLENDS)
+    blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self)
@@ -153,7 +158,7 @@ class HFX_OT_area_from_selection(_AreaOperator):
     bl_idname = "hfx.area_from_selection"
     bl_label = "Area from Selection"
 
-    blend: EnumProperty(name="Blend", items=BLENDS, default="add")
+    blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS, default="add")
 
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
@@ -178,7 +183,7 @@ class HFX_OT_area_copy(_AreaOperator):
     bl_idname = "hfx.area_copy"
     bl_label = "Copy Area to Selected"
 
-    blend: EnumProperty(name="Blend", items=BLENDS)
+    blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..engine.body import areas

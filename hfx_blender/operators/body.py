@@ -131,6 +131,7 @@ it again"""
 
     model: EnumProperty(
         name="Model",
+        description="Which of the perceptual models is shown",
         items=[
             (name, name.title(), f"The model that {name} is felt on")
             for name in sorted({modality.model for modality in MODALITIES.values()})
@@ -160,7 +161,9 @@ it again"""
 class HfxPlace(bpy.types.PropertyGroup):
     """A place of a way, in the world."""
 
-    location: bpy.props.FloatVectorProperty(name="Location", subtype="TRANSLATION")
+    location: bpy.props.FloatVectorProperty(
+        name="Location", description="In the world", subtype="TRANSLATION"
+    )
 
 
 class HFX_OT_add_walk(HfxOperator):
@@ -169,9 +172,15 @@ class HFX_OT_add_walk(HfxOperator):
     bl_idname = "hfx.add_walk"
     bl_label = "Walk"
 
-    places: CollectionProperty(type=HfxPlace)
-    frame_start: IntProperty(name="Start", default=1)
-    frame_end: IntProperty(name="End", default=250)
+    places: CollectionProperty(
+        name="Places", description="Where it comes by, at least two", type=HfxPlace
+    )
+    frame_start: IntProperty(
+        name="Start", description="Frame at which it leaves the first place", default=1
+    )
+    frame_end: IntProperty(
+        name="End", description="Frame at which it is at the last place", default=250
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import FloatProperty, StringProperty
 
-from ..authoring import clips
+from ..authoring import clips, drawn_fades
 from ..errors import InputError
 from .shared import HfxOperator, active_effect
 
@@ -71,7 +71,9 @@ class HFX_OT_add_clip(_ClipOperator):
     bl_idname = "hfx.add_clip"
     bl_label = "Add Clip"
 
-    name: StringProperty(name="Name", default="Clip")
+    name: StringProperty(
+        name="Name", description="How the clip is called on the timeline", default="Clip"
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         clips.add_clip(context.object, name=self.name, **self.span(context))
@@ -84,7 +86,13 @@ class HFX_OT_add_heartbeat(_ClipOperator):
     bl_idname = "hfx.add_heartbeat"
     bl_label = "Add Heartbeat"
 
-    beats_per_second: FloatProperty(name="Beats per Second", default=1.2, min=0.1, max=20.0)
+    beats_per_second: FloatProperty(
+        name="Beats per Second",
+        description="How fast it beats; a heart at rest does 1 to 1.7",
+        default=1.2,
+        min=0.1,
+        max=20.0,
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         clips.add_heartbeat(
@@ -105,7 +113,7 @@ class HFX_OT_remove_clip(_OfEffect):
     bl_idname = "hfx.remove_clip"
     bl_label = "Remove Clip"
 
-    name: StringProperty(name="Name")
+    name: StringProperty(name="Name", description="The clip's name")
 
     def work(self, context: bpy.types.Context) -> str:
         clips.remove_clip(context.object, self.name)
@@ -118,12 +126,12 @@ class HFX_OT_draw_fades(_OfEffect):
     bl_idname = "hfx.draw_fades"
     bl_label = "Draw Fades as Curve"
 
-    name: StringProperty(name="Name")
+    name: StringProperty(name="Name", description="The clip's name")
 
     def work(self, context: bpy.types.Context) -> str:
         for _, strip in clips.strips_of(context.object):
             if strip.name == self.name:
-                clips.draw_fades(strip)
+                drawn_fades.draw(context.object, strip)
                 return f"Edit 'Influence' of '{strip.name}' in the Graph or NLA editor"
         raise InputError(f"Effect '{context.object.name}' has no clip '{self.name}'.")
 

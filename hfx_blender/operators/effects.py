@@ -11,6 +11,8 @@ from ..errors import InputError
 from ..properties import MODALITY_ITEMS, SHAPES
 from .shared import HfxOperator, select_only
 
+_NAME_TIP = "How it is called in the outliner; empty: by what it is"
+
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
     """Let a viewport draw wires in the colours of their objects, which tell the modality.
@@ -29,15 +31,39 @@ class HFX_OT_add_volume(HfxOperator):
     bl_idname = "hfx.add_volume"
     bl_label = "Haptic Volume"
 
-    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS)
-    shape: EnumProperty(name="Shape", items=SHAPES[:-1], default="SPHERE")
-    size: FloatVectorProperty(
-        name="Size", default=(1.0, 1.0, 1.0), min=0.0, subtype="XYZ_LENGTH", unit="LENGTH"
+    modality: EnumProperty(name="Modality", description="What is felt in it", items=MODALITY_ITEMS)
+    shape: EnumProperty(
+        name="Shape",
+        description="Its form; handles in the viewport size it",
+        items=SHAPES[:-1],
+        default="SPHERE",
     )
-    radius: FloatProperty(name="Radius", default=0.5, min=0.0, unit="LENGTH")
-    height: FloatProperty(name="Height", default=2.0, min=0.0, unit="LENGTH")
-    location: FloatVectorProperty(name="Location", subtype="TRANSLATION")
-    name: StringProperty(name="Name")
+    size: FloatVectorProperty(
+        name="Size",
+        description="Edge lengths of a box",
+        default=(1.0, 1.0, 1.0),
+        min=0.0,
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
+    )
+    radius: FloatProperty(
+        name="Radius",
+        description="Of a sphere, a cylinder or a capsule",
+        default=0.5,
+        min=0.0,
+        unit="LENGTH",
+    )
+    height: FloatProperty(
+        name="Height",
+        description="Of a cylinder or a capsule, round ends included",
+        default=2.0,
+        min=0.0,
+        unit="LENGTH",
+    )
+    location: FloatVectorProperty(
+        name="Location", description="Where its middle is, in the world", subtype="TRANSLATION"
+    )
+    name: StringProperty(name="Name", description=_NAME_TIP)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("location"):
@@ -61,8 +87,8 @@ class HFX_OT_volume_from_mesh(HfxOperator):
     bl_idname = "hfx.volume_from_mesh"
     bl_label = "Haptic Volume from Mesh"
 
-    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS)
-    name: StringProperty(name="Name")
+    modality: EnumProperty(name="Modality", description="What is felt in it", items=MODALITY_ITEMS)
+    name: StringProperty(name="Name", description=_NAME_TIP)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -84,15 +110,18 @@ class HFX_OT_add_painted(HfxOperator):
     bl_idname = "hfx.add_painted"
     bl_label = "Painted Effect"
 
-    modality: EnumProperty(name="Modality", items=MODALITY_ITEMS, default="pressure")
-    name: StringProperty(name="Name")
+    modality: EnumProperty(
+        name="Modality",
+        description="What is felt where it is painted",
+        items=MODALITY_ITEMS,
+        default="pressure",
+    )
+    name: StringProperty(name="Name", description=_NAME_TIP)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if effects.bodies_of(context.scene):
-            return True
-        cls.poll_message_set("Add an avatar, or mark an armature as haptic body first")
-        return False
+        found = effects.bodies_of(context.scene)
+        return cls.needs(found, "Add an avatar, or mark an armature as haptic body first")
 
     def work(self, context: bpy.types.Context) -> str:
         found = effects.bodies_of(context.scene)
@@ -110,7 +139,7 @@ class HFX_OT_select_effect(HfxOperator):
     bl_idname = "hfx.select_effect"
     bl_label = "Select Effect"
 
-    name: StringProperty(name="Name")
+    name: StringProperty(name="Name", description="The effect's name")
 
     def work(self, context: bpy.types.Context) -> str:
         effect = context.scene.objects.get(self.name)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, IntProperty
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..authoring import effects, global_tools
 from ..errors import InputError
@@ -18,7 +18,7 @@ SCOPES = (
 
 
 class _ManyEffects(HfxOperator):
-    scope: EnumProperty(name="Scope", items=SCOPES)
+    scope: EnumProperty(name="Scope", description="Which effects are changed", items=SCOPES)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -42,7 +42,13 @@ class HFX_OT_scale_strength(_ManyEffects):
     bl_idname = "hfx.scale_strength"
     bl_label = "Gain"
 
-    factor: FloatProperty(name="Factor", default=1.0, min=0.0, max=100.0)
+    factor: FloatProperty(
+        name="Factor",
+        description="Times their strength; of a temperature, times its distance from neutral",
+        default=1.0,
+        min=0.0,
+        max=100.0,
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         count = global_tools.scale_strength(self.chosen(context), self.factor)
@@ -55,7 +61,13 @@ class HFX_OT_scale_frequency(_ManyEffects):
     bl_idname = "hfx.scale_frequency"
     bl_label = "Frequency"
 
-    factor: FloatProperty(name="Factor", default=1.0, min=0.01, max=100.0)
+    factor: FloatProperty(
+        name="Factor",
+        description="Times their frequency; 2 is an octave higher",
+        default=1.0,
+        min=0.01,
+        max=100.0,
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         count = global_tools.scale_frequency(self.chosen(context), self.factor)
@@ -69,7 +81,14 @@ class HFX_OT_modulate(_ManyEffects):
     bl_label = "Modulation"
 
     rate: FloatProperty(name="Rate", description="Swings a second", default=2.0, min=0.01)
-    depth: FloatProperty(name="Depth", default=0.5, min=0.0, max=1.0, subtype="FACTOR")
+    depth: FloatProperty(
+        name="Depth",
+        description="How far the intensity falls in each swing: 1 is down to nothing",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         render = context.scene.render
@@ -85,11 +104,42 @@ class HFX_OT_add_rain(HfxOperator):
     bl_idname = "hfx.add_rain"
     bl_label = "Rain"
 
-    drops_per_second: FloatProperty(name="Drops per Second", default=8.0, min=0.1, max=200.0)
-    drop_size: FloatProperty(name="Drop Size (mm)", default=20.0, min=1.0, max=200.0)
-    duration: FloatProperty(name="Duration", default=4.0, min=0.1, unit="TIME_ABSOLUTE")
-    strength: FloatProperty(name="Strength (m/s²)", default=5.0, min=0.0, max=100.0)
-    seed: IntProperty(name="Seed", default=0, min=0)
+    drops_per_second: FloatProperty(
+        name="Drops per Second",
+        description="On the whole body, at random times: 2 is a drizzle, 30 a shower",
+        default=8.0,
+        min=0.1,
+        max=200.0,
+    )
+    drop_size: FloatProperty(
+        name="Drop Size (mm)",
+        description="Across the patch of skin that a drop is felt on",
+        default=20.0,
+        min=1.0,
+        max=200.0,
+    )
+    duration: FloatProperty(
+        name="Duration",
+        description="How long it rains, from the current frame on",
+        default=4.0,
+        min=0.1,
+        unit="TIME_ABSOLUTE",
+    )
+    strength: FloatProperty(
+        name="Strength (m/s²)",
+        description="Peak acceleration of a drop's tap",
+        default=5.0,
+        min=0.0,
+        max=100.0,
+    )
+    seed: IntProperty(
+        name="Seed", description="Another number is another rain of the same kind", default=0, min=0
+    )
+    name: StringProperty(
+        name="Name",
+        description="A shower of the same name on the same body is replaced by this one",
+        default="Rain",
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -107,6 +157,7 @@ class HFX_OT_add_rain(HfxOperator):
         made = rain.make(
             context.scene,
             body,
+            name=self.name or "Rain",
             drops_per_second=self.drops_per_second,
             drop_size_m=self.drop_size / 1000.0,
             frame=float(context.scene.frame_current),

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reuse: effects to and from files, and the sensations that are shipped."""
+"""Reuse: effects to and from files and the clipboard, and ready sensations."""
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,33 +13,40 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from .. import file_suffixes
+from .. import file_suffixes, resources
 from ..authoring import effects
-from ..errors import InputError
-from .shared import EnumItems, HfxOperator, active_body, made_once, select_only
+from ..errors import HfxError, InputError
+from .shared import EnumItems, HfxOperator, active_body, active_effect, select_only
 
 if TYPE_CHECKING:
+    from mathutils import Vector
+
     from ..authoring.effect_file import Sensation
 
 # Reading and making sensations is imported where it is done: Blender's start would wait for it.
 
 
 def _body(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Whom painted areas are put on: the active body, else the only one there is."""
+    """Whom areas are put on: the active body, that of the active effect, or the only one."""
     found = effects.bodies_of(context.scene)
-    active = active_body(context)
-    if active in found:
-        return active
+    effect = active_effect(context)
+    for body in (active_body(context), effect.hfx.body if effect is not None else None):
+        if body in found:
+            return body
     if len(found) > 1:
         raise InputError("Several haptic bodies: select the one that shall feel it.")
     return found[0] if found else None
 
 
-def _place(context: bpy.types.Context, sensation: Sensation) -> str:
+def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector:
+    """From where the places of volumes are measured: their body stands there, or the cursor."""
+    return body.matrix_world.translation if body is not None else context.scene.cursor.location
+
+
+def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.Object]:
     if context.object is not None and context.object.mode != "OBJECT":
         raise InputError("Leave painting or editing first.")
     body = _body(context)
-    origin = body.matrix_world.translation if body is not None else context.scene.cursor.location
     from ..authoring import effect_exchange, response_exchange
 
     made = effect_exchange.place(
@@ -44,7 +54,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> str:
         sensation,
         body=body,
         frame=float(context.scene.frame_current),
-        origin=origin,
+        origin=_origin(context, body),
     )
     # A swarm's volume is in no scene; what emits it is.
     seen = [
@@ -59,17 +69,41 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> str:
     select_only(context, seen[0])
     for obj in seen[1:]:
         obj.select_set(True)
-    return f"Added '{sensation.name}': {len(made)} effects"
+    return made
 
 
-def _sensations() -> EnumItems:
+def _selected(context: bpy.types.Context, title: str) -> Sensation:
+    """What the selected effects are, and those that selected emitters emit."""
+    from ..authoring import effect_exchange, response_exchange
+
+    selected = context.selected_objects
+    found = {obj for obj in selected if obj.hfx.role == "EFFECT"}
+    found.update(each for obj in selected for each in response_exchange.volumes_of(obj))
+    chosen = sorted(found, key=lambda obj: obj.name)
+    bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
+    body = bodies[0] if bodies else _body(context)
+    origin = _origin(context, body)
+    return effect_exchange.sensation_of(context.scene, chosen, title, origin=origin)
+
+
+@lru_cache(maxsize=4)
+def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
     from ..authoring import effect_exchange, effect_file
 
-    return [
-        (stem, sensation.name, sensation.description)
-        for stem, path in effect_exchange.library().items()
-        for sensation in [effect_file.load(path)]
-    ]
+    shipped, own = [], []
+    for name, path, _ in files:
+        with suppress(HfxError):  # of a file that was spoilt, Load Effects tells why
+            sensation = effect_file.load(path)
+            kind = own if name.startswith(effect_exchange.OWN) else shipped
+            kind.append((name, sensation.name, sensation.description or "A sensation of your own"))
+    return [*shipped, *([("", "Your Own", ""), *own] if own else [])]
+
+
+def _sensation_items(_self: object, _context: bpy.types.Context | None) -> EnumItems:
+    from ..authoring import effect_exchange
+
+    found = {**effect_exchange.library(), **effect_exchange.own_library()}
+    return _sensations(tuple((name, path, path.stat().st_mtime) for name, path in found.items()))
 
 
 class HFX_OT_add_from_library(HfxOperator):
@@ -78,12 +112,18 @@ class HFX_OT_add_from_library(HfxOperator):
     bl_idname = "hfx.add_from_library"
     bl_label = "Sensation"
 
-    name: EnumProperty(name="Sensation", items=made_once(_sensations))
+    name: EnumProperty(
+        name="Sensation",
+        description="A shipped one, or one that you saved into your folder of effects",
+        items=_sensation_items,
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_exchange
 
-        return _place(context, effect_exchange.load_library(self.name))
+        sensation = effect_exchange.load_library(self.name)
+        made = _place(context, sensation)
+        return f"Added '{sensation.name}': {len(made)} effects"
 
 
 class HFX_OT_load_effects(HfxOperator, ImportHelper):
@@ -98,32 +138,91 @@ class HFX_OT_load_effects(HfxOperator, ImportHelper):
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import effect_file
 
-        return _place(context, effect_file.load(Path(self.filepath)))
+        sensation = effect_file.load(Path(self.filepath))
+        made = _place(context, sensation)
+        return f"Added '{sensation.name}': {len(made)} effects"
 
 
 class HFX_OT_save_effects(HfxOperator, ExportHelper):
-    """Save the selected effects, and what selected emitters emit, to a file of their own"""
+    """Save the selected effects, and what selected emitters emit, to a file of their own. \
+Those in your folder of effects are in Add > Haptic > Sensation"""
 
     bl_idname = "hfx.save_effects"
     bl_label = "Save Effects"
+    bl_options = {"REGISTER"}
 
     filename_ext = file_suffixes.EFFECT
     filter_glob: StringProperty(default=f"*{file_suffixes.EFFECT}", options={"HIDDEN"})
     name: StringProperty(name="Name", description="Empty: that of the file")
 
-    def work(self, context: bpy.types.Context) -> str:
-        from ..authoring import effect_exchange, effect_file, response_exchange
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(context.selected_objects, "Select the effects to save first")
 
-        selected = context.selected_objects
-        found = {obj for obj in selected if obj.hfx.role == "EFFECT"}
-        found.update(each for obj in selected for each in response_exchange.volumes_of(obj))
-        chosen = sorted(found, key=lambda obj: obj.name)
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self.filepath:
+            folder = resources.user_effects()
+            with suppress(OSError):
+                folder.mkdir(parents=True, exist_ok=True)
+            stem = context.object.name if context.object is not None else "effects"
+            self.filepath = str(folder / (bpy.path.clean_name(stem) + file_suffixes.EFFECT))
+        return super().invoke(context, event)
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import effect_file
+
         path = Path(self.filepath)
-        title = self.name or path.stem.replace("_", " ").title()
-        effect_file.save(effect_exchange.sensation_of(context.scene, chosen, title), path)
-        return f"Saved {len(chosen)} effects to {path.name}"
+        sensation = _selected(context, self.name or path.stem.replace("_", " ").title())
+        effect_file.save(sensation, path)
+        return f"Saved {len(sensation.effects)} effects to {path.name}"
+
+
+_copied = ""  # in the background there is no clipboard
+
+
+class HFX_OT_copy_effects(HfxOperator):
+    """Copy the selected effects with their clips to the clipboard, for another body, time \
+or file"""
+
+    bl_idname = "hfx.copy_effects"
+    bl_label = "Copy Effects"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(context.selected_objects, "Select the effects to copy first")
+
+    def work(self, context: bpy.types.Context) -> str:
+        global _copied
+        from ..authoring import effect_file
+
+        sensation = _selected(context, "Copied")
+        _copied = context.window_manager.clipboard = effect_file.text_of(sensation)
+        return f"Copied {len(sensation.effects)} effects"
+
+
+class HFX_OT_paste_effects(HfxOperator):
+    """Paste copied effects at the current frame: on the active body, or the only one"""
+
+    bl_idname = "hfx.paste_effects"
+    bl_label = "Paste Effects"
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import effect_file
+
+        text = _copied if bpy.app.background else context.window_manager.clipboard
+        if not text.lstrip().startswith("{"):
+            raise InputError("There are no effects to paste: copy some first.")
+        made = _place(context, replace(effect_file.from_text(text), name=""))
+        return f"Pasted {len(made)} effects"
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_add_from_library, HFX_OT_load_effects, HFX_OT_save_effects)
+    (
+        HFX_OT_add_from_library,
+        HFX_OT_load_effects,
+        HFX_OT_save_effects,
+        HFX_OT_copy_effects,
+        HFX_OT_paste_effects,
+    )
 )

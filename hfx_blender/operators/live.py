@@ -109,7 +109,9 @@ class HFX_OT_live_connect(_OfDevice):
     bl_idname = "hfx.live_connect"
     bl_label = "Connect"
 
-    kind: EnumProperty(name="Connect To", items=KINDS)
+    kind: EnumProperty(
+        name="Connect To", description="The device itself, or something in its place", items=KINDS
+    )
     port: StringProperty(
         name="Port",
         description="Serial port, network port, or part of a sound card's name; "

@@ -6,14 +6,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..authoring import media
+from ..errors import InputError
 from .shared import HfxOperator
 
 _SOUNDS = "*.wav;*.mp3;*.flac;*.ogg;*.aac;*.m4a;*.opus"
-_VIDEOS = "*.mp4;*.mov;*.mkv;*.avi;*.webm;*.png;*.jpg;*.jpeg;*.exr;*.hdr"
+_PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
+_VIDEOS = "*.mp4;*.mov;*.mkv;*.avi;*.webm;" + ";".join(f"*{each}" for each in _PICTURES)
 
 
 class HFX_OT_add_sound(HfxOperator, ImportHelper):
@@ -30,7 +32,10 @@ class HFX_OT_add_sound(HfxOperator, ImportHelper):
 
 
 class HFX_OT_add_video(HfxOperator, ImportHelper):
-    """Show a video or a picture behind the scene, or around it if it is a 360 degree one"""
+    """Show a video or a picture behind the scene, or around it if it is a 360 degree one.
+
+    A video plays at its own rate from the current frame on, with its sound
+    """
 
     bl_idname = "hfx.add_video"
     bl_label = "Video"
@@ -38,15 +43,33 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
     filter_glob: StringProperty(default=_VIDEOS, options={"HIDDEN"})
     projection: EnumProperty(
         name="Projection",
+        description="How the picture is laid out",
         items=(
             ("FLAT", "Flat", "An image that stands behind the body"),
             ("SPHERE", "360 Degrees", "Equirectangular, as the world around the body"),
         ),
     )
+    with_sound: BoolProperty(
+        name="Sound",
+        description="Put the video's sound on the timeline, too; playing keeps in step with it",
+        default=True,
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         scene = context.scene
         path, start = Path(self.filepath), scene.frame_current
+        shown = self._shown(context, path, start)
+        if self.with_sound and path.suffix.lower() not in _PICTURES:
+            try:
+                media.add_sound(scene, path, start)
+            except InputError:
+                pass  # a silent video
+            else:
+                shown += ", with its sound"
+        return shown
+
+    def _shown(self, context: bpy.types.Context, path: Path, start: int) -> str:
+        scene = context.scene
         if self.projection == "SPHERE":
             media.add_surroundings(scene, path, start)
             for area in context.screen.areas if context.screen is not None else ():

@@ -15,7 +15,10 @@ from ..authoring import effects, painting
 from ..avatars import avatar_meshes
 from ..engine.body.parts import PARTS
 from ..errors import InputError
-from .shared import HfxOperator, painted_effect, select_only
+from .shared import HfxOperator, is_in_view_layer, painted_effect, select_only
+
+_IS_HIDDEN = "hfx_hidden_to_paint"
+"""ID property of an avatar's mesh in whose place its perceptual model is painted on."""
 
 _LEAST_PIXELS, _BRUSH_PIXELS, _MOST_PIXELS = 6.0, 30.0, 200.0
 
@@ -35,7 +38,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         effect = painted_effect(context)
         canvas = painting.begin(context, effect)
-        _show_avatar(effect, False)
+        _hide_avatar(context, effect)
         select_only(context, canvas)
         if not bpy.app.background:
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
@@ -64,7 +67,7 @@ class HFX_OT_paint_end(HfxOperator):
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
-        _show_avatar(effect, True)
+        _show_avatar(context, effect)
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"
 
@@ -88,10 +91,25 @@ def _pixels(context: bpy.types.Context, canvas: bpy.types.Object, length: float)
     return float(min(max((ends[1] - ends[0]).length, _LEAST_PIXELS), _MOST_PIXELS))
 
 
-def _show_avatar(effect: bpy.types.Object, is_shown: bool) -> None:
+def _hide_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
+    for mesh in _seen_meshes(context, effect):
+        if not mesh.hide_get():
+            mesh.hide_set(True)
+            if mesh.library is None:
+                mesh[_IS_HIDDEN] = True
+
+
+def _show_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
+    """Show what was hidden to paint; what the user had hidden stays so."""
+    for mesh in _seen_meshes(context, effect):
+        if mesh.library is not None or mesh.pop(_IS_HIDDEN, False):
+            mesh.hide_set(False)
+
+
+def _seen_meshes(context: bpy.types.Context, effect: bpy.types.Object) -> list[bpy.types.Object]:
     body = effect.hfx.body
-    for mesh in avatar_meshes.meshes_of(body) if body is not None else ():
-        mesh.hide_set(not is_shown)
+    found = avatar_meshes.meshes_of(body) if body is not None else []
+    return [mesh for mesh in found if is_in_view_layer(context, mesh)]
 
 
 class HFX_OT_fill_part(_PaintedOperator):
@@ -102,11 +120,22 @@ class HFX_OT_fill_part(_PaintedOperator):
 
     part: EnumProperty(
         name="Part",
-        items=[("all", "Whole Body", "")]
-        + [(part, part.replace("_", " ").title(), "") for part in PARTS],
+        description="What is filled, added to what is painted",
+        items=[("all", "Whole Body", "All of the skin")]
+        + [
+            (part, label, f"All of the {label.lower()}")
+            for part in PARTS
+            for label in [part.replace("_", " ").title()]
+        ],
     )
     side: EnumProperty(
-        name="Side", items=[("both", "Both", ""), ("left", "Left", ""), ("right", "Right", "")]
+        name="Side",
+        description="Which side of the body",
+        items=[
+            ("both", "Both", "Both sides"),
+            ("left", "Left", "The person's left, and the middle"),
+            ("right", "Right", "The person's right, and the middle"),
+        ],
     )
 
     def work(self, context: bpy.types.Context) -> str:

@@ -65,7 +65,9 @@ class HFX_OT_draw_path(HfxOperator):
     bl_label = "Draw Path"
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 
-    mode: EnumProperty(name="Draw", items=MODES, default="STRAIGHT")
+    mode: EnumProperty(
+        name="Draw", description="How the path is drawn", items=MODES, default="STRAIGHT"
+    )
     closed: BoolProperty(name="Closed", description="The path returns to its beginning")
     stroke: CollectionProperty(
         name="Places",

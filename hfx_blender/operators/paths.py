@@ -90,7 +90,9 @@ class HFX_OT_add_spot(_OnBody):
     bl_label = "Point on the Skin"
 
     modality: EnumProperty(
-        name="Modality", items=[each for each in MODALITY_ITEMS if each[0] != "wind"]
+        name="Modality",
+        description="What is felt there",
+        items=[each for each in MODALITY_ITEMS if each[0] != "wind"],
     )
     place: FloatVectorProperty(
         name="Place",
@@ -136,6 +138,9 @@ class HFX_OT_reverse_path(_OfPath):
     bl_label = "Reverse Path"
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import spot_placing
+
+        spot_placing.settle(active_spot(context))
         paths.reverse(active_spot(context))
         return ""
 
@@ -153,7 +158,10 @@ class HFX_OT_mirror_path(_OfPath):
     )
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..authoring import spot_placing
+
         effect = active_spot(context)
+        spot_placing.settle(effect)
         if self.copy:
             effect = effects.duplicate(effect)
             effect.name = f"{active_spot(context).name} Mirrored"
@@ -175,7 +183,9 @@ class HFX_OT_move_along_path(_OfPath):
         name="Times", description="How often it goes the way", default=1, min=1, max=1000
     )
     to_and_fro: BoolProperty(name="To and Fro", description="Every second time backwards")
-    interpolation: EnumProperty(name="Speed", items=INTERPOLATIONS)
+    interpolation: EnumProperty(
+        name="Speed", description="How its speed changes on the way", items=INTERPOLATIONS
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         scene, effect = context.scene, active_spot(context)

@@ -36,7 +36,9 @@ class HFX_OT_add_response_filter(_OnVolume):
     bl_idname = "hfx.add_response_filter"
     bl_label = "Add Filter"
 
-    kind: EnumProperty(name="Kind", items=KINDS, default="impact")
+    kind: EnumProperty(
+        name="Kind", description="What the filter does", items=KINDS, default="impact"
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         responses.add_filter(context.object, self.kind)
@@ -61,7 +63,11 @@ class HFX_OT_move_response_filter(_OnFilter):
     bl_idname = "hfx.move_response_filter"
     bl_label = "Move Filter"
 
-    direction: EnumProperty(name="Direction", items=(("UP", "Up", ""), ("DOWN", "Down", "")))
+    direction: EnumProperty(
+        name="Direction",
+        description="Where to",
+        items=(("UP", "Up", "To work earlier"), ("DOWN", "Down", "To work later")),
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         hfx = context.object.hfx
@@ -76,7 +82,11 @@ class HFX_OT_bake_response(_OnVolume):
     bl_idname = "hfx.bake_response"
     bl_label = "Bake Response to Keyframes"
 
-    target: EnumProperty(name="To", items=response_baking.TARGETS)
+    target: EnumProperty(
+        name="To",
+        description="Which property the keyframes are written to",
+        items=response_baking.TARGETS,
+    )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self)

@@ -20,6 +20,13 @@ class HfxOperator(bpy.types.Operator):
 
     bl_options = {"REGISTER", "UNDO"}
 
+    def __init_subclass__(cls, **options: object) -> None:
+        """A tooltip has no line breaks: the paragraphs of the docstring become its sentences."""
+        super().__init_subclass__(**options)
+        if cls.__doc__ and "bl_description" not in cls.__dict__:
+            paragraphs = (" ".join(each.split()) for each in cls.__doc__.split("\n\n"))
+            cls.bl_description = ". ".join(each.rstrip(".") for each in paragraphs if each)
+
     def work(self, context: bpy.types.Context) -> str:
         """Do it, and return what to report ("" for nothing)."""
         raise NotImplementedError
@@ -77,11 +84,17 @@ def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], En
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Make an object the active and only selected one."""
+    """Make an object the active and only selected one, if the view layer has it."""
     for other in context.selected_objects:
         other.select_set(False)
-    obj.select_set(True)
-    context.view_layer.objects.active = obj
+    if is_in_view_layer(context, obj):
+        obj.select_set(True)
+        context.view_layer.objects.active = obj
+
+
+def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:
+    """Whether an object can be selected or hidden: not in excluded collections only."""
+    return any(each == obj for each in context.view_layer.objects)
 
 
 def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:

@@ -170,9 +170,19 @@ class HFX_OT_stroke(HfxOperator):
     bl_label = "Stroke a Line"
     bl_options = {"REGISTER"}
 
-    start: FloatVectorProperty(name="From (mm)", size=2, default=(0.0, 0.0))
-    end: FloatVectorProperty(name="To (mm)", size=2, default=(50.0, 0.0))
-    speed: FloatProperty(name="Speed (mm/s)", default=20.0, min=0.1, max=10_000.0)
+    start: FloatVectorProperty(
+        name="From (mm)", description="Where on the map it begins", size=2, default=(0.0, 0.0)
+    )
+    end: FloatVectorProperty(
+        name="To (mm)", description="Where on the map it ends", size=2, default=(50.0, 0.0)
+    )
+    speed: FloatProperty(
+        name="Speed (mm/s)",
+        description="Of the finger, even all the way",
+        default=20.0,
+        min=0.1,
+        max=10_000.0,
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -208,7 +218,9 @@ class HFX_OT_export_stroke(HfxOperator):
     filepath: StringProperty(subtype="FILE_PATH")
     kind: EnumProperty(
         name="Format",
-        items=[(suffix, suffix[1:].upper(), "") for suffix in file_suffixes.STROKES],
+        items=[
+            (suffix, suffix[1:].upper(), f"A file *{suffix}") for suffix in file_suffixes.STROKES
+        ],
         description="Where the name has no suffix",
     )
 

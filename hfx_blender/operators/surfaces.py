@@ -20,6 +20,14 @@ def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
     return context.object if surfaces.is_surface(context.object) else None
 
 
+def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
+    """Make an object's maps; what is noted, and what is wrong with them as a warning."""
+    note = surfaces.make(obj)
+    if obj.hfx.surface.warning:
+        operator.report({"WARNING"}, f"'{obj.name}': {obj.hfx.surface.warning}.")
+    return note
+
+
 class _OfSurface(HfxOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -32,8 +40,14 @@ class HFX_OT_add_surface(HfxOperator):
     bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
 
-    source: EnumProperty(name="Source", items=SOURCES[:-1])
-    procedural: StringProperty(name="Library Material", options={"SKIP_SAVE"})
+    source: EnumProperty(
+        name="Source", description="What the relief is made of", items=SOURCES[:-1]
+    )
+    procedural: StringProperty(
+        name="Library Material",
+        description="For the source Library: which of its materials",
+        options={"SKIP_SAVE"},
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -48,7 +62,7 @@ class HFX_OT_add_surface(HfxOperator):
         if self.source in ("IMAGE", "SCAN"):
             return f"'{obj.name}' needs {'an image' if self.source == 'IMAGE' else 'a scan'} now"
         try:
-            return surfaces.make(obj)
+            return _made(self, obj)
         except InputError as error:
             # The surface stays, so that what is wrong can be put right.
             self.report({"WARNING"}, str(error))
@@ -73,7 +87,7 @@ class HFX_OT_bake_surface(_OfSurface):
     bl_label = "Make Maps"
 
     def work(self, context: bpy.types.Context) -> str:
-        return surfaces.make(context.object)
+        return _made(self, context.object)
 
 
 class _OfFile(_OfSurface):
@@ -95,7 +109,9 @@ class HFX_OT_load_surface_image(_OfFile):
     bl_idname = "hfx.load_surface_image"
     bl_label = "Load Image"
 
-    kind: EnumProperty(name="Image Holds", items=IMAGE_KINDS)
+    kind: EnumProperty(
+        name="Image Holds", description="What the image's pixels mean", items=IMAGE_KINDS
+    )
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
 
@@ -108,7 +124,7 @@ class HFX_OT_load_surface_image(_OfFile):
             image.colorspace_settings.is_data = True
             image.reload()  # what was loaded as a colour stays one
         settings.source, settings.image, settings.image_kind = "IMAGE", image, self.kind
-        return surfaces.make(context.object)
+        return _made(self, context.object)
 
 
 class HFX_OT_load_scan(_OfFile):
@@ -128,7 +144,7 @@ class HFX_OT_load_scan(_OfFile):
         settings = context.object.hfx.surface
         settings.source, settings.scan_path = "SCAN", str(self.path())
         settings.scan_unit_mm = self.unit_mm
-        return surfaces.make(context.object)
+        return _made(self, context.object)
 
 
 class HFX_OT_export_texture(_OfFile):
@@ -138,7 +154,14 @@ class HFX_OT_export_texture(_OfFile):
     bl_label = "Export Map"
     bl_options = {"REGISTER"}
 
-    bits: EnumProperty(name="Depth", items=(("16", "16 Bit", ""), ("8", "8 Bit", "")))
+    bits: EnumProperty(
+        name="Depth",
+        description="Of a pixel of the pictures",
+        items=(
+            ("16", "16 Bit", "Fine steps, for rendering"),
+            ("8", "8 Bit", "Small files, for tools that read no more"),
+        ),
+    )
     filter_glob: StringProperty(default=f"*{file_suffixes.TEXTURE_MAP}", options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

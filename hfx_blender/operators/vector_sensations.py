@@ -24,26 +24,28 @@ def _devices(_self: object, _context: object) -> list[tuple[str, str, str]]:
 
 _MODALITIES = (
     ("FIRST", "Its First", "Of the device's first actuator"),
-    ("vibration", "Vibration", ""),
-    ("pressure", "Pressure", ""),
-    ("temperature", "Temperature", ""),
-    ("wind", "Wind", ""),
+    ("vibration", "Vibration", "All that vibrate"),
+    ("pressure", "Pressure", "All that press"),
+    ("temperature", "Temperature", "All that warm or cool"),
+    ("wind", "Wind", "All that blow"),
 )
 
 
 class HFX_OT_add_vector_sensation(HfxOperator):
-    """Add an effect that drives each actuator of one device by a curve of its own.
-
-    Other devices play nothing of it
-    """
+    """Add an effect that drives each actuator of one device by a curve of its own. Other devices \
+play nothing of it"""
 
     bl_idname = "hfx.add_vector_sensation"
     bl_label = "Vector Sensation"
     bl_property = "device"
 
-    device: EnumProperty(name="Device", items=_devices)
-    modality: EnumProperty(name="Actuators", items=_MODALITIES)
-    name: StringProperty(name="Name")
+    device: EnumProperty(name="Device", description="Whose actuators are driven", items=_devices)
+    modality: EnumProperty(
+        name="Actuators", description="Which of the device's actuators", items=_MODALITIES
+    )
+    name: StringProperty(
+        name="Name", description="How it is called in the outliner; empty: by its device"
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -12,12 +12,9 @@ import numpy as np
 if TYPE_CHECKING:
     import gpu
 
-    from .actuator_glow import Discs
-    from .preview_layers import F32, I32, Layer
+    from .actuator_glow import Discs, Looks
+    from .coloured_mesh import F32, I32, U8, Layer
     from .value_chart import Chart
-
-_DARKEST = 0.55
-"""Colour of skin that is seen from the side, as a share: it keeps the body's shape readable."""
 
 _MARGIN = 10.0
 _TEXT = (0.92, 0.92, 0.92, 1.0)
@@ -35,49 +32,57 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
     """
     import gpu
 
+    from . import card_shaders
+
     if not layers:
         return
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    view = np.array(gpu.matrix.get_model_view_matrix(), np.float32)
-    # Premultiplied, so that a colour fades out at its edge without turning dark.
+    shader = card_shaders.skin()
+    writes = gpu.state.depth_mask_get()
     gpu.state.blend_set("ALPHA_PREMULT")
     gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(False)  # what lies in one plane would flicker
     gpu.state.face_culling_set("BACK")
+    shader.bind()
+    shader.uniform_float("opacity", opacity)
     for layer in layers:
-        batch = _batch(layer.positions, shaded(layer, view, opacity), layer.triangles)
-        submit(batch, shader)
+        batch = _skins[layer]
+        shader.uniform_float("above", layer.above)
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(layer.matrix)
+            to_viewer = gpu.matrix.get_model_view_matrix()[2].xyz.normalized()
+            shader.uniform_float("to_viewer", to_viewer)
+            submit(batch, shader)
     gpu.state.face_culling_set("NONE")
+    gpu.state.depth_mask_set(writes)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 
 
-def shaded(layer: Layer, view: F32, opacity: float) -> F32:
-    """Premultiplied colours as if lit from the viewer, (N, 4).
-
-    ``view`` is the world to view matrix.
-    """
-    axis = view[2, :3] / max(float(np.linalg.norm(view[2, :3])), 1e-12)
-    # Not as a product of matrices: that wakes other threads for it.
-    light = np.einsum("ij,j->i", layer.normals, axis)
-    np.clip(light, 0.0, 1.0, out=light)
-    light *= np.float32(1.0 - _DARKEST)
-    light += np.float32(_DARKEST)
-    colours = layer.colours * np.float32(opacity)
-    light *= colours[:, 3]
-    colours[:, :3] = layer.colours[:, :3] * light[:, None]
-    return colours
-
-
-def draw_discs(discs: Discs | None) -> None:
+def draw_discs(parts: Sequence[Discs]) -> None:
     """Draw actuators on the skin."""
     import gpu
 
-    if discs is None:
+    from . import card_shaders
+    from .actuator_glow import MOST_DISCS
+
+    if not parts:
         return
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    shader = card_shaders.discs()
+    writes = gpu.state.depth_mask_get()
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
-    submit(_batch(discs.positions, discs.colours, discs.triangles), shader)
+    gpu.state.depth_mask_set(False)  # what lies in one plane would flicker
+    shader.bind()
+    for part in parts:
+        shader.uniform_float("above", part.above)
+        shader.uniform_float("scale", part.scale)
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(part.matrix)
+            for first, batch, rows in _discs[part.looks]:
+                rows.update(part.rows[first : first + MOST_DISCS])
+                shader.uniform_block("rows", rows)
+                submit(batch, shader)
+    gpu.state.depth_mask_set(writes)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 
@@ -87,34 +92,89 @@ def submit(batch: gpu.types.GPUBatch, shader: gpu.types.GPUShader) -> None:
     batch.draw(shader)
 
 
-_indices: dict[int, tuple[I32, gpu.types.GPUIndexBuf]] = {}
-"""Triangles that are on the graphics card, by the array that they were made of."""
+class _OnCard:
+    """What was sent to the graphics card, by what it was made of."""
+
+    def __init__(self, send: Callable[[Any], Any], most: int) -> None:
+        self._send, self._most = send, most
+        self._sent: dict[int, tuple[object, Any]] = {}
+
+    def __getitem__(self, made_of: object) -> Any:
+        known = self._sent.get(id(made_of))
+        if known is None or known[0] is not made_of:
+            if len(self._sent) >= self._most:
+                self._sent.clear()
+            known = self._sent[id(made_of)] = made_of, self._send(made_of)
+        return known[1]
+
+    def forget(self) -> None:
+        self._sent.clear()
 
 
-def _batch(positions: F32, colours: F32, triangles: I32) -> gpu.types.GPUBatch:
-    """A batch with a colour at each vertex; triangles are sent once."""
+def _skin_batch(layer: Layer) -> gpu.types.GPUBatch:
+    """A layer's vertices and colours."""
     import gpu
 
-    known = _indices.get(id(triangles))
-    if known is None or known[0] is not triangles:
-        if len(_indices) >= 8:
-            _indices.clear()
-        known = triangles, gpu.types.GPUIndexBuf(type="TRIS", seq=triangles)
-        _indices[id(triangles)] = known
-    vertices = gpu.types.GPUVertBuf(_vertex_format(), len(positions))
-    vertices.attr_fill("pos", positions)
-    vertices.attr_fill("color", colours)
-    return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=known[1])
+    batch = gpu.types.GPUBatch(
+        type="TRIS", buf=_column("pos", layer.positions), elem=_indices[layer.shown.triangles]
+    )
+    batch.vertbuf_add(_column("normal", layer.normals))
+    batch.vertbuf_add(_column("colour", layer.shown.colours))
+    return batch
 
 
-def _vertex_format() -> gpu.types.GPUVertFormat:
-    """A place and a colour; what a built-in shader calls its inputs differs between Blenders."""
+def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
+    import gpu
+
+    return gpu.types.GPUIndexBuf(type="TRIS", seq=triangles)
+
+
+def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
+    """One attribute in a buffer of its own: that is copied at once, not vertex by vertex."""
     import gpu
 
     layout = gpu.types.GPUVertFormat()
-    layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
-    layout.attr_add(id="color", comp_type="F32", len=4, fetch_mode="FLOAT")
-    return layout
+    kinds = ("U8", "INT_TO_FLOAT_UNIT") if values.dtype == np.uint8 else ("F32", "FLOAT")
+    layout.attr_add(id=name, comp_type=kinds[0], len=values.shape[1], fetch_mode=kinds[1])
+    found = gpu.types.GPUVertBuf(layout, len(values))
+    found.attr_fill(name, values)
+    return found
+
+
+def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types.GPUUniformBuf]]:
+    """Discs with their colours, as many at a time as the shader takes, and room for their rows."""
+    import gpu
+
+    from . import disc_mesh
+    from .actuator_glow import MOST_DISCS
+
+    nothing = np.zeros((MOST_DISCS, 2, 4), np.float32)
+    found = []
+    for first in range(0, len(looks.radii), MOST_DISCS):
+        part = slice(first, first + MOST_DISCS)
+        corners, triangles = disc_mesh.discs(len(looks.radii[part]))
+        which = corners[:, 3].astype(np.int64)
+        full = np.column_stack([looks.colours[part], looks.radii[part]])
+        batch = gpu.types.GPUBatch(
+            type="TRIS",
+            buf=_column("corner", corners),
+            elem=_index_buffer(triangles),
+        )
+        batch.vertbuf_add(_column("full", full[which]))
+        batch.vertbuf_add(_column("cold", looks.cold[part][which]))
+        found.append((first, batch, gpu.types.GPUUniformBuf(nothing)))
+    return found
+
+
+# What moves is sent once a frame, though several viewports show it.
+_skins, _indices = _OnCard(_skin_batch, 8), _OnCard(_index_buffer, 8)
+_discs = _OnCard(_disc_batches, 32)
+
+
+def forget() -> None:
+    """Give back what is on the graphics card."""
+    for kept in (_skins, _indices, _discs):
+        kept.forget()
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:

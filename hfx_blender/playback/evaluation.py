@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -14,15 +13,6 @@ from ..errors import HfxError
 if TYPE_CHECKING:
     from ..engine.samples import SampleRun
     from ..reading.live_scene import LiveScene
-    from ..reading.looking_ahead import LookAhead
-
-
-LOOK_AHEAD_S = 0.01
-"""The most of a frame's time that is spent on what comes; what was begun is finished."""
-
-
-_MOST_KEPT = 2000
-"""Frames; then it begins anew."""
 
 
 class Evaluation:
@@ -47,24 +37,15 @@ class Evaluation:
         self.before_describing: Callable[[], None] = _nothing
         self._key: tuple[object, ...] = ()
         self._runs: list[SampleRun] | None = None
-        self._ahead: LookAhead | None = None
-        self._later: dict[float, list[SampleRun]] = {}  # by frame
-        self._spent_s = 0.0  # on those
 
     def touch(self) -> None:
         """Something moved, in time or otherwise."""
         self._runs = None
-        self._spent_s = 0.0
-
-    def edited(self) -> None:
-        """Something changed but the time: what comes may come otherwise."""
-        self._later.clear()
 
     def forget(self) -> None:
         """The scene may have become another one: nothing of it is kept."""
         self.touch()
-        self.edited()
-        self.scene, self._key, self._ahead, self.fault = None, (), None, ""
+        self.scene, self._key, self.fault = None, (), ""
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
@@ -104,41 +85,6 @@ class Evaluation:
         if self._runs is None:
             self._runs = self.scene.runs()
         return self._runs
-
-    def prepare_ahead(self) -> str:
-        """Get ready for :meth:`runs_at`; why other frames cannot be known, empty if they can."""
-        from ..reading.looking_ahead import LookAhead
-
-        self.edited()
-        if self.scene is None:
-            return self.fault
-        if self._ahead is None:
-            self._ahead = LookAhead(self.scene)
-        return self._ahead.reason
-
-    def runs_at(self, frame: float) -> list[SampleRun]:
-        """What is felt at another frame; what is felt now where that cannot be known.
-
-        It is kept until something is edited: whoever looks further ahead has found already what
-        others look for later. When :data:`LOOK_AHEAD_S` is spent, it is what is felt at the nearest
-        frame that is known.
-
-        Raises
-        ------
-        InputError
-            Something of the scene cannot be felt any more.
-        """
-        if self._ahead is None or self._ahead.reason:
-            return self.runs()
-        if frame not in self._later:
-            if self._spent_s > LOOK_AHEAD_S and self._later:
-                return self._later[min(self._later, key=lambda known: abs(known - frame))]
-            if len(self._later) >= _MOST_KEPT:
-                self._later.clear()
-            begun = time.perf_counter()
-            self._later[frame] = self._ahead.runs(frame)
-            self._spent_s += time.perf_counter() - begun
-        return self._later[frame]
 
 
 def _nothing() -> None:

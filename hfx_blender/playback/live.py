@@ -9,7 +9,6 @@ until a device is connected.
 
 from __future__ import annotations
 
-import re
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -17,17 +16,14 @@ from typing import TYPE_CHECKING
 import bpy
 
 from .. import resources
-from ..errors import InputError
-from . import live_listening, live_settings
+from . import live_listening, live_settings, live_targets
 from .evaluation import evaluation
-from .live_targets import neutral_of, target_of
-from .look_ahead import frame_ahead, latencies_ms
 
 if TYPE_CHECKING:
     from ..devices.live.client import DeviceState, LiveClient
-    from ..devices.live.haptics import F64
     from ..engine.rendering.device import DeviceConfig
     from ..engine.surface_drive import SurfaceDrive
+    from .look_ahead import Ahead
 
 HOLD_S = 2.0
 """A scene that stands still is felt for so long; then it is silent until something moves."""
@@ -39,7 +35,8 @@ class _Connected:
 
     device: DeviceConfig
     has_script: bool
-    late_ms: tuple[float, ...]  # latencies of its actuators
+    late_ms: tuple[float, ...]  # latencies of its actuators that are compensated
+    offset_ms: float
 
 
 class Live:
@@ -52,8 +49,8 @@ class Live:
         self._is_described = False
         self._changed_s = 0.0
         self._is_held = False
+        self._ahead: Ahead | None = None
         self.fault = ""
-        self.late = ""  # why playback cannot look ahead, if a device answers late
         self.unapproved: set[str] = set()  # devices whose scripts are to be approved first
 
     @property
@@ -65,6 +62,25 @@ class Live:
     def is_armed(self) -> bool:
         """Whether any device plays."""
         return any(each.is_armed for each in self.states.values())
+
+    @property
+    def ahead(self) -> Ahead:
+        """What comes, for actuators that answer late."""
+        if self._ahead is None:
+            from .look_ahead import Ahead
+
+            self._ahead = Ahead()
+        return self._ahead
+
+    @property
+    def late(self) -> str:
+        """Why what comes cannot be read; empty: it can, or nobody asks."""
+        return "" if self._ahead is None else self._ahead.reason
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it wants to be called again soon."""
+        return self._ahead is not None and self._ahead.has_more
 
     def state(self, name: str) -> DeviceState | None:
         return self.states.get(name) if name in self._devices else None
@@ -84,39 +100,37 @@ class Live:
         DeviceError
             It is not there, or the output process cannot be started.
         """
-        from ..devices.configuration import load_device
-        from ..devices.live import approval
         from ..devices.live.client import LiveClient
+        from ..devices.live.playhead import latencies_ms
 
-        if not re.fullmatch(r"[\w-]+", name):
-            raise InputError(f"Device '{name[:100]}' is not a name; a .blend never chooses files.")
-        folder = resources.user_devices()
-        device = load_device(name, folder)
-        script = approval.script_of(name, folder)
-        if script is not None and not script.is_approved:
+        try:
+            device, script = live_targets.named(name)
+        except live_targets.UnapprovedScriptError:
             self.unapproved.add(name)
-            raise InputError(
-                f"Device '{name}' brings the script {script.path}; read it and approve it first."
-            )
-        target = target_of(device, settings)
+            raise
+        target = live_targets.target_of(device, settings)
         if self._client is None:
             self._client = LiveClient()
         self._client.connect(
             name,
             name,
             target,
-            folder=folder,
+            folder=resources.user_devices(),
             script=None if script is None else script.as_wish(),
             offset_ms=settings.offset_ms,
         )
-        self._devices[name] = _Connected(device, script is not None, latencies_ms(device))
+        self._devices[name] = _Connected(
+            device, script is not None, latencies_ms(device), settings.offset_ms
+        )
         self._generation = -1
+        self._want_ahead()
         evaluation.before_describing = self._pause
         live_listening.listen(self)
         live_listening.request_update()
 
     def disconnect(self, name: str) -> None:
         self._devices.pop(name, None)
+        self._want_ahead()
         if self._client is not None:
             self._client.disconnect(name)
             if not self._devices:
@@ -139,8 +153,16 @@ class Live:
         if self._client is not None:
             self._client.pulse(name, actuator)
 
+    def offset_ms(self, name: str) -> float:
+        """How long a connected device is held back."""
+        found = self._devices.get(name)
+        return 0.0 if found is None else found.offset_ms
+
     def set_offset(self, name: str, offset_ms: float) -> None:
-        if self._client is not None:
+        """Hold a connected device back for so long from now on."""
+        found = self._devices.get(name)
+        if self._client is not None and found is not None:
+            found.offset_ms = offset_ms
             self._client.set_offset(name, offset_ms)
 
     def send_vibration(
@@ -157,16 +179,10 @@ class Live:
         for name, each in self._devices.items():
             if each.has_script:
                 continue
-            values = neutral_of(each.device)
             own, played = each.device.surface_drive_per_m, amplitude_m_s2
             if drive is not None:
                 played = float(drive.amplitude(amplitude_m_s2, own))
-            first = 0
-            for actuator in each.device.actuators:
-                if actuator.type.modality == "vibration":
-                    values[first : first + 2] = [played, frequency_hz]
-                first += len(actuator.type.controls)
-            self._client.send(name, values)
+            self._client.send(name, live_targets.vibrating(each.device, played, frequency_hz))
 
     def close(self) -> None:
         """Silence everything and end the output process."""
@@ -181,19 +197,29 @@ class Live:
         """Something moved."""
         evaluation.touch()
 
-    def edited(self) -> None:
+    def edited(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Something changed but the time."""
-        evaluation.edited()
+        if any(each.late_ms for each in self._devices.values()):
+            from .look_ahead import changed_by
+
+            changed = changed_by(depsgraph)
+            if changed:
+                self.ahead.edited(changed)
 
     def forget(self) -> None:
         """The scene may have become another one: nothing of it is kept."""
         evaluation.forget()
+        if self._ahead is not None:
+            self._ahead.forget()
         self._is_described = False
 
     def fail(self, text: str) -> None:
         """Something is wrong here: everything stops, and the user is told."""
         self.fault = text
         self.stop_all(text)
+
+    def _want_ahead(self) -> None:
+        self.ahead.want(ms for each in self._devices.values() for ms in each.late_ms)
 
     def _pause(self) -> None:
         if self._client is not None:
@@ -210,13 +236,26 @@ class Live:
         if evaluation.scene is not None and evaluation.scene.rings:
             evaluation.touch()  # nothing moved, but what was touched dies away
             self.update(evaluation.scene.objects.scene)
+        self._look_ahead()
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
             self._is_held = True
             for name, each in self._devices.items():
                 if each.has_script:
                     continue  # a script decides by itself what standing still means
-                self._client.send(name, neutral_of(each.device))
+                self._client.send(name, live_targets.neutral_of(each.device))
         return bool(news)
+
+    def _look_ahead(self) -> None:
+        """Read a little more of what comes."""
+        client, found = self._client, evaluation.scene
+        if client is None or found is None or not self._is_described:
+            return
+        if evaluation.generation != self._generation:
+            return
+        playhead = self.ahead.playhead(found.objects.scene, live_listening.is_playing())
+        self.ahead.work(
+            playhead, found, lambda body, is_scene: client.foresee(body, is_scene=is_scene)
+        )
 
     def describe(self, context: bpy.types.Context) -> None:
         """Find out what there is to feel, if that changed; never from within an update."""
@@ -231,9 +270,7 @@ class Live:
         self._generation, self.fault = evaluation.generation, evaluation.fault
         found = evaluation.scene
         self._pause()  # models may have to be loaded
-        self.late = ""
-        if any(each.late_ms for each in self._devices.values()):
-            self.late = evaluation.prepare_ahead()
+        self.ahead.forget()
         self._is_described = found is not None and self._client is not None
         if found is not None and self._client is not None:
             body = found.description.bodies[0].id  # devices are worn by the first body
@@ -251,39 +288,12 @@ class Live:
             return
         if evaluation.generation != self._generation or not self._is_described:
             return  # described anew just now; devices are told soon
-        from ..devices.live.moments import Moment
+        from .live_moment import moment_now
 
         self._changed_s, self._is_held = time.monotonic(), False
-        runs = evaluation.runs()
-        later = {}
-        if live_listening.is_playing():
-            for ms in {ms for each in self._devices.values() for ms in each.late_ms}:
-                later[ms] = evaluation.runs_at(frame_ahead(scene, ms))
-        self._client.show(
-            Moment(
-                scene.frame_current_final / (scene.render.fps / scene.render.fps_base),
-                runs,
-                self._gains(scene),
-                self._play_space(scene) if evaluation.with_positions else None,
-                later,
-            )
-        )
-
-    def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
-        """What the user has set, by a device's number; 0 is mute."""
-        found = {}
-        for name, state in self.states.items():
-            item = scene.hfx.devices.get(name)
-            if item is not None and (item.is_muted or item.gain != 1.0):
-                found[state.number] = 0.0 if item.is_muted else item.gain
-        return found
-
-    def _play_space(self, scene: bpy.types.Scene) -> F64:
-        from ..reading.play_space import pose_now
-
-        assert evaluation.scene is not None
-        objects = evaluation.scene.objects
-        return pose_now(scene, objects.layer, objects.unit_m)
+        numbers = {name: state.number for name, state in self.states.items()}
+        playhead = self.ahead.playhead(scene, live_listening.is_playing())
+        self._client.show(moment_now(scene, numbers, self.ahead.edition, playhead))
 
 
 live = Live()

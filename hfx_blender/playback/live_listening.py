@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import bpy
 from bpy.app.handlers import persistent
@@ -12,17 +12,42 @@ from bpy.app.handlers import persistent
 from ..errors import HfxError
 from ..reading import stepping
 
-if TYPE_CHECKING:
-    from .live import Live
-
 BEAT_S = 0.05
+BUSY_BEAT_S = 0.02
+
+
+class Listener(Protocol):
+    """Who is told."""
+
+    @property
+    def is_armed(self) -> bool: ...
+
+    @property
+    def is_busy(self) -> bool: ...
+
+    def touch(self) -> None: ...
+
+    def edited(self, depsgraph: bpy.types.Depsgraph) -> None: ...
+
+    def forget(self) -> None: ...
+
+    def describe(self, context: bpy.types.Context) -> None: ...
+
+    def update(self, scene: bpy.types.Scene) -> None: ...
+
+    def beat(self) -> bool: ...
+
+    def stop_all(self, reason: str) -> None: ...
+
+    def fail(self, text: str) -> None: ...
+
 
 _log = logging.getLogger(__name__)
-_live: Live | None = None
+_live: Listener | None = None
 _is_describing = False
 
 
-def listen(live: Live) -> None:
+def listen(live: Listener) -> None:
     """Follow the open scene, and give signs of life."""
     global _live
     _live = live
@@ -102,10 +127,13 @@ def _on_change(scene: bpy.types.Scene, *_: object) -> None:
 
 
 @persistent
-def _on_update(scene: bpy.types.Scene, *_: object) -> None:
-    if _live is not None:
-        _live.edited()
+def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    is_edit = _live is not None and not stepping.is_stepping()
+    if _live is not None and is_edit:
+        _live.edited(depsgraph)
     _on_change(scene)
+    if is_edit and not _is_describing and is_playing():
+        request_update()  # what is edited while it plays is felt while it plays
 
 
 @persistent
@@ -129,9 +157,14 @@ def _beat() -> float:
         try:
             if _live.beat():
                 _redraw()
+        except ReferenceError as error:  # something was deleted; the next change tells more
+            _log.info("live: %s", error)
+            _live.forget()
         except Exception as error:  # a timer that raises is not called again
             _log.exception("live")
             _live.fail(f"{type(error).__name__}: {error}")
+        if _live.is_busy:
+            return BUSY_BEAT_S
     return BEAT_S
 
 

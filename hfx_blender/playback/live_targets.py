@@ -1,18 +1,50 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a device is connected to: the user's choice as plain data."""
+"""What a device is connected to, and is given at most: the user's choice as plain data."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..errors import DeviceError
+from .. import resources
+from ..errors import DeviceError, InputError
 from .live_settings import LiveSettings
 
 if TYPE_CHECKING:
+    from ..devices.live.approval import DeviceScript
     from ..engine.rendering.device import DeviceConfig
+
+
+class UnapprovedScriptError(InputError):
+    """A device brings a script that the user has not approved as it is now."""
+
+
+def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
+    """A device by its name in the user's own registry, and the script that it brings.
+
+    Raises
+    ------
+    InputError
+        There is no such device.
+    UnapprovedScriptError
+        Its script is to be read first.
+    """
+    from ..devices.configuration import load_device
+    from ..devices.live import approval
+
+    if not re.fullmatch(r"[\w-]+", name):
+        raise InputError(f"Device '{name[:100]}' is not a name; a .blend never chooses files.")
+    folder = resources.user_devices()
+    device = load_device(name, folder)
+    script = approval.script_of(name, folder)
+    if script is not None and not script.is_approved:
+        raise UnapprovedScriptError(
+            f"Device '{name}' brings the script {script.path}; read it and approve it first."
+        )
+    return device, script
 
 
 def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
@@ -54,3 +86,13 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
 
 def neutral_of(device: DeviceConfig) -> list[float]:
     return [c.neutral for actuator in device.actuators for c in actuator.type.controls]
+
+
+def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) -> list[float]:
+    """Values (columns,) with which all that vibrates does so alike; the rest is silent."""
+    values, first = neutral_of(device), 0
+    for actuator in device.actuators:
+        if actuator.type.modality == "vibration":
+            values[first : first + 2] = [amplitude_m_s2, frequency_hz]
+        first += len(actuator.type.controls)
+    return values

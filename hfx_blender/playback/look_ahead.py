@@ -1,42 +1,208 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""While an animation plays, actuators that answer late are given what is felt a little later.
+"""Reading what comes for actuators that answer late: in slices, between Blender's frames.
 
-Not while scrubbing or dragging: nobody knows what comes then.
+Whoever renders evaluates it. Not while scrubbing or dragging: nobody knows what comes then.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterable, Sequence
 from math import ceil
 from typing import TYPE_CHECKING
 
 import bpy
+import numpy as np
+
+from ..devices.live.messages import MessageError
+from ..devices.live.plain_data import plain_to
+from ..devices.live.playhead import Playhead, parts_between
+from ..errors import HfxError
 
 if TYPE_CHECKING:
-    from ..engine.rendering.device import DeviceConfig
+    from ..reading.live_scene import LiveScene
+    from ..reading.looking_ahead import Key, LookAhead
 
-LEAST_MS = 5.0
-"""What answers sooner is not compensated: a picture itself is shown later than that."""
+SETTLE_S = 0.3
+"""So long after the last edit what comes is read anew."""
 
-_NEAR_MS = LEAST_MS
-_NEAR_SHARE = 0.05
-"""A latency is compensated to within so much, whichever is more."""
+SLICE_S = 0.004
+"""About the most that one slice may take."""
+
+MOST_BYTES = 64_000_000
+"""Of what was read; a scene of more is read a stretch at a time."""
+
+_STRETCH_S = 10.0
+_COUNTS = (2, 128)  # frames of a slice
+
+Tell = Callable[[bytes, bool], None]
+"""Takes bytes for whoever renders, and whether they are of a scene."""
 
 
-def latencies_ms(device: DeviceConfig) -> tuple[float, ...]:
-    """The latencies of a device's actuators that are worth looking ahead for, ascending."""
-    found = {actuator.type.latency_ms for actuator in device.actuators}
-    return tuple(sorted(each for each in found if each >= LEAST_MS))
+class Ahead:
+    """What comes in the open scene, as far as it has been read.
+
+    Attributes
+    ----------
+    edition : int
+        Rises with every edit.
+    reason : str
+        Why what comes cannot be read; then it is known from the second time on that playback
+        comes by. Empty: it can.
+    """
+
+    def __init__(self) -> None:
+        self.edition = 0
+        self.reason = ""
+        self._latencies_ms: tuple[float, ...] = ()
+        self._ahead: LookAhead | None = None
+        self._before: LookAhead | None = None
+        self._due_s = 0.0
+        self._stretch: tuple[object, ...] = ()
+        self._is_read = np.zeros(0, np.bool_)
+        self._bytes = self._points = 0
+        self._count = 16
+        self.has_more = False  # to be read soon
+        self._way = Way()
+
+    @property
+    def is_read(self) -> bool:
+        """Whether all that comes has been read, of a scene that is not read in stretches."""
+        return bool(len(self._is_read)) and bool(self._is_read.all())
+
+    def want(self, latencies_ms: Iterable[float]) -> None:
+        """Latencies that are to be compensated."""
+        found = tuple(sorted(set(latencies_ms)))
+        if found != self._latencies_ms:
+            self._latencies_ms = found
+            self.forget()
+
+    def forget(self) -> None:
+        """The scene may have become another one."""
+        self.edition += 1
+        self._ahead = self._before = None
+        self._stretch, self._is_read = (), np.zeros(0, np.bool_)
+        self.reason, self._due_s = "", 0.0
+
+    def edited(self, changed: Iterable[Key]) -> None:
+        """Something of these changed but the time: what comes may come otherwise."""
+        if not self._latencies_ms:
+            return
+        self.edition += 1
+        known = self._ahead or self._before
+        if known is not None and not known.posing.isdisjoint(changed):
+            known = None
+        self._before, self._ahead = known, None
+        self._stretch, self._is_read = (), np.zeros(0, np.bool_)
+        self._due_s = time.monotonic() + SETTLE_S
+
+    def playhead(self, scene: bpy.types.Scene, is_playing: bool) -> Playhead:
+        """Where the scene is, and where it goes."""
+        first, last = scene.frame_start, scene.frame_end
+        if scene.use_preview_range:
+            first, last = scene.frame_preview_start, scene.frame_preview_end
+        frame = scene.frame_current_final
+        step = self._way.at(frame, last + 1 - first, is_playing)
+        fps = scene.render.fps / scene.render.fps_base
+        return Playhead(frame, first, last, fps, is_playing, step)
+
+    def work(self, playhead: Playhead, live: LiveScene, tell: Tell) -> None:
+        """Read one slice more, if there is any; never from within an update.
+
+        Raises
+        ------
+        ReferenceError
+            Something of the scene was deleted.
+        """
+        self.has_more = False
+        if not self._latencies_ms or time.monotonic() < self._due_s:
+            return
+        try:
+            if self._ahead is None:
+                self._begin(live, tell)
+            elif not self._ahead.reason:
+                self._read(playhead, self._ahead, tell)
+        except (HfxError, MessageError, TypeError) as error:
+            self.reason = str(error)
+            if self._ahead is not None:
+                self._ahead.reason = self.reason
+
+    def _begin(self, live: LiveScene, tell: Tell) -> None:
+        from ..reading.looking_ahead import LookAhead
+
+        self._ahead = LookAhead(live, self._before)
+        self._before = None
+        self.reason, self.has_more = self._ahead.reason, not self._ahead.reason
+        if not self.reason:
+            tell(plain_to(self._ahead.scene(self.edition)), True)
+
+    def _read(self, playhead: Playhead, ahead: LookAhead, tell: Tell) -> None:
+        parts = parts_between(self._latencies_ms, playhead.fps, playhead.step)
+        stretch = playhead.first, playhead.last, parts
+        if stretch != self._stretch:
+            self._stretch = stretch
+            self._is_read = np.zeros(playhead.last + 1 - playhead.first, np.bool_)
+            self._bytes = self._points = 0
+        elif self._bytes > MOST_BYTES:  # what was read lies behind by now
+            tell(plain_to(ahead.scene(self.edition)), True)
+            self._is_read[:] = False
+            self._bytes = self._points = 0
+        numbers = self._next(playhead, len(parts))
+        self.has_more = len(numbers) > 0
+        if not self.has_more:
+            return
+        begun = time.perf_counter()
+        frames = (playhead.first + numbers[:, None] + np.array(parts)).ravel()
+        body = plain_to(ahead.block(self.edition, frames))
+        tell(body, False)
+        self._is_read[numbers] = True
+        self._bytes += len(body)
+        self._points += len(frames)
+        spent_s = max(time.perf_counter() - begun, 1e-6)
+        self._count = int(np.clip(len(numbers) * SLICE_S / spent_s, *_COUNTS))
+
+    def _next(self, playhead: Playhead, parts: int) -> np.ndarray:
+        """The next frames to read, counted from the first one that is played."""
+        total = len(self._is_read)
+        begin = int(playhead.after(self._latencies_ms[0]) // 1) - playhead.first
+        numbers = (begin + playhead.step * np.arange(total)) % total
+        per_point = self._bytes / self._points if self._points else 0.0
+        if total * parts * per_point > MOST_BYTES:
+            numbers = numbers[: ceil((self._latencies_ms[-1] / 1000.0 + _STRETCH_S) * playhead.fps)]
+        return numbers[~self._is_read[numbers]][: self._count]
 
 
-def frame_ahead(scene: bpy.types.Scene, latency_ms: float) -> float:
-    """The frame that is shown when a value given now is felt; playback begins again at its end."""
-    fps = scene.render.fps / scene.render.fps_base
-    # On as coarse a grid as does not matter, so that frames are met again and known by then.
-    parts = max(1, ceil(500.0 / (fps * max(_NEAR_MS, _NEAR_SHARE * latency_ms))))
-    frame = scene.frame_current_final + round(latency_ms / 1000.0 * fps * parts) / parts
-    first, last = scene.frame_start, scene.frame_end
-    if scene.use_preview_range:
-        first, last = scene.frame_preview_start, scene.frame_preview_end
-    if frame < last + 1 or scene.frame_current_final > last:
-        return float(frame)
-    return float(first + (frame - last - 1) % (last + 1 - first))
+class Way:
+    """Which way playback goes, from the frames that come by; Blender does not tell."""
+
+    def __init__(self) -> None:
+        self._frame: float | None = None
+        self._step = 1
+        self._doubt = False
+
+    def at(self, frame: float, count: int, is_playing: bool) -> int:
+        """1, or -1 in reverse; ``count`` frames are played over and over.
+
+        One frame that goes the other way is a jump, two are another direction.
+        """
+        before, self._frame = self._frame, frame
+        if not is_playing or before is None:
+            if not is_playing:
+                self._step, self._doubt = 1, False
+            return self._step
+        moved = frame - before
+        if abs(moved) > count / 2:  # it began again at the other end
+            moved = -moved
+        if moved * self._step > 0:
+            self._doubt = False
+        elif moved * self._step < 0:
+            if self._doubt:
+                self._step = -self._step
+            self._doubt = not self._doubt
+        return self._step
+
+
+def changed_by(depsgraph: bpy.types.Depsgraph) -> Sequence[Key]:
+    """What an update changed; a scene alone is what a selection or a setting of ours changes."""
+    found = ((type(each.id).__name__, each.id.name) for each in depsgraph.updates)
+    return [key for key in found if key[0] != "Scene"]

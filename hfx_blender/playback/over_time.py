@@ -22,7 +22,7 @@ from ..engine.modality import MODALITIES, neutral_temperature_c
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.rendering.render import Renderer
-from ..engine.samples import SampleRun, Stream
+from ..engine.samples import Sample, SampleRun, Stream
 from ..engine.scene import EffectDescription, SceneDescription, TimeBase
 from ..engine.tolerance import PREVIEW
 from ..engine.track.header import TrackHeader
@@ -66,25 +66,25 @@ class OverTime:
     _blocks: list[tuple[int, int, list[SampleRun]]] | None = field(default_factory=list)
     _entries: int = 0
 
+    def __post_init__(self) -> None:
+        self._first = float(self.frames[0])
+        self._per_frame = float(self.time.rate_hz / self.time.fps)
+
     def index(self, frame: float) -> int | None:
         """The sample nearest to a frame; None where the timeline has ended."""
-        place = int(np.searchsorted(self.frames, frame))
-        near = [k for k in (place - 1, place) if 0 <= k < len(self.frames)]
-        step = float(self.time.fps / self.time.rate_hz)
-        found = min(near, key=lambda k: abs(self.frames[k] - frame), default=None)
-        return found if found is not None and abs(self.frames[found] - frame) <= step else None
+        place, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
+        return min(max(round(place), 0), last) if -1.0 <= place <= last + 1.0 else None
 
-    def runs(self, frame: float) -> list[SampleRun] | None:
-        """What is felt at a frame, as the engine gave it; None where that is not known."""
-        index = self.index(frame)
-        if index is None or self._blocks is None:
+    def samples(self, index: int) -> list[Sample] | None:
+        """What is felt at one of the times, as the engine gave it; None where that is not kept."""
+        if self._blocks is None:
             return None
         found = []
         for first, last, runs in self._blocks:
             for run in runs if first <= index <= last else ():
-                place = int(np.searchsorted(run.indices, index))
+                place = int(run.indices.searchsorted(index))
                 if place < len(run.indices) and run.indices[place] == index:
-                    found.append(_alone(run, place))
+                    found.append(_sample(run, place))
         return found
 
     def add(self, runs: Sequence[SampleRun]) -> None:
@@ -212,18 +212,15 @@ def _peaks(run: SampleRun, neutral: float) -> F64:
     return found
 
 
-def _alone(run: SampleRun, place: int) -> SampleRun:
-    """One sample of a run, as the engine gives it for one time."""
-    which = int(run.set_of[place])
+def _sample(run: SampleRun, place: int) -> Sample:
+    """One of a run, as much of it as shows."""
+    which = place if run.sets is None else int(run.sets[place])
     part = slice(int(run.offsets[which]), int(run.offsets[which + 1]))
-    one = slice(place, place + 1)
-    return SampleRun(
+    return Sample(
+        float(run.times_s[place]),
         run.stream,
-        indices=np.zeros(1, np.int64),
-        times_s=run.times_s[one],
-        levels=run.levels[one],
-        parameters=run.parameters[one],
-        offsets=np.array([0, part.stop - part.start], np.int64),
-        vertices=run.vertices[part],
-        weights=run.weights[part],
+        run.vertices[part],
+        run.weights[part],
+        float(run.levels[place]),
+        run.parameters[place],
     )

@@ -29,13 +29,18 @@ _log = logging.getLogger(__name__)
 
 _is_describing = False
 _described_s = 0.0
+_cannot_draw = False
 _preview: Preview | None = None
 _updates: Updates | None = None
 _charts: dict[tuple[object, ...], ChartDrawing] = {}  # by what they show and how large
 _draw_handles: list[object] = []
 
-_PLAYING_S = 0.25
-"""While it plays, changes of what there is to feel are looked for so often."""
+_PLAYING_S, _RECORDED_S = 0.25, 1.0
+"""While it plays, changes of what there is to feel are looked for so often: for those of scripts
+and drivers, which Blender does not tell. A record knows what drivers change."""
+
+_PIECE_S = 0.004
+"""So long at a time what shows is worked out before it is drawn."""
 
 _TALLEST = 0.45  # of the chart, as a share of the viewport
 
@@ -68,6 +73,8 @@ def touch() -> None:
 
 def forget() -> None:
     """Work everything out anew: another file, or an undo."""
+    global _cannot_draw
+    _cannot_draw = False
     if _preview is not None:
         _preview.forget()
     if _updates is not None:
@@ -83,11 +90,13 @@ def _is_on() -> bool:
 @persistent
 def on_frame(scene: bpy.types.Scene, *_: object) -> None:
     """The frame changed; almost all is left to the next drawing."""
-    if _is_describing or stepping.is_stepping() or not _is_on():
+    if _is_describing or stepping.is_stepping():
         return
     touch()
-    # Not from here: describing evaluates the view layer, which would call this again.
-    if time.monotonic() - _described_s > _PLAYING_S:
+    since_s = time.monotonic() - _described_s
+    if since_s < _PLAYING_S or (since_s < _RECORDED_S and _recorded() is not None):
+        return
+    if _is_on():  # not from here: describing evaluates the view layer, which would call this again
         _call_soon(describe)
 
 
@@ -158,7 +167,24 @@ def _record() -> float | None:
         return pause
     touch()
     _redraw()
+    _call_soon(_prepare)
     return None
+
+
+def _prepare() -> float | None:
+    """A piece of what shows at each frame of the record; called until it is complete."""
+    from .over_time_updates import QUIET_S, is_held
+
+    recorded, scene = _recorded(), bpy.context.scene
+    if recorded is None or not bpy.context.window_manager.hfx_preview:
+        return None
+    if is_held(bpy.context):
+        return QUIET_S
+    begun = time.perf_counter()
+    while time.perf_counter() - begun < _PIECE_S:
+        if not preview().prepare(scene.hfx.palette, recorded, scene.frame_start, scene.frame_end):
+            return None
+    return 0.02 + 2.0 * (time.perf_counter() - begun)
 
 
 def _redraw() -> None:
@@ -173,6 +199,7 @@ def _switched(_self: object, _context: bpy.types.Context) -> None:
     if _is_on():
         _call_soon(describe)
         _call_soon(_record)
+        _call_soon(_prepare)
     _redraw()
 
 
@@ -182,21 +209,30 @@ def _recorded() -> OverTime | None:
 
 
 def _draw() -> None:
+    global _cannot_draw
     space = bpy.context.space_data
-    if space is not None and space.overlay.show_overlays:
+    if space is None or not space.overlay.show_overlays or _cannot_draw:
+        return
+    try:
         draw_over(bpy.context.scene)
+    except Exception as error:  # it would be raised again at every redraw
+        _cannot_draw = True
+        preview().fault = f"The graphics driver cannot draw the preview: {error}"
+        _log.exception("preview")
 
 
 def draw_over(scene: bpy.types.Scene) -> None:
     """Draw colours and actuators into the viewport that is being drawn."""
     from . import drawing
 
-    manager = bpy.context.window_manager
-    now = _recorded(), scene.frame_current_final
+    manager, settings, shown = bpy.context.window_manager, scene.hfx, preview()
+    now = settings.palette, _recorded(), scene.frame_current_final
     if manager.hfx_preview:
-        drawing.draw_layers(preview().layers(scene.hfx.palette, *now), scene.hfx.preview_opacity)
-    if manager.hfx_show_actuators and len(scene.hfx.devices):
-        drawing.draw_discs(preview().discs(scene.hfx.palette, *now))
+        layers = shown.layers(*now)
+        if layers:
+            drawing.draw_layers(layers, settings.preview_opacity)
+    if manager.hfx_show_actuators:
+        drawing.draw_discs(shown.discs(*now))
 
 
 def _draw_chart() -> None:
@@ -215,11 +251,12 @@ def _draw_chart() -> None:
         return
     scale = bpy.context.preferences.system.ui_scale
     size = right - left, _TALLEST * region.height, scale
-    key = (id(found), scene.hfx.palette, *size)
+    palette = PALETTES[scene.hfx.palette]
+    key = (id(found), *palette.values(), *size)
     if key not in _charts:
         if len(_charts) > 8:
             _charts.clear()
-        made = value_chart.chart(found, PALETTES[scene.hfx.palette], *size)
+        made = value_chart.chart(found, palette, *size)
         _charts[key] = drawing.ChartDrawing(made)
     shown = _charts[key]
     note = ""
@@ -274,10 +311,14 @@ def unregister() -> None:
     for name, handler in _HANDLERS.items():
         if handler in getattr(bpy.app.handlers, name):
             getattr(bpy.app.handlers, name).remove(handler)
-    for timer in (describe, _record):
+    for timer in (describe, _record, _prepare):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
     del bpy.types.WindowManager.hfx_show_values
     del bpy.types.WindowManager.hfx_show_actuators
     del bpy.types.WindowManager.hfx_preview
     forget()
+    if not bpy.app.background:
+        from . import drawing
+
+        drawing.forget()

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import bpy
 import numpy as np
 import numpy.typing as npt
@@ -12,34 +10,19 @@ import numpy.typing as npt
 from ..avatars import avatar_meshes, retargeting
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.colouring import PALETTES, Spread
-from ..engine.samples import SampleRun
+from ..engine.samples import Sample, SampleRun
 from ..errors import HfxError
 from ..reading.live_scene import LiveScene
 from .actuator_glow import ActuatorGlow, Discs
+from .coloured_mesh import ColouredMesh, Layer
 from .evaluation import evaluation
+from .kept_frames import KeptFrames, Meshes
 from .over_time import OverTime
-from .skin_colours import SkinColours
-from .skin_now import Skin, Skins, triangles_of
+from .skin_now import Skins
 
-F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 
 _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
-_ABOVE_SKIN = 0.0015
-"""How far over the skin colours are drawn, metres, so that the two do not flicker."""
-
-
-@dataclass(frozen=True, eq=False)
-class Layer:
-    """Colours over those N vertices of an avatar's mesh at which anything shows, or nearly."""
-
-    vertices: I64  # (N,) of the mesh, ascending
-    positions: F32  # (N, 3) world space, Blender's units
-    normals: F32  # (N, 3) unit
-    triangles: I32  # (F, 3) of the N; the same array as long as they are the same
-    colours: F32  # (N, 4) straight alpha
 
 
 class Preview:
@@ -50,11 +33,12 @@ class Preview:
         self._glow: ActuatorGlow | None = None
         self._key: tuple[object, ...] = ()
         self._spreads: dict[tuple[str, str], Spread] = {}
-        self._meshes: dict[str, _ColouredMesh] = {}
+        self._meshes: dict[str, ColouredMesh] = {}
+        self._kept = KeptFrames()
         self._skins = Skins()
-        self._runs: list[SampleRun] | None = None
+        self._contact: frozenset[str] = frozenset()
         self._layers: list[Layer] | None = None
-        self._strengths: list[F64] | None = None
+        self._discs: list[Discs] | None = None
         self.fault = ""
 
     def forget(self) -> None:
@@ -64,7 +48,7 @@ class Preview:
 
     def touch(self) -> None:
         """Something moved; all is worked out when it is drawn next."""
-        self._runs = self._layers = self._strengths = None
+        self._layers = self._discs = None
         self._skins.touch()
         evaluation.touch()
 
@@ -78,8 +62,11 @@ class Preview:
             return
         self._key, self._scene, self._glow = key, evaluation.scene, None
         self.fault = evaluation.fault
-        self._runs = self._layers = self._strengths = None
+        self._layers = self._discs = None
         self._spreads, self._meshes = {}, {}
+        self._kept.forget()
+        described = () if self._scene is None else self._scene.description.effects
+        self._contact = frozenset(each.id for each in described if each.is_contact)
         try:
             if self._scene is not None and devices:
                 self._glow = ActuatorGlow(self._scene, scene)
@@ -105,65 +92,97 @@ class Preview:
             self._layers = []
             if self._scene is not None:
                 try:
-                    runs = self._felt(recorded, frame)
-                    self._layers = self._coloured(self._scene, runs, palette)
+                    self._layers = self._laid_over(self._scene, palette, recorded, frame)
                 except (HfxError, ReferenceError) as error:
                     self.fault = str(error)
         return self._layers
 
+    def prepare(self, palette: str, recorded: OverTime, first: int, last: int) -> bool:
+        """Work out what shows at one more of some frames of a record; False if all are known."""
+        index = self._kept.missing(recorded, palette, first, last)
+        if self._scene is None or index is None:
+            return False
+        try:
+            self._recorded(self._scene, palette, recorded, index)
+        except (HfxError, ReferenceError):  # which is told when it is drawn
+            return False
+        return True
+
     def discs(
         self, palette: str, recorded: OverTime | None = None, frame: float = 0.0
-    ) -> Discs | None:
+    ) -> list[Discs]:
         """Actuators to be drawn now; parameters as for :meth:`layers`."""
         if self._scene is None or self._glow is None:
-            return None
+            return []
         try:
-            if self._strengths is None:
-                runs = () if recorded is not None else self._felt(None, frame)
-                self._strengths = self._glow.strengths(runs, recorded, frame)
-            unit_m = self._scene.objects.unit_m
-            return self._glow.discs(self._strengths, PALETTES[palette], unit_m, self._skins)
+            if self._discs is None:
+                index = None if recorded is None else recorded.index(frame)
+                if recorded is None or index is None:
+                    strengths = self._glow.now(self._runs(self._scene))
+                else:
+                    strengths = self._glow.recorded(recorded, index)
+                unit_m = self._scene.objects.unit_m
+                self._discs = self._glow.discs(strengths, PALETTES[palette], unit_m, self._skins)
+            return self._discs
         except (HfxError, ReferenceError) as error:
             self.fault, self._glow = str(error), None
-            return None
+            return []
 
-    def _felt(self, recorded: OverTime | None, frame: float) -> list[SampleRun]:
-        if self._runs is None:
-            assert self._scene is not None
-            known = None if recorded is None else recorded.runs(frame)
-            if known is None:  # live devices may have described another scene just now
-                known = evaluation.runs() if evaluation.scene is self._scene else []
-            self._runs = known
-        return self._runs
+    def _runs(self, live: LiveScene) -> list[SampleRun]:
+        # Live devices may have described another scene just now.
+        return evaluation.runs() if evaluation.scene is live else []
 
-    def _coloured(self, live: LiveScene, runs: list[SampleRun], palette: str) -> list[Layer]:
+    def _laid_over(
+        self, live: LiveScene, palette: str, recorded: OverTime | None, frame: float
+    ) -> list[Layer]:
+        index = None if recorded is None else recorded.index(frame)
+        shown = None
+        if recorded is not None and index is not None:
+            shown = self._recorded(live, palette, recorded, index)
+        if shown is None:
+            shown = self._shown(live, palette, [each for run in self._runs(live) for each in run])
         found = []
-        contact = frozenset(e.id for e in live.description.effects if e.is_contact)
+        for coloured, part in shown:
+            skin = self._skins.of(coloured.mesh, live.objects.layer.depsgraph)
+            if skin is not None and skin.size == coloured.size:
+                found.append(coloured.layer(skin, part, live.objects.unit_m))
+        return found
+
+    def _recorded(
+        self, live: LiveScene, palette: str, recorded: OverTime, index: int
+    ) -> Meshes | None:
+        """What shows at a sample of a record; None where that is not known."""
+        known = self._kept.at(recorded, palette, index)
+        samples = recorded.samples(index) if known is None else None
+        if samples is not None:
+            known = self._shown(live, palette, samples)
+            self._kept.keep(index, known)
+        return known
+
+    def _shown(self, live: LiveScene, palette: str, samples: list[Sample]) -> Meshes:
+        found = []
         for body, described in zip(live.objects.bodies, live.description.bodies, strict=True):
-            mine = [run for run in runs if run.stream.body_id == described.id]
-            if not mine:
-                continue
-            samples = [sample for run in mine for sample in run]
-            for mesh in avatar_meshes.meshes_of(body):
-                skin = self._skins.of(mesh, live.objects.layer.depsgraph)
-                if skin is None:
-                    continue
-                coloured = self._coloured_mesh(body, mesh, mine)
-                vertices, colours = coloured.colours.of(samples, contact, PALETTES[palette])
-                if len(vertices):
-                    found.append(coloured.layer(skin, vertices, colours, live.objects.unit_m))
+            mine = [sample for sample in samples if sample.stream.body_id == described.id]
+            for mesh in avatar_meshes.meshes_of(body) if mine else ():
+                if mesh.visible_get():
+                    coloured = self._coloured_mesh(body, mesh, mine)
+                    shown = coloured.shown(mine, self._contact, PALETTES[palette])
+                    found += [] if shown is None else [(coloured, shown)]
         return found
 
     def _coloured_mesh(
-        self, body: bpy.types.Object, mesh: bpy.types.Object, runs: list[SampleRun]
-    ) -> _ColouredMesh:
-        models = tuple(sorted({run.stream.model_id for run in runs}))
+        self, body: bpy.types.Object, mesh: bpy.types.Object, samples: list[Sample]
+    ) -> ColouredMesh:
+        models = {sample.stream.model_id for sample in samples}
         known = self._meshes.get(mesh.name_full)
+        if known is not None and known.size != len(mesh.data.vertices):  # it was edited
+            known = None
+            self._spreads = {k: each for k, each in self._spreads.items() if k[0] != mesh.name_full}
         if known is None or not known.models.issuperset(models):
-            models = tuple({*models, *(known.models if known else ())})
+            models |= known.models if known else set()
             spreads = {model: self._spread(body, mesh, model) for model in models}
             counts = {model: (spread, len(load_model(model))) for model, spread in spreads.items()}
-            known = _ColouredMesh(mesh, SkinColours(counts), frozenset(models))
+            known = ColouredMesh(mesh, counts)
             self._meshes[mesh.name_full] = known
         return known
 
@@ -172,42 +191,6 @@ class Preview:
         if key not in self._spreads:
             self._spreads[key] = _spread(body, mesh, model_id)
         return self._spreads[key]
-
-
-class _ColouredMesh:
-    """One mesh, and which of its triangles were drawn last."""
-
-    def __init__(
-        self, mesh: bpy.types.Object, colours: SkinColours, models: frozenset[str]
-    ) -> None:
-        self.colours, self.models = colours, models
-        self._triangles = triangles_of(mesh)
-        self._is_shown = np.zeros(len(mesh.data.vertices), np.bool_)
-        self._place = np.zeros(len(mesh.data.vertices), np.int32)  # among the drawn ones
-        self._shown = np.zeros(0, np.int64)
-        self._drawn = np.zeros(0, np.int64)
-        self._indices = np.zeros((0, 3), np.int32)
-
-    def layer(self, skin: Skin, shown: I64, colours: F64, unit_m: float) -> Layer:
-        """The triangles at which anything shows."""
-        if not np.array_equal(shown, self._shown):
-            self._choose(shown)
-        positions, normals = skin.at(self._drawn)
-        positions += normals * np.float32(_ABOVE_SKIN / unit_m)
-        all_colours = np.zeros((len(self._drawn), 4), np.float32)
-        all_colours[self._place[shown]] = colours
-        return Layer(self._drawn, positions, normals, self._indices, all_colours)
-
-    def _choose(self, shown: I64) -> None:
-        flags, self._shown = self._is_shown, shown
-        flags[:] = False
-        flags[shown] = True
-        a, b, c = (flags.take(corner) for corner in self._triangles)
-        chosen = self._triangles.compress(a | b | c, axis=1)
-        flags[chosen] = True  # those around them, too
-        self._drawn = np.flatnonzero(flags)
-        self._place[self._drawn] = np.arange(len(self._drawn), dtype=np.int32)
-        self._indices = np.ascontiguousarray(self._place[chosen].T)
 
 
 def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:

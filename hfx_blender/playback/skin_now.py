@@ -8,35 +8,33 @@ import numpy as np
 import numpy.typing as npt
 
 F32 = npt.NDArray[np.float32]
-Numbers = npt.NDArray[np.integer]
 
 _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "ARRAY"})
 """Modifiers that add vertices behind those of the mesh."""
 
 
 class Skin:
-    """One mesh at this moment."""
+    """One mesh at this moment.
+
+    Attributes
+    ----------
+    size : int
+        How many vertices it has before modifiers add any.
+    positions, normals : (V, 3) float32
+        In the mesh's own space, Blender's units; the first ``size`` are those of the mesh.
+    world : mathutils.Matrix
+        From there to the world.
+    """
 
     def __init__(self, evaluated: bpy.types.Object, size: int) -> None:
         data = evaluated.data
         self.size = size
         count = len(data.vertices)
-        self._at, self._outward = np.empty(count * 3, np.float32), np.empty(count * 3, np.float32)
-        data.attributes["position"].data.foreach_get("vector", self._at)
-        data.vertex_normals.foreach_get("vector", self._outward)
-        self._at, self._outward = self._at.reshape(-1, 3), self._outward.reshape(-1, 3)
-        self._matrix = np.array(evaluated.matrix_world, np.float32)
-        inverse = evaluated.matrix_world.to_3x3().inverted_safe()
-        self._inverse = np.array(inverse, np.float32)
-
-    def at(self, vertices: Numbers) -> tuple[F32, F32]:
-        """Positions and unit normals (N, 3) of some vertices, world space, Blender's units."""
-        at = self._at.take(vertices, axis=0) @ self._matrix[:3, :3].T
-        at += self._matrix[:3, 3]
-        outward = self._outward.take(vertices, axis=0) @ self._inverse
-        lengths = np.sqrt(np.einsum("ij,ij->i", outward, outward))
-        outward /= np.maximum(lengths, np.float32(1e-12))[:, None]
-        return at, outward
+        positions, normals = np.empty(count * 3, np.float32), np.empty(count * 3, np.float32)
+        data.attributes["position"].data.foreach_get("vector", positions)
+        data.vertex_normals.foreach_get("vector", normals)
+        self.positions, self.normals = positions.reshape(-1, 3), normals.reshape(-1, 3)
+        self.world = evaluated.matrix_world.copy()
 
 
 class Skins:
@@ -69,10 +67,10 @@ def _only_adds(mesh: bpy.types.Object, evaluated: bpy.types.Object) -> bool:
 
 
 def triangles_of(mesh: bpy.types.Object) -> npt.NDArray[np.int32]:
-    """A mesh's triangles, (3, F)."""
+    """A mesh's triangles, (F, 3)."""
     data = mesh.data
     if not len(data.loop_triangles):
         data.calc_loop_triangles()
     corners = np.zeros(len(data.loop_triangles) * 3, np.int32)
     data.loop_triangles.foreach_get("vertices", corners)
-    return np.ascontiguousarray(corners.reshape(-1, 3).T)
+    return corners.reshape(-1, 3)

@@ -42,7 +42,7 @@ class CurveEffect:
     ) -> None:
         self._hfx = effect.hfx
         self._state = state
-        self._shape = shape
+        self.shape = shape
         self._unit_m = unit_m
         self._place = PlainObject(effect, self._default)
         self._names = effect_values.PARAMETER_PROPERTIES[effect.hfx.modality]
@@ -92,7 +92,7 @@ class CurveEffect:
                 matrices=effect_values.to_metres(world, self._unit_m),
                 vertices=self._vertices,
             )
-        if not is_volume or world is None or self._shape is None:
+        if not is_volume or world is None or self.shape is None:
             return EffectBlock(
                 levels,
                 np.stack(parameters, axis=1),
@@ -105,7 +105,7 @@ class CurveEffect:
             levels,
             np.stack(parameters, axis=1),
             matrices=effect_values.shape_matrices(world, self._unit_m, self._hfx),
-            shapes=(self._shape,),
+            shapes=(self.shape,),
             response=self._response(sampled),
         )
 
@@ -226,15 +226,15 @@ class CurveBody:
     ) -> None:
         if isinstance(binding, SurfaceBinding):
             raise NotModelledError(f"'{body.name}' follows its avatar's surface")
-        self._rig = PlainRig(body)
+        self.rig = PlainRig(body)
         self._unit_m = unit_m
 
     def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
         """The body at frames of the scene; only those that are wanted are posed."""
-        bones = np.zeros((len(frames), self._rig.bone_count, 3, 4))
+        bones = np.zeros((len(frames), self.rig.bone_count, 3, 4))
         to_world = np.zeros((len(frames), 4, 4))
         if not wanted.any():
             return PoseBlock(wanted, to_world)
-        world, bones[wanted] = self._rig.sample(frames[wanted])
+        world, bones[wanted] = self.rig.sample(frames[wanted])
         to_world[wanted] = effect_values.to_metres(world, self._unit_m)
         return PoseBlock(wanted, to_world, bones)

@@ -69,7 +69,14 @@ class Shapes:
         """The shape of an effect as it is evaluated at a time."""
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
-        mesh = evaluated.data
+        if not evaluated.data.is_editmode:
+            return self._mesh_volume(effect, evaluated.data)
+        try:  # what is being edited is not in the evaluated mesh itself
+            return self._mesh_volume(effect, evaluated.to_mesh())
+        finally:
+            evaluated.to_mesh_clear()
+
+    def _mesh_volume(self, effect: bpy.types.Object, mesh: bpy.types.Mesh) -> MeshVolume:
         positions = np.zeros(len(mesh.vertices) * 3, np.float32)
         if len(mesh.vertices):
             mesh.attributes["position"].data.foreach_get("vector", positions)

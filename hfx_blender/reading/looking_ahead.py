@@ -1,61 +1,131 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The scene a little later than it stands, from its F-curves alone: nothing is stepped.
+"""What comes in a scene, from its F-curves alone: read in blocks of frames, nothing is stepped.
 
 Devices that answer late are told early. Where something else than F-curves moves a scene, it
-cannot be known without evaluating it, which playback has no time for.
+cannot be known without evaluating it, which playback has no time for. Only what needs Blender is
+read here; bones are posed and contacts found by whoever evaluates it.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from ..engine.evaluate import Engine
-from ..engine.samples import SampleRun
-from ..engine.scene import AnimationBlock, HapticSurface
-from .effect_values import Shapes
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from ..devices.live.future import FutureBlock, FutureScene
+from ..engine.scene import HapticSurface, HapticVolume
+from . import stepping
+from .animation_curves import NotModelledError
+from .curve_reading import CurveBody, CurveEffect
+from .effect_values import Shapes, to_metres
 from .live_scene import LiveScene
-from .reading_plan import plan_of
+
+F64 = npt.NDArray[np.float64]
+
+Key = tuple[str, str]
+"""Kind and name of a datablock."""
 
 
 class LookAhead:
-    """What is felt at other frames of a scene.
+    """What is where at other frames of a scene.
 
     Parameters
     ----------
     live : LiveScene
+    before : LookAhead, optional
+        Of the same scene before an edit that concerned no body: those are not read again.
 
     Attributes
     ----------
     reason : str
         Why it is not known; empty: it is.
+    posing : frozenset of Key
+        What bodies follow.
     """
 
-    def __init__(self, live: LiveScene) -> None:
-        self._plan = plan_of(live.objects, live.description, Shapes())
-        self.reason = self._plan.reason
-        if any(isinstance(e.area, HapticSurface) for e in live.description.effects):
-            self.reason = "a surface is felt by the way that skin goes over it"
-        self._engine = Engine(live.description, record=live.record, tolerance=live.tolerance)
-        self._is_posed = bool(live.record)
-        self._effects = range(len(live.description.effects))
-        self._volumes = [k for k, e in enumerate(live.description.effects) if e.kind == "volume"]
-        self._bodies = range(len(live.description.bodies))
-
-    def runs(self, frame: float) -> list[SampleRun]:
-        """What is felt at a frame: at most one sample for each effect and body.
-
-        Raises
-        ------
-        InputError
-            Something of the scene cannot be felt any more.
-        ValueError
-            It is not known; see :attr:`reason`.
-        """
+    def __init__(self, live: LiveScene, before: LookAhead | None = None) -> None:
+        self._live = live
+        self._effects: list[CurveEffect] = []
+        self._bodies: list[CurveBody] = []
+        self._shapes = Shapes()
+        self.posing: frozenset[Key] = frozenset()
+        self.reason = _why_not(live)
         if self.reason:
-            raise ValueError(self.reason)
-        frames = np.array([frame])
-        effects = tuple(self._plan.effects[k].read(frames) for k in self._effects)
-        is_on = any((effects[k].levels > 0.0).any() for k in self._volumes)
-        is_posed = np.array([self._is_posed or is_on])
-        poses = tuple(self._plan.bodies[k].read(frames, is_posed) for k in self._bodies)
-        return self._engine.evaluate(AnimationBlock(np.zeros(1, np.int64), effects, poses))
+            return
+        try:
+            self._read(before)
+        except NotModelledError as error:
+            self.reason = str(error)
+
+    def _read(self, before: LookAhead | None) -> None:
+        found, described = self._live.objects, self._live.description
+        graph = found.layer.depsgraph
+        for effect, state in zip(found.effects, found.activations, strict=True):
+            shape = None
+            if effect.hfx.kind == "VOLUME":
+                shape = self._shapes.shape_of(effect, effect.evaluated_get(graph))
+            self._effects.append(CurveEffect(effect, state, shape, found.unit_m))
+        if before is not None and not before.reason:
+            self._bodies, self.posing = before._bodies, before.posing
+            return
+        for body, each in zip(found.bodies, described.bodies, strict=True):
+            self._bodies.append(CurveBody(body, each.binding, found.unit_m))
+        self.posing = frozenset(key for body in found.bodies for key in _followed_by(body))
+
+    def scene(self, edition: int) -> FutureScene:
+        """What does not change over time."""
+        live = self._live
+        return FutureScene(
+            edition,
+            replace(live.description, source={}, warnings=()),
+            live.tolerance,
+            tuple(live.record),
+            tuple(effect.shape for effect in self._effects),
+            tuple(body.rig.keyed for body in self._bodies),
+        )
+
+    def block(self, edition: int, frames: F64) -> FutureBlock:
+        """What is where at frames of the scene, (T,); they may lie between whole ones."""
+        frames = frames.astype(np.float32).astype(np.float64)  # as Blender keeps them
+        effects = (effect.read(frames) for effect in self._effects)
+        unit_m = self._live.objects.unit_m
+        return FutureBlock(
+            edition,
+            frames,
+            tuple(replace(each, shapes=()) for each in effects),
+            tuple(to_metres(body.rig.body.world(frames), unit_m) for body in self._bodies),
+            tuple(body.rig.channels(frames) for body in self._bodies),
+        )
+
+
+def _why_not(live: LiveScene) -> str:
+    """Why what comes does not follow from a frame's values alone; empty: it may."""
+    handler = stepping.foreign_handler()
+    if handler is not None:
+        return handler
+    effects = live.description.effects
+    if len(effects) > len(live.objects.effects):
+        return "instances and particles are not keyed one by one"
+    for each in effects:
+        if isinstance(each.area, HapticSurface):
+            return "a surface is felt by the way that skin goes over it"
+        if isinstance(each.area, HapticVolume) and each.area.response:
+            return f"how '{each.name}' answers a touch depends on what was before"
+    return ""
+
+
+def _followed_by(body: bpy.types.Object) -> list[Key]:
+    found: list[Key] = [("Armature", body.data.name)]
+    owner: bpy.types.Object | None = body
+    while owner is not None:
+        found.append(("Object", owner.name))
+        if owner.type == "ARMATURE":
+            found.append(("Armature", owner.data.name))
+        data = owner.animation_data
+        if data is not None:
+            actions = [data.action, *(s.action for t in data.nla_tracks for s in t.strips)]
+            found += [("Action", action.name) for action in actions if action is not None]
+        owner = owner.parent
+    return found

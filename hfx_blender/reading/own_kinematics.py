@@ -14,7 +14,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.body.kinematics import Rig, rotations, transforms
+from ..engine.body.kinematics import rotations, transforms
+from ..engine.keyed_rig import KeyedRig, rotation_channel
 from .animation_curves import AnimatedValues, NotModelledError
 
 F64 = npt.NDArray[np.float64]
@@ -106,7 +107,7 @@ class PlainObject:
         def of(name: str) -> F64:
             return self._channels(sampled, name)
 
-        turned = rotations(of(_rotation_name(mode)), mode)
+        turned = rotations(of(rotation_channel(mode)), mode)
         if mode == "QUATERNION":
             turned = rotations(of("delta_rotation_quaternion"), mode) @ turned
         elif mode != "AXIS_ANGLE":
@@ -160,19 +161,13 @@ class PlainRig:
                 raise NotModelledError(
                     f"bone '{bone.name}' of '{obj.name}' inherits only part of its parent's pose"
                 )
-        self._rest = np.array([bone.matrix_local for bone in bones], np.float64)
+        rest = np.array([bone.matrix_local for bone in bones], np.float64)
         self._lengths = {bone.name: bone.length for bone in bones}
         self._relative = {bone.name for bone in bones if bone.use_relative_parent}
-        self._rig = Rig(
-            [-1 if bone.parent is None else index[bone.parent.name] for bone in bones],
-            self._rest,
-            [bone.use_local_location for bone in bones],
-        )
-        self._connected = np.array([b.use_connect and b.parent is not None for b in bones])
-        self._modes = [bone.rotation_mode for bone in obj.pose.bones]
-        self._still = {name: self._current(name) for name in (*_rotations(self._modes), *_OTHERS)}
+        modes = [bone.rotation_mode for bone in obj.pose.bones]
+        still = {name: self._current(name) for name in (*_rotations(modes), *_OTHERS)}
         # Which column of the sampled values goes to which bone and which of its numbers.
-        places: dict[str, list[tuple[int, int, int]]] = {name: [] for name in self._still}
+        places: dict[str, list[tuple[int, int, int]]] = {name: [] for name in still}
         self._values = AnimatedValues(obj, rest_value, lambda path: path.startswith(_POSE))
         for (path, number), column in self._values.columns.items():
             match = _BONE.match(path)
@@ -185,7 +180,15 @@ class PlainRig:
                 raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
             if name in index and match[2] in places:
                 places[match[2]].append((column, index[name], number))
-        self._places = {name: np.array(found).T for name, found in places.items() if found}
+        self.keyed = KeyedRig(
+            tuple(-1 if bone.parent is None else index[bone.parent.name] for bone in bones),
+            rest,
+            tuple(bone.use_local_location for bone in bones),
+            tuple(modes),
+            np.flatnonzero([b.use_connect and b.parent is not None for b in bones]),
+            still,
+            {name: np.array(found).T for name, found in places.items() if found},
+        )
 
     def _current(self, name: str) -> F64:
         flat = np.zeros(len(self._names) * _WIDTHS[name], np.float32)
@@ -196,38 +199,23 @@ class PlainRig:
     def bone_count(self) -> int:
         return len(self._names)
 
+    def channels(self, frames: F64) -> F64:
+        """Sampled values (T, C), as :attr:`keyed` takes them."""
+        return self._values.sample(frames)
+
     def sample(self, frames: F64) -> tuple[F64, F64]:
         """World matrices (T, 4, 4), Blender's units, and skinning matrices (T, B, 3, 4)."""
-        return self.body.world(frames), self._skinning(self._values.sample(frames))
-
-    def _skinning(self, sampled: F64) -> F64:
-        values = {}
-        for name, still in self._still.items():
-            values[name] = np.repeat(still[None], len(sampled), axis=0)
-            if name in self._places:
-                columns, bones, numbers = self._places[name]
-                values[name][:, bones, numbers] = sampled[:, columns]
-        modes = dict.fromkeys(self._modes)
-        if len(modes) == 1:
-            (mode,) = modes
-            turned = rotations(values[_rotation_name(mode)], mode)
-        else:
-            turned = np.zeros((len(sampled), len(self._names), 3, 3))
-            for mode in modes:
-                mine = [k for k, other in enumerate(self._modes) if other == mode]
-                turned[:, mine] = rotations(values[_rotation_name(mode)][:, mine], mode)
-        values["location"][:, self._connected] = 0.0
-        return self._rig.pose(values["location"], turned, values["scale"])
+        return self.body.world(frames), self.keyed.skinning(self.channels(frames))
 
     def seat_of(self, bone: str, frames: F64) -> F64:
         """Where objects sit that have a bone as their parent, (T, 4, 4), armature space."""
         k = self._names.index(bone)
         seat = np.zeros((len(frames), 4, 4))
-        seat[:, :3] = self._skinning(self._values.sample(frames))[:, k]
+        seat[:, :3] = self.keyed.skinning(self.channels(frames))[:, k]
         seat[:, 3, 3] = 1.0
         if bone in self._relative:
             return seat
-        seat = seat @ self._rest[k]
+        seat = seat @ self.keyed.rest[k]
         seat[:, :3, 3] += seat[:, :3, 1] * self._lengths[bone]  # the bone's tail
         return seat
 
@@ -235,10 +223,5 @@ class PlainRig:
 _OTHERS = ("location", "scale")
 
 
-def _rotation_name(mode: str) -> str:
-    names = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
-    return names.get(mode, "rotation_euler")
-
-
 def _rotations(modes: list[str]) -> list[str]:
-    return list(dict.fromkeys(map(_rotation_name, modes)))
+    return list(dict.fromkeys(map(rotation_channel, modes)))

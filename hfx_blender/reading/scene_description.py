@@ -91,6 +91,13 @@ def _find_bodies(
 ) -> list[bpy.types.Object]:
     bodies = effects.bodies_of(scene)
     if not bodies:
+        inside = _instanced_body(scene)
+        if inside is not None:
+            raise InputError(
+                f"Scene '{scene.name}' shows the haptic body '{inside[1].name}' only as an "
+                f"instance, by '{inside[0].name}', and instances are not posed: select it and "
+                "make a library override (Object > Library Override > Make), or make it real."
+            )
         raise InputError(
             f"Scene '{scene.name}' has no haptic body: nobody is there to feel its "
             "effects. Add one with Add > Haptic > Avatar, or mark an armature as a body."
@@ -103,6 +110,18 @@ def _find_bodies(
                     "from the view layer, so Blender does not pose it."
                 )
     return bodies
+
+
+def _instanced_body(
+    scene: bpy.types.Scene,
+) -> tuple[bpy.types.Object, bpy.types.Object] | None:
+    """What instances a collection with a haptic body, and that body."""
+    for obj in scene.objects:
+        collection = obj.instance_collection
+        for each in collection.all_objects if collection is not None else ():
+            if each.hfx.role == "BODY":
+                return obj, each
+    return None
 
 
 def _find_effects(
@@ -221,7 +240,7 @@ def describe(
     return SceneDescription(
         time=time,
         bodies=tuple(
-            BodyDescription(ids[body.name], body.name, binding)
+            BodyDescription(ids[body.name_full], body.name, binding)
             for body, binding in zip(found.bodies, bindings, strict=True)
         ),
         effects=(*described, *more),
@@ -250,14 +269,14 @@ def _describe_effect(
         evaluated = effect.evaluated_get(found.layer.depsgraph)
         area = surface_reading.describe(effect, evaluated, found.unit_m)
     elif hfx.kind == "SPOT":
-        area = skin_areas.spot_area(effect, ids[_body_of(effect, found).name])
+        area = skin_areas.spot_area(effect, ids[_body_of(effect, found).name_full])
     elif hfx.kind == "ACTUATORS":
-        area = skin_areas.actuator_area(effect, ids[_body_of(effect, found).name])
+        area = skin_areas.actuator_area(effect, ids[_body_of(effect, found).name_full])
     else:
         falloff = Falloff(FalloffKind(hfx.falloff), hfx.falloff_share)
         area = HapticVolume(falloff, response_values.filters_of(effect))
     return EffectDescription(
-        id=ids[effect.name],
+        id=ids[effect.name_full],
         name=effect.name,
         modality=hfx.modality,
         model_id=effects.model_id_for(hfx.modality),
@@ -299,7 +318,7 @@ def _painted_area(
     checked = effects.checked_area(effect.name, vertices, weights, len(model))
     if not len(checked[0]):
         raise InputError(f"Effect '{effect.name}' is painted nowhere. Paint it, or delete it.")
-    return PaintedArea(ids[body.name], *checked)
+    return PaintedArea(ids[body.name_full], *checked)
 
 
 def _source(scene: bpy.types.Scene) -> dict[str, str]:

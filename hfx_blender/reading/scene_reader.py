@@ -130,8 +130,10 @@ class SceneReader:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was mended, and a user should know."""
-        return tuple(self._shapes.notes)
+        """What was mended, or is likely to be meant otherwise, and a user should know."""
+        surfaces = (effect for effect in self._found.effects if effect.hfx.kind == "SURFACE")
+        told = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
+        return (*self._shapes.notes, *(text for text, s in told.items() if s.warning))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Where devices of the room stand at all samples, as a track keeps it; or nothing."""

@@ -26,6 +26,9 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
     bl_label = "Haptic Effects"
     bl_order = 0
 
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        self.layout.operator("hfx.workspace", text="", icon="WORKSPACE", emboss=False)
+
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         row = layout.row(align=True)
@@ -46,8 +49,11 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             )
         elif has_body and not found:
             draw_text(context, layout, _NO_EFFECT, "INFO")
-        layout.menu("HFX_MT_add", text="Add", icon="ADD")
+        row = layout.row(align=True)
+        row.menu("HFX_MT_add", text="Add", icon="ADD")
         if found:
+            row.operator("hfx.copy_effects", text="", icon="COPYDOWN")
+            row.operator("hfx.paste_effects", text="", icon="PASTEDOWN")
             row = layout.row(align=True)
             for name, label in (
                 ("hfx.scale_strength", "Gain"),
@@ -102,7 +108,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         row.prop(strip, "frame_end_ui", text="End")
         column = box.column(align=True)
         if strip.use_animated_influence:
-            column.label(text="Fades are drawn as a curve", icon="FCURVE")
+            column.prop(strip, "use_animated_influence", text="Fades Drawn as a Curve")
         else:
             column.prop(strip, "blend_in", text="Fade In (frames)")
             column.prop(strip, "blend_out", text="Fade Out (frames)")

@@ -39,12 +39,16 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         if live.fault:
             draw_text(context, layout, live.fault, "ERROR")
         elif live.late and live.states:
-            text = f"Latency is not compensated while playing: {live.late}"
+            text = (
+                "Latency is compensated from the second time on that playback comes by: "
+                f"{live.late}"
+            )
             draw_text(context, layout, text, "INFO")
         for item in context.scene.hfx.devices:
             self._draw_device(context, layout.box(), item)
         row = layout.row(align=True)
         row.operator("hfx.live_add", icon="ADD")
+        row.operator("hfx.live_find", icon="VIEWZOOM")
         row.operator("hfx.live_import", text="", icon="IMPORT")
         if context.scene.hfx.devices:
             layout.prop(context.scene.hfx, "play_space")
@@ -70,6 +74,8 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
             return
         text, icon = STATES[state.state]
         draw_text(context, box, f"{text}: {state.text}" if state.text else text, icon)
+        offset = f"Offset {live.offset_ms(item.name):g} ms"
+        box.operator("hfx.live_offset", text=offset, icon="TIME").name = item.name
         device = live.device(item.name)
         if device is None or not state.is_armed:
             return

@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from .. import compat
+from ..authoring import media
 from .sidebar import HfxPanel
 
 
@@ -31,6 +32,14 @@ class HFX_PT_media(HfxPanel, bpy.types.Panel):
             row = column.row(align=True)
             row.prop(strip, "frame_start", text="Start")
             row.prop(strip, "volume")
+        for owner in media.videos_of(context.scene):
+            is_world = isinstance(owner, bpy.types.World)
+            column = layout.box().column(align=True)
+            row = column.row(align=True)
+            row.prop(owner, "name", text="", icon="WORLD" if is_world else "IMAGE_DATA")
+            if not is_world:
+                row.prop(owner, "hide_viewport", text="")
+            column.prop(owner, f'["{media.START}"]', text="Start")
         if sounds:
             layout.prop(context.scene, "sync_mode", text="Playback")
 

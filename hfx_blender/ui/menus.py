@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Entries in Blender's own menus: Add > Haptic, File > Import and Export."""
+"""Entries in Blender's own menus: Add > Haptic, File > Import and Export, context menus, NLA."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..operators.shared import active_armature, active_body, active_effect
 from ..properties import SHAPES
 
 
@@ -42,11 +43,57 @@ class HFX_MT_add(bpy.types.Menu):
         layout.operator("hfx.add_rain", icon="OUTLINER_OB_FORCE_FIELD")
         layout.operator("hfx.load_effects", icon="IMPORT")
         layout.operator("hfx.save_effects", icon="EXPORT")
+        layout.operator("hfx.paste_effects", icon="PASTEDOWN")
+
+
+class HFX_MT_object(bpy.types.Menu):
+    """What can be done with the active effect or body"""
+
+    bl_idname = "HFX_MT_object"
+    bl_label = "Haptic"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        effect = active_effect(context)
+        if effect is not None:
+            if effect.hfx.kind == "PAINTED":
+                layout.operator("hfx.paint_begin", icon="BRUSH_DATA")
+                layout.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
+            layout.operator("hfx.add_clip", icon="NLA")
+            layout.operator("hfx.add_heartbeat", icon="HEART")
+            layout.operator("hfx.copy_clips", icon="COPYDOWN")
+            layout.separator()
+            layout.prop(effect.hfx, "is_muted")
+            layout.prop(effect.hfx, "is_solo")
+            layout.separator()
+            layout.operator("hfx.copy_effects", icon="COPYDOWN")
+            layout.operator("hfx.save_effects", icon="EXPORT")
+        elif active_body(context) is None:
+            layout.operator("hfx.mark_body", icon="ADD")
+        else:
+            layout.operator_menu_enum(
+                "hfx.add_painted", "modality", text="Painted Effect", icon="BRUSH_DATA"
+            )
+        layout.operator("hfx.paste_effects", icon="PASTEDOWN")
 
 
 def _add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.separator()
     self.layout.menu(HFX_MT_add.bl_idname, icon="VIEW_PAN")  # a hand
+
+
+def _object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """In the context menus of objects, for those that have to do with haptics."""
+    if active_effect(context) is not None or active_armature(context) is not None:
+        self.layout.separator()
+        self.layout.menu(HFX_MT_object.bl_idname, icon="VIEW_PAN")
+
+
+def _nla_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    if active_effect(context) is not None:
+        self.layout.separator()
+        self.layout.operator("hfx.add_clip", text="Haptic Clip", icon="NLA")
+        self.layout.operator("hfx.add_heartbeat", text="Haptic Heartbeat", icon="HEART")
 
 
 def _export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -57,18 +104,24 @@ def _import_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("hfx.import_hjif", text="Haptics (.hjif)")
 
 
-_register, _unregister = bpy.utils.register_classes_factory((HFX_MT_add,))
+_ENTRIES = {
+    "VIEW3D_MT_add": _add_menu,
+    "VIEW3D_MT_object_context_menu": _object_menu,
+    "OUTLINER_MT_object": _object_menu,
+    "NLA_MT_add": _nla_menu,
+    "TOPBAR_MT_file_export": _export_menu,
+    "TOPBAR_MT_file_import": _import_menu,
+}
+_register, _unregister = bpy.utils.register_classes_factory((HFX_MT_add, HFX_MT_object))
 
 
 def register() -> None:
     _register()
-    bpy.types.VIEW3D_MT_add.append(_add_menu)
-    bpy.types.TOPBAR_MT_file_export.append(_export_menu)
-    bpy.types.TOPBAR_MT_file_import.append(_import_menu)
+    for name, entry in _ENTRIES.items():
+        getattr(bpy.types, name).append(entry)
 
 
 def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_import.remove(_import_menu)
-    bpy.types.TOPBAR_MT_file_export.remove(_export_menu)
-    bpy.types.VIEW3D_MT_add.remove(_add_menu)
+    for name, entry in reversed(_ENTRIES.items()):
+        getattr(bpy.types, name).remove(entry)
     _unregister()

@@ -75,8 +75,9 @@ def lines_of(
     if not len(path) or body is None:
         return None
     evaluated = effect.evaluated_get(depsgraph).hfx
-    shown = path[:: max(len(path) // _MOST_POINTS, 1)]
-    lifted = _on_body(body, depsgraph, np.concatenate([shown, path[-1:]]), unit_m)
+    own = paths.own_path(effect)
+    shown = own[:: max(len(own) // _MOST_POINTS, 1)]
+    lifted = _on_body(body, depsgraph, np.concatenate([shown, own[-1:]]), unit_m)
     now = places_on(path, np.array([evaluated.path_position]))
     ring = _ring(body, depsgraph, now, evaluated.radius * unit_m, unit_m)
     colour = modality_colour(effect.hfx.modality)

@@ -50,6 +50,10 @@ class HFX_PT_path(HfxPanel, bpy.types.Panel):
             icon="CURVE_PATH",
         )
         layout.operator_context = "INVOKE_DEFAULT"
+        row = layout.row(align=True)
+        row.operator("hfx.slide_spot", text="Slide", icon="VIEW_PAN")
+        row.operator("hfx.resize_spot", text="Resize", icon="CON_SIZELIMIT")
+        row.operator("hfx.key_spot", text="", icon="KEY_HLT")
         grid = layout.grid_flow(columns=2, align=True, even_columns=True)
         for mode, label, _ in MODES:
             grid.operator("hfx.draw_path", text=label, icon=_ICONS[mode]).mode = mode

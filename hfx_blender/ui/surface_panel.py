@@ -62,6 +62,8 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
         if settings.note:
             icon = "ERROR" if settings.is_faulty else "INFO"
             draw_text(context, layout, settings.note, icon)
+        if settings.warning and not settings.is_faulty:
+            draw_text(context, layout, settings.warning, "ERROR")
         for name in _SOURCE_FIELDS[settings.source]:
             layout.prop(settings, name)
         if settings.source == "SCAN" and _is_picture(settings.scan_path):

@@ -90,6 +90,8 @@ class HFX_GGT_volume(bpy.types.GizmoGroup):
             arrow.color, arrow.alpha = colour, 0.7
             arrow.color_highlight, arrow.alpha_highlight = (1.0, 1.0, 1.0), 1.0
             arrow.length = 0.0
+            if hasattr(arrow, "use_undo"):  # older versions make no undo step of their own
+                arrow.use_undo = True
             arrow.target_set_handler("offset", get=partial(_get, axis), set=partial(_set, axis))
             self.arrows.append(arrow)
 

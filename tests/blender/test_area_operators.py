@@ -237,3 +237,21 @@ def test_the_part_under_the_mouse_is_named_as_people_say_it(effect: Any) -> None
     middle = int(np.flatnonzero(model.side == 0)[0])
     assert part_name(canvas, middle) == PARTS[model.part[middle]].replace("_", " ").title()
     assert part_name(canvas, len(model) + 5) == ""
+
+
+def test_an_avatar_that_was_hidden_stays_hidden_after_painting(effect: Any) -> None:
+    skin = effect.hfx.body.hfx.avatar
+    for was_hidden in (True, False):
+        skin.hide_set(was_hidden)
+        bpy.ops.hfx.paint_begin()
+        assert skin.hide_get()
+        bpy.ops.hfx.paint_end()
+        assert skin.hide_get() == was_hidden
+
+
+def test_an_area_that_is_spoilt_is_told_and_can_be_cleared(effect: Any) -> None:
+    effect["hfx_vertices"], effect["hfx_weights"] = [10**8], [1.0]
+    with pytest.raises(RuntimeError, match="not one of the model's"):
+        bpy.ops.hfx.area_filter(action="grow")
+    bpy.ops.hfx.area_filter(action="clear")
+    bpy.ops.hfx.area_filter(action="grow")

@@ -115,3 +115,12 @@ def test_raining_again_replaces_the_shower_and_the_seed_decides(three: dict[str,
 def test_too_much_rain_is_refused(three: dict[str, Any]) -> None:
     with pytest.raises(RuntimeError, match="allowed are 1 to 5000"):
         bpy.ops.hfx.add_rain(drops_per_second=200.0, duration=60.0)
+
+
+def test_showers_of_different_names_rain_side_by_side(scene: Any) -> None:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_rain(drops_per_second=2.0, duration=1.0)
+    bpy.ops.hfx.add_rain(drops_per_second=3.0, duration=1.0, name="Shower")
+    bpy.ops.hfx.add_rain(drops_per_second=4.0, duration=1.0)  # in place of the first
+    names = [effect.name.rpartition(" ")[0] for effect in effects.effects_of(scene)]
+    assert sorted(names) == ["Rain"] * 4 + ["Shower"] * 3

@@ -92,3 +92,15 @@ def test_saving_settles_the_ids_of_copies(small: Any, tmp_path: Path) -> None:
     hfx_scenes.save(tmp_path / "x.blend")
     touch.name = "Zebra"  # now behind its copy
     assert (ids()["Zebra"], ids()[copy.name]) == (original, other)
+
+
+def test_a_linked_body_of_the_same_name_has_an_id_of_its_own(small: Any, tmp_path: Path) -> None:
+    path = hfx_scenes.save(tmp_path / "x.blend")
+    hfx_scenes.small_scene()
+    with bpy.data.libraries.load(str(path), link=True) as (_, here):
+        here.objects = ["Avatar", "Ball"]
+    for obj in here.objects:
+        bpy.context.scene.collection.objects.link(obj)
+    found = ids()
+    assert sorted(found) == ["Avatar", "Avatar [x.blend]", "Ball", "Ball [x.blend]", "Touch"]
+    assert len(set(found.values())) == 5

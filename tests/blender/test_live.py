@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,16 @@ import numpy as np
 import pytest
 
 import hfx_blender
-from hfx_blender import resources
+from hfx_blender import compat, resources
 from hfx_blender.authoring import clips
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live import discovery
+from hfx_blender.devices.live.discovery import FoundPort
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
 from hfx_blender.export import ExportSettings, export_scene, render_devices, scene_tolerance
+from hfx_blender.operators import live_setup
 from hfx_blender.playback import live as live_module
 from hfx_blender.playback import live_listening, live_settings, live_targets, look_ahead
 from hfx_blender.playback.evaluation import evaluation
@@ -240,6 +244,34 @@ def test_an_export_is_not_played(log: Path) -> None:
     assert not any(row["values"][0] for row in rows(log)[count:] if "values" in row)
 
 
+def test_an_export_is_no_edit_of_what_comes(log: Path) -> None:
+    play(log)
+    edition = live.ahead.edition
+    rumble = bpy.data.objects["Rumble"]
+
+    def change() -> None:
+        rumble.update_tag()
+        bpy.context.view_layer.update()
+
+    with stepping.scratch_scene(bpy.context.scene, [rumble]):
+        change()
+    assert live.ahead.edition == edition
+    change()
+    assert live.ahead.edition > edition
+
+
+def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play(log)
+
+    def deleted(*_: object) -> bool:
+        raise ReferenceError("StructRNA of type Object has been removed")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(live_module.Live, "beat", deleted)
+        assert live_listening._beat() > 0.0  # and is called again
+    assert live.fault == "" and evaluation.scene is None
+
+
 def test_a_test_pulse_is_felt_at_its_actuator(log: Path) -> None:
     until(lambda: live.is_armed)
     bpy.ops.hfx.live_pulse(name=PAD, actuator=3)
@@ -304,53 +336,155 @@ def test_both_are_told_when_something_is_added(log: Path) -> None:
     assert len(evaluation.runs()) == 2
 
 
-def test_late_actuators_are_told_early_while_it_plays(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The pad answers after 20 ms; one of ours answers after four frames."""
+@pytest.fixture
+def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Beside the pad, which answers after 20 ms, one that answers after four frames."""
     folder = tmp_path / "devices"
     folder.mkdir()
     monkeypatch.setenv("HFX_DEVICES", str(folder))
+    monkeypatch.setattr(look_ahead, "SETTLE_S", 0.0)
     content = json.loads((resources.device_configs() / f"{PAD}.json").read_text())
     content["id"] = "late"
     for kind in content["actuator_types"].values():
-        kind["latency_ms"] = 4 * 1000.0 / 24.0
+        kind["latency_ms"] = 160.0
     (folder / "late.json").write_text(json.dumps(content))
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 24
+    bpy.context.scene.render.fps = 25  # each frame is a sample of the export's 100 Hz
     path = tmp_path / "late.jsonl"
     bpy.ops.hfx.live_add(name="late")
     bpy.ops.hfx.live_connect(name="late", kind="SIMULATOR", path=str(path))
     play(path)
-    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
-    live_listening._describe()
-    assert live.late == ""
-    go(7)  # the clip begins at 10
-    until(lambda: is_loud(path) and not is_loud(log))
-    monkeypatch.setattr(live_listening, "is_playing", lambda: False)
-    go(6)
-    go(7)
-    until(lambda: not is_loud(path))
+    return path
 
 
-def test_a_scene_that_cannot_be_known_ahead_says_why(log: Path) -> None:
-    play(log)
+def is_read() -> bool:
+    """Whether all that comes has been read."""
+    return live.ahead.is_read
+
+
+def last(path: Path) -> list[float]:
+    return rows(path)[-1].get("values", [])
+
+
+def test_late_actuators_are_given_what_an_export_has_when_they_answer(
+    log: Path, late: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = bpy.context.scene
     rumble = bpy.data.objects["Rumble"]
+    for frame, amplitude in ((1, 1.0), (24, 24.0)):  # by a metre per second squared each frame
+        rumble.hfx.amplitude = amplitude
+        rumble.keyframe_insert("hfx.amplitude", frame=frame)
+    for curve in compat.fcurves(rumble):
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
+    until(is_read)
+    export_scene(scene, tmp_path, "x", ExportSettings(full_precision=True))
+    with TrackReader(tmp_path / f"x{SUFFIX}") as track:
+        ((_, exported),) = render_devices(track, [replace_latency(load_device(PAD))])
+    assert live.ahead.reason == ""
+    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
+    for frame in (8, 11, 14):  # the clip is from 10 to 20
+        time_s = (frame - 1) / 25.0 + 0.16
+        wanted = exported.values[int(np.argmin(np.abs(exported.times_s - time_s)))].tolist()
+        assert wanted[0] > 0.0
+
+        def is_given(frame: int = frame, wanted: list[float] = wanted) -> bool:
+            go(frame)
+            return last(late) == pytest.approx(wanted, rel=1e-5)
+
+        until(is_given)
+    monkeypatch.setattr(live_listening, "is_playing", lambda: False)
+    go(7)  # scrubbing: the clip has not begun
+    until(lambda: not is_loud(late))
+
+
+def replace_latency(device: Any) -> Any:
+    """The device with actuators that answer at once."""
+    actuators = tuple(
+        replace(each, type=replace(each.type, latency_ms=0.0)) for each in device.actuators
+    )
+    return replace(device, actuators=actuators)
+
+
+def test_what_is_edited_while_it_plays_is_what_comes(
+    log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    until(is_read)
+    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
+    go(7)
+    until(lambda: is_loud(late) and not is_loud(log))
+    bpy.data.objects["Rumble"].hfx.is_muted = True
+    bpy.data.objects["Rumble"].update_tag()
+    bpy.context.view_layer.update()
+
+    def is_silent() -> bool:
+        go(7)
+        return not is_loud(late)
+
+    assert bpy.app.timers.is_registered(live_listening._describe)
+    until(is_silent)
+    bpy.data.objects["Rumble"].hfx.is_muted = False
+    bpy.data.objects["Rumble"].update_tag()
+    bpy.context.view_layer.update()
+
+    def is_felt() -> bool:
+        go(7)
+        return is_loud(late)
+
+    until(is_felt)
+
+
+def test_what_cannot_be_known_ahead_says_why_and_is_known_when_it_comes_by_again(
+    log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rumble = bpy.data.objects["Rumble"]
+    rumble.hfx.body.constraints.new("COPY_LOCATION")
     rumble.constraints.new("COPY_LOCATION")
-    body = rumble.hfx.body
-    body.constraints.new("COPY_LOCATION")
+    bpy.context.view_layer.update()
     evaluation.forget()
     live_listening._describe()
-    assert "constraints" in live.late
+    until(lambda: "constraints" in live.ahead.reason)
+    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
+    go(7)
+    until(lambda: not is_loud(late) and not is_loud(log))
+
+    def is_felt_early() -> bool:
+        go(11)
+        time.sleep(0.02)  # until it is on its way
+        go(7)
+        return is_loud(late) and not is_loud(log)
+
+    until(is_felt_early)
 
 
-def test_playback_begins_again_where_it_ends(scene: Any) -> None:
-    scene.frame_start, scene.frame_end, scene.render.fps = 1, 10, 10
-    for frame, ahead in ((1, 3.0), (8, 10.0), (9, 1.0), (10, 2.0), (30, 32.0)):
-        scene.frame_set(frame)
-        assert look_ahead.frame_ahead(scene, 200.0) == pytest.approx(ahead)
-    scene.use_preview_range = True
-    scene.frame_preview_start, scene.frame_preview_end = 4, 6
-    scene.frame_set(6)
-    assert look_ahead.frame_ahead(scene, 200.0) == pytest.approx(5.0)
+def test_the_offset_of_a_device_is_set_while_it_plays_and_remembered(log: Path) -> None:
+    play(log)
+    assert bpy.ops.hfx.live_offset(name=PAD, offset_ms=40.0) == {"FINISHED"}
+    assert live.offset_ms(PAD) == 40.0
+    assert live_settings.load()[PAD].offset_ms == 40.0
+    assert live_settings.load()[PAD].path == str(log)  # the rest is as it was
+    with pytest.raises(RuntimeError, match="not connected"):
+        bpy.ops.hfx.live_offset(name="other", offset_ms=40.0)
+
+
+def test_a_device_that_was_found_is_added_and_connected_there(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = "arduino_uno_pwm"
+    brand = load_device(board).brand
+    assert brand is not None
+    port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
+    monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
+    monkeypatch.setattr(discovery.found_devices, "__defaults__", (lambda host, port: False,))
+    assert live_setup._look() == [port.name]
+    names = [each.device for each in live_setup._found]
+    assert board in names
+    assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}
+    assert board in bpy.context.scene.hfx.devices
+    assert live_settings.load()[board].port == port.name
+    until(lambda: live.states[board].state == "lost")  # there is no such port here
+    assert port.name in live.states[board].text
+    assert live.states[PAD].state != "lost"
 
 
 def test_a_node_map_is_imported_and_added(log: Path, tmp_path: Path, monkeypatch: Any) -> None:

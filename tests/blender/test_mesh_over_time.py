@@ -64,3 +64,15 @@ def test_a_hole_that_was_closed_is_told(small: Any, tmp_path: Path) -> None:
     bpy.ops.hfx.volume_from_mesh(modality="pressure", name="Press")
     report = _exported(small, tmp_path)
     assert [text for text in report.notes if "a hole was closed" in text]
+
+
+def test_a_mesh_in_edit_mode_is_felt_as_it_is_edited(small: Any, tmp_path: Path) -> None:
+    box = _box(small)
+    box.shape_key_clear()
+    bpy.ops.hfx.volume_from_mesh(modality="pressure", name="Press")
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert _exported(small, tmp_path).engine["contacts"]
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.transform.translate(value=(50.0, 0.0, 0.0))
+    assert not _exported(small, tmp_path).engine["contacts"]
+    bpy.ops.object.mode_set(mode="OBJECT")

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.device import DeviceConfig, RoomPlace
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
@@ -82,7 +83,9 @@ def test_live_samples_tell_where_they_are_if_that_is_needed(fan: DeviceConfig) -
     found = LiveScene(scene, layer, tolerance, with_positions=True)
     (run,) = found.runs()
     assert run.positions is not None and len(run.positions) == len(run.vertices)
-    (later,) = LookAhead(found).runs(3.5)
+    ahead = LookAhead(found)
+    coming = ahead.block(0, np.array([3.5])).at(0, ahead.scene(0))
+    (later,) = Engine(found.description, record=found.record).evaluate(coming)
     assert later.positions is not None
     assert later.positions == pytest.approx(run.positions, abs=1e-6)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import bpy
@@ -14,9 +15,11 @@ from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread, felt_shares, overlay
 from hfx_blender.engine.samples import Sample, Stream
-from hfx_blender.playback.preview_layers import Layer, Preview
+from hfx_blender.playback.coloured_mesh import Layer
+from hfx_blender.playback.preview_layers import Preview
 from hfx_blender.playback.skin_colours import SkinColours
 
+BYTE = 0.51 / 255.0  # colours are kept as bytes
 PALM = PARTS.index("hand_palm")
 
 
@@ -26,32 +29,41 @@ def shown(scene: Any) -> Preview:
     return Preview()
 
 
-def now(preview: Preview, palette: str = "PAPER") -> list[Layer]:
-    """What is shown, each with a row for every vertex of its mesh."""
+@dataclass(frozen=True)
+class Whole:
+    """A layer with a row for every vertex of its mesh."""
+
+    positions: np.ndarray  # in the world, where it is drawn
+    normals: np.ndarray
+    triangles: np.ndarray
+    colours: np.ndarray  # 0..1
+
+
+def now(preview: Preview, palette: str = "PAPER") -> list[Whole]:
     bpy.context.view_layer.update()
     preview.touch()
     preview.describe(bpy.context)
     return [whole(layer) for layer in preview.layers(palette)]
 
 
-def whole(layer: Layer) -> Layer:
-    count = len(load_avatar().vertices)
+def whole(layer: Layer) -> Whole:
+    count, shown, matrix = len(load_avatar().vertices), layer.shown, np.array(layer.matrix)
 
     def spread(values: np.ndarray) -> np.ndarray:
         found = np.zeros((count, values.shape[1]), np.float32)
-        found[layer.vertices] = values
+        found[shown.vertices] = values
         return found
 
-    return Layer(
-        np.arange(count),
-        spread(layer.positions),
+    over = layer.positions + layer.normals * layer.above
+    return Whole(
+        spread(over @ matrix[:3, :3].T + matrix[:3, 3]),
         spread(layer.normals),
-        layer.vertices[layer.triangles],
-        spread(layer.colours),
+        shown.vertices[shown.triangles],
+        spread(shown.colours / 255.0),
     )
 
 
-def coloured(layers: list[Layer]) -> np.ndarray:
+def coloured(layers: list[Whole]) -> np.ndarray:
     (layer,) = layers
     return np.flatnonzero(layer.colours[:, 3] > 0.0)
 
@@ -78,7 +90,7 @@ def test_a_painted_palm_is_coloured_and_nothing_far_from_it(shown: Preview) -> N
     inner = palm & (np.linalg.norm(avatar.vertices - middle, axis=1) < 0.02)
     assert inner.sum() > 5
     assert layer.colours[inner] == pytest.approx(
-        np.tile([*COLOURS["pressure"], 1.0], (inner.sum(), 1)), abs=1e-5
+        np.tile([*COLOURS["pressure"], 1.0], (inner.sum(), 1)), abs=BYTE
     )
     assert not layer.colours[avatar.side == RIGHT].any()
     assert len(layer.triangles) < 0.1 * len(avatar.faces) * 2, "only what shows is drawn"
@@ -132,7 +144,7 @@ def test_palettes_change_colours_only(shown: Preview) -> None:
     assert np.array_equal(coloured(red), coloured(safe))
     strongest = safe[0].colours[:, 3].argmax()
     assert safe[0].colours[strongest, :3] == pytest.approx(
-        PALETTES["COLOUR_BLIND"]["cold"], abs=1e-5
+        PALETTES["COLOUR_BLIND"]["cold"], abs=BYTE
     )
 
 
@@ -176,7 +188,7 @@ def test_colours_of_what_shows_are_those_that_the_engine_gives_to_every_vertex()
         stream = Stream(f"e{k}", "body", modality, model)
         samples.append(Sample(0.0, stream, vertices, weights, 0.7, np.array(values)))
     every = overlay(felt_shares(samples, spreads, counts), PALETTES["WARM_COLD"])
-    colours = SkinColours({model: (spread, 40) for model in spreads})
+    colours = SkinColours(200, {model: (spread, 40) for model in spreads})
     shown, found = colours.of(samples, frozenset(), PALETTES["WARM_COLD"])
     assert np.array_equal(shown, np.flatnonzero(every[:, 3]))
     assert found == pytest.approx(every[shown], abs=1e-5)

@@ -31,7 +31,14 @@ def unregistered(scene: Any) -> Iterator[None]:
 def _traces() -> dict[str, list[str]]:
     draws = {
         menu.__name__: [each.__name__ for each in getattr(menu.draw, "_draw_funcs", ())]
-        for menu in (bpy.types.VIEW3D_MT_add, bpy.types.TOPBAR_MT_file_export)
+        for menu in (
+            bpy.types.NLA_MT_add,
+            bpy.types.OUTLINER_MT_object,
+            bpy.types.TOPBAR_MT_file_export,
+            bpy.types.TOPBAR_MT_window,
+            bpy.types.VIEW3D_MT_add,
+            bpy.types.VIEW3D_MT_object_context_menu,
+        )
     }
     return {
         "types": sorted(name for name in dir(bpy.types) if "hfx" in name.lower()),
@@ -270,6 +277,22 @@ def test_the_export_panel_and_the_menus(scene: Any) -> None:
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
     assert drawn(menus._add_menu, bpy.context) == ["HFX_MT_add"]
     assert drawn(menus._export_menu, bpy.context) == ["hfx.export"]
+
+
+def test_the_context_menu_is_that_of_the_active_object(scene: Any) -> None:
+    assert drawn(menus._object_menu, bpy.context) == drawn(menus._nla_menu, bpy.context) == []
+    bpy.ops.hfx.add_avatar()
+    assert drawn(menus._object_menu, bpy.context) == ["HFX_MT_object"]
+    shown = drawn(menus.HFX_MT_object.draw, bpy.context)
+    assert shown == ["hfx.add_painted", "hfx.paste_effects"]
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
+    shown = drawn(menus.HFX_MT_object.draw, bpy.context)
+    assert {"hfx.add_clip", "is_muted", "is_solo", "hfx.copy_effects"} <= set(shown)
+    assert "hfx.paint_begin" not in shown
+    assert drawn(menus._nla_menu, bpy.context) == ["hfx.add_clip", "hfx.add_heartbeat"]
+    bpy.ops.hfx.add_painted(modality="wind")
+    shown = drawn(menus.HFX_MT_object.draw, bpy.context)
+    assert {"hfx.paint_begin", "hfx.effect_mirrored"} <= set(shown)
 
 
 def test_the_command_line_within_blender(scene: Any, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,6 +15,8 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.colouring import PALETTES
 from hfx_blender.playback import over_time_updates, value_chart
+from hfx_blender.playback.actuator_glow import Discs
+from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.over_time import NeedsSteppingError, OverTime, record
 from hfx_blender.playback.over_time_updates import Updates
 from hfx_blender.playback.preview_layers import Preview
@@ -67,31 +69,50 @@ def test_a_record_gives_what_is_felt_as_the_engine_does_at_that_moment(
     scene.frame_set(15)
     preview = Preview()
     preview.describe(bpy.context)
-    (run,) = found.runs(15) or ()
-    (live,) = preview._felt(None, 15)
-    assert np.array_equal(run.vertices, live.vertices)
-    assert run.levels == pytest.approx(live.levels)
-    assert found.runs(30) == []
-    assert found.runs(60) is None, "the timeline has ended"
+    (sample,) = found.samples(found.index(15) or 0) or ()
+    ((live,),) = evaluation.runs()
+    assert np.array_equal(sample.vertices, live.vertices)
+    assert sample.level == pytest.approx(live.level)
+    assert found.samples(found.index(30) or 0) == []
+    assert found.index(60) is None, "the timeline has ended"
+
+
+def shares(preview: Preview, *now: Any) -> np.ndarray:
+    """How strongly actuators glow."""
+    preview.touch()
+    (discs,) = preview.discs("PAPER", *now)
+    return discs.rows[: len(discs.looks.radii), 0, 3]
 
 
 def test_actuators_glow_with_their_share_of_what_they_may_get(squeeze: Any, scene: Any) -> None:
     scene.frame_set(15)
     preview = Preview()
     preview.describe(bpy.context)
-    discs = preview.discs("PAPER")
-    assert discs is not None and preview.fault == ""
-    (live,) = preview._strengths or ()
-    preview.touch()
-    preview.discs("PAPER", whole(scene), 15)
-    (recorded,) = preview._strengths or ()
-    assert live == pytest.approx(recorded, abs=1e-6)
+    live = shares(preview)
+    assert preview.fault == ""
+    assert live == pytest.approx(shares(preview, whole(scene), 15), abs=1e-6)
     strongest = load_device("pressure_vest").actuators[0].type.strength.highest
     assert live == pytest.approx(6.0 / strongest), "all of the skin is squeezed"
     scene.frame_set(30)
+    assert not shares(preview).any()
+
+
+def test_where_the_record_ends_actuators_glow_with_what_is_felt(squeeze: Any, scene: Any) -> None:
+    found = whole(scene)
+    clips.add_clip(squeeze, 60, 70)
+    scene.frame_set(65)
+    preview = Preview()
+    preview.describe(bpy.context)
+    assert shares(preview, found, 65).all()
+
+
+def test_actuators_are_drawn_anew_only_if_something_moved(squeeze: Any, scene: Any) -> None:
+    preview = Preview()
+    preview.describe(bpy.context)
+    first = preview.discs("PAPER")
+    assert preview.discs("PAPER") is first, "what is on the graphics card is drawn again"
     preview.touch()
-    preview.discs("PAPER")
-    assert not (preview._strengths or [np.ones(1)])[0].any()
+    assert preview.discs("PAPER") is not first
 
 
 def test_actuators_lie_on_the_skin_and_go_where_the_body_goes(squeeze: Any, scene: Any) -> None:
@@ -102,23 +123,43 @@ def test_actuators_lie_on_the_skin_and_go_where_the_body_goes(squeeze: Any, scen
     body.location.x = 3.0
     bpy.context.view_layer.update()
     preview.touch()
-    second = preview.discs("PAPER")
-    assert first is not None and second is not None
-    assert second.positions - first.positions == pytest.approx(
-        np.tile([3.0, 0.0, 0.0], (len(first.positions), 1)), abs=1e-4
-    )
-    corners = len(first.positions) // 32  # the vest has 32 bladders
-    centres = first.positions[::corners]
+    (before,), (after,) = first, preview.discs("PAPER")
+    assert len(places(before)) == 32, "the vest has 32 bladders"
+    assert places(after) - places(before) == pytest.approx(np.tile([3.0, 0, 0], (32, 1)), abs=1e-4)
     skin = load_avatar().vertices
-    nearest = [np.linalg.norm(skin - centre, axis=1).min() for centre in centres]
-    assert max(nearest) < 0.006
+    nearest = [np.linalg.norm(skin - place, axis=1).min() for place in places(before)]
+    assert max(nearest) < 1e-5, "each on a vertex of the skin"
+    outward = before.rows[:32, 1, :3]
+    assert np.linalg.norm(outward, axis=1) == pytest.approx(1.0, abs=1e-5)
+    assert before.above * before.scale == pytest.approx(0.004)
+
+
+def test_discs_of_a_scaled_body_keep_their_size_and_height(squeeze: Any, scene: Any) -> None:
+    preview = Preview()
+    preview.describe(bpy.context)
+    squeeze.hfx.body.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    preview.touch()
+    (discs,) = preview.discs("PAPER")
+    assert discs.scale == pytest.approx(2.0)
+    assert discs.above * discs.scale == pytest.approx(0.004)
+    assert discs.looks.radii.min() >= 0.006 and discs.looks.radii.max() <= 0.02
+
+
+def places(discs: Discs) -> np.ndarray:
+    """Where they are in the world."""
+    matrix = np.array(discs.matrix)
+    found: np.ndarray = (
+        discs.rows[: len(discs.looks.radii), 0, :3] @ matrix[:3, :3].T + matrix[:3, 3]
+    )
+    return found
 
 
 def test_a_device_that_is_not_known_is_told_and_the_others_glow(squeeze: Any, scene: Any) -> None:
     scene.hfx.devices.add().name = "no_such_device"
     preview = Preview()
     preview.describe(bpy.context)
-    assert preview.discs("PAPER") is not None
+    assert len(preview.discs("PAPER")) == 1
     assert "no_such_device" in preview.fault
     assert any("no_such_device" in fault for fault in whole(scene).faults)
 

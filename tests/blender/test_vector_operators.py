@@ -127,7 +127,7 @@ def test_the_viewport_is_coloured_by_points_and_not_by_curves(vector: Any) -> No
     preview.touch()
     preview.describe(bpy.context)
     (layer,) = preview.layers("PAPER")
-    shown = layer.positions[layer.colours[:, 3] > 0.0]
+    shown = layer.positions[layer.shown.colours[:, 3] > 0]
     assert len(shown) and np.abs(shown - [0.0, 0.047, 1.25]).max() < 0.12
 
 

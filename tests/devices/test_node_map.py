@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hfx_blender.devices import node_map
 from hfx_blender.devices.configuration import check, load_device
 from hfx_blender.devices.node_map import import_node_map
 from hfx_blender.engine.body.model import load_model
@@ -41,6 +42,12 @@ def written(tmp_path: Path):
         return path
 
     return write
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), True, "1", None, 3.5, 10**400])
+def test_what_is_no_number_in_range_is_no_place(value: Any) -> None:
+    with pytest.raises(InputError, match=r"x is .* allowed is a number from -3 to 3"):
+        node_map._number(value, "x", -3.0, 3.0)
 
 
 def test_a_node_map_becomes_a_device_that_fits(written: Any, tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def test_colours_stay_in_range() -> None:
 def test_strengths_are_weight_times_level_times_value() -> None:
     sample = _sample("pressure", FULL_COLOUR["pressure"], (1, 3), level=0.5)
     sample.weights[:] = (0.5, 1.0)
-    assert colouring.strengths(sample, 5).tolist() == [0.0, 0.25, 0.0, 0.5, 0.0]
+    assert colouring.strengths(sample).tolist() == [0.25, 0.5]
 
 
 def test_spread_weighs_the_nearest_by_inverse_distance() -> None:

@@ -308,14 +308,15 @@ class Driver:
         columns = slice(area.x + round(area.width * left), area.x + round(area.width * right))
         pictures.write(self._documented / name, pixels[rows, columns])
 
-    def document_area(self, name: str, area: bpy.types.Area) -> None:
-        """With ``--pictures``: a picture for the documentation, a whole area of the window."""
+    def document_area(self, name: str, area: bpy.types.Area, height: float = 1.0) -> None:
+        """With ``--pictures``: a picture for the documentation, the upper part of an area."""
         if self._documented is None:
             return
         pixels = self._picture(name)
         (self.out / name).unlink()
         top = self.window.height - area.y - area.height
-        part = pixels[top : top + area.height, area.x : area.x + area.width]
+        bottom = top + round(area.height * height)
+        part = pixels[top:bottom, area.x : area.x + area.width]
         pictures.write(self._documented / name, part)
 
     def _picture(self, name: str) -> np.ndarray:

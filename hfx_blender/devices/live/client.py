@@ -1,66 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's side of live devices: starts the output process and talks to it without waiting."""
+"""Blender's side of live devices: what it may ask of the output process."""
 
 from __future__ import annotations
 
 import atexit
-import json
-import os
-import subprocess
-import sys
-import threading
-import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
-from queue import SimpleQueue
-from typing import IO, Any, Final, TypeVar
+from typing import Any
 
 import numpy.typing as npt
 
-from ... import resources
-from ...engine.samples import Stream
 from ...engine.track.header import TrackHeader
-from ...errors import DeviceError
+from .device_state import DeviceState as DeviceState
+from .device_state import Event as Event
+from .host_pipe import HostPipe
 from .messages import EVERY_DEVICE, Kind, json_to, message, values_to
-from .moments import Moment, SceneMessage, Worn, moment_to, scene_to
-
-_PACKAGE: Final = Path(__file__).resolve().parents[2]  # its folder; in an extension too
-_MAX_EVENTS: Final = 1000
-_Taken = TypeVar("_Taken")
-
-STOP_PATIENCE_S: Final = 0.2
-"""If a stop is not confirmed by then, the output process is ended: its ports close with it."""
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that the output process tells."""
-
-    event: str  # ready connected armed stopped silent fault lost closed levels log gone
-    device: int
-    text: str = ""
-    levels: tuple[float, ...] = ()
-
-
-@dataclass(eq=False)
-class DeviceState:
-    """What is known of a connected device."""
-
-    number: int
-    name: str
-    state: str = "connecting"  # connected armed stopped fault lost closed
-    configuration: str = ""
-    folder: str | None = None
-    has_script: bool = False
-    text: str = ""
-    levels: tuple[float, ...] = field(default_factory=tuple)
-
-    @property
-    def is_armed(self) -> bool:
-        return self.state == "armed"
+from .moments import Moment, SceneMessage, Worn, scene_to
 
 
 class LiveClient:
@@ -71,28 +26,19 @@ class LiveClient:
     """
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        # Between threads without a lock, which Blender would wait for: each step is atomic.
-        self._wake: SimpleQueue[None] = SimpleQueue()
-        self._urgent: deque[bytes] = deque()
-        self._newest: dict[int, bytes | Moment] = {}
-        self._places: dict[Stream, int] = {}  # of the scene that moments are of
-        self._silences = 0  # how often everything before became void
-        self._is_closing = False
-        self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
-        self._asked_silence_s: float | None = None
+        self._pipe = HostPipe()
         self._numbers = 0
         self.devices: dict[str, DeviceState] = {}
         atexit.register(self.close)
 
     @property
     def is_running(self) -> bool:
-        return self._process is not None and self._process.poll() is None
+        return self._pipe.is_running
 
     @property
     def pid(self) -> int | None:
         """Of the output process."""
-        return self._process.pid if self._process is not None else None
+        return self._pipe.pid
 
     def start(self) -> None:
         """Start the output process, unless it runs.
@@ -102,30 +48,9 @@ class LiveClient:
         DeviceError
             It cannot be started.
         """
-        if self.is_running:
-            return
-        self.close()
-        environment = dict(os.environ)
-        paths = [str(_PACKAGE.parent), environment.get("PYTHONPATH", "")]
-        environment["PYTHONPATH"] = os.pathsep.join(each for each in paths if each)
-        environment["OPENBLAS_NUM_THREADS"] = "1"  # its values are few
-        environment["HFX_BODY_MODELS"] = str(resources.user_body_models())
-        try:
-            process = subprocess.Popen(
-                [sys.executable, "-m", f"{_PACKAGE.name}.devices.live.host"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env=environment,
-                bufsize=0,
-                start_new_session=True,  # Ctrl-C in Blender's terminal is not meant for it
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-            )
-        except OSError as error:
-            raise DeviceError(f"The output process cannot be started ({error}).") from None
-        self._process, self._is_closing, self._asked_silence_s = process, False, None
-        self._wake, self._urgent, self._newest = SimpleQueue(), deque(), {}
-        for target in (self._write, self._listen):
-            threading.Thread(target=target, args=(process,), daemon=True).start()
+        if not self.is_running:
+            self.close()
+            self._pipe.start()
 
     def connect(
         self,
@@ -177,15 +102,15 @@ class LiveClient:
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
         }
-        self._tell(Kind.CONNECT, known.number, json_to(wish))
+        self._pipe.tell(Kind.CONNECT, known.number, json_to(wish))
         if is_armed:
-            self._tell(Kind.ARM, known.number)
+            self._pipe.tell(Kind.ARM, known.number)
         return known
 
     def disconnect(self, name: str) -> None:
         known = self.devices.pop(name, None)
         if known is not None:
-            self._tell(Kind.DISCONNECT, known.number)
+            self._pipe.tell(Kind.DISCONNECT, known.number)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
         """A device's values (columns,) now; what was not sent yet is replaced."""
@@ -198,52 +123,58 @@ class LiveClient:
     def describe(self, header: TrackHeader, body_id: str) -> None:
         """Moments from now on are of this scene, felt by this body; silent until one comes.
 
-        They are for the devices that are connected now.
+        They are for the devices that are connected now. What was foreseen of a scene before is
+        forgotten.
         """
         worn = tuple(
             Worn(each.number, each.configuration, each.folder, each.has_script)
             for each in self.devices.values()
         )
         body = scene_to(SceneMessage(header, body_id, worn))
-        self._newest.pop(EVERY_DEVICE, None)
-        self._silences += 1
-        self._places = {stream: k for k, stream in enumerate(header.streams)}
-        self._tell(Kind.SCENE, body=body)
+        self._pipe.void(EVERY_DEVICE)
+        self._pipe.places = {stream: k for k, stream in enumerate(header.streams)}
+        self._pipe.tell(Kind.SCENE, body=body)
 
     def show(self, moment: Moment) -> None:
         """What is felt now, for every device; what was not sent yet is replaced.
 
         It is handed over as it is: nothing of it may be changed any more.
         """
-        if self._process is None:
-            return
-        self._newest[EVERY_DEVICE] = moment
-        self._nudge()
+        self._pipe.replace(EVERY_DEVICE, moment)
+
+    def foresee(self, body: bytes, *, is_scene: bool) -> None:
+        """What comes in the scene, for actuators that answer late.
+
+        Parameters
+        ----------
+        body : bytes
+            A :class:`~hfx_blender.devices.live.future.FutureScene`, which replaces the one
+            before and all that came with it, or a ``FutureBlock`` of it; as ``plain_to`` makes it.
+        is_scene : bool
+        """
+        self._pipe.tell(Kind.FUTURE_SCENE if is_scene else Kind.FUTURE_BLOCK, body=body)
 
     def pulse(self, name: str, actuator: int) -> None:
         """Let one actuator be felt for a moment, softly."""
         if name in self.devices:
-            self._tell(Kind.PULSE, self.devices[name].number, json_to({"actuator": actuator}))
+            self._pipe.tell(Kind.PULSE, self.devices[name].number, json_to({"actuator": actuator}))
 
     def set_offset(self, name: str, offset_ms: float) -> None:
         if name in self.devices:
             number = self.devices[name].number
-            self._tell(Kind.SETTINGS, number, json_to({"offset_ms": offset_ms}))
+            self._pipe.tell(Kind.SETTINGS, number, json_to({"offset_ms": offset_ms}))
 
     def heartbeat(self) -> None:
         """A sign of life."""
-        self._tell(Kind.HEARTBEAT)
-        asked = self._asked_silence_s
-        if asked is not None and time.monotonic() - asked > STOP_PATIENCE_S and self.is_running:
-            self._kill("the output process did not confirm the stop and was ended")
+        self._pipe.tell(Kind.HEARTBEAT)
+        self._pipe.watch()
 
     def pause(self) -> None:
         """Before work of several 100 ms: devices are silent until the next values, and no sign
         of life is missed meanwhile.
         """
-        self._newest.clear()
-        self._silences += 1
-        self._tell(Kind.PAUSE)
+        self._pipe.void()
+        self._pipe.tell(Kind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
         """Play again, from silence; all devices, or one."""
@@ -257,168 +188,28 @@ class LiveClient:
         """Silence now, whatever else waits. If it is not confirmed, :meth:`heartbeat` ends
         the output process.
         """
-        if not self.is_running:
-            return
-        self._newest.clear()
-        self._silences += 1
-        self._urgent.appendleft(message(Kind.STOP, EVERY_DEVICE, reason.encode()))
-        if self._asked_silence_s is None:
-            self._asked_silence_s = time.monotonic()
-        self._nudge()
+        self._pipe.stop(reason)
 
     def close(self) -> None:
         """Stop everything and end the output process; at most a moment, and at any time."""
-        process, self._process = self._process, None
-        if process is None:
-            return
-        self._newest.clear()
-        self._silences += 1
-        self._urgent.clear()
-        self._urgent.append(message(Kind.STOP))
-        self._is_closing = True
-        self._nudge()
-        try:
-            process.wait(1.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        self.devices.clear()
+        if self._pipe.close():
+            self.devices.clear()
 
     def events(self) -> list[Event]:
         """What has been told since the last call; brings :attr:`devices` up to date."""
-        found = []
-        while self._events:
-            event = self._events.popleft()
-            found.append(event)
-            self._apply(event)
-        return found
-
-    def _apply(self, event: Event) -> None:
-        if event.event == "gone":
+        found = list(self._pipe.events())
+        for event in found:
             for state in self.devices.values():
-                state.state, state.text, state.levels = "lost", event.text, ()
-            return
-        for state in self.devices.values():
-            if state.number != event.device:
-                continue
-            if event.event == "levels":
-                state.levels = event.levels
-            elif event.event == "log":
-                state.text = event.text
-            elif event.event == "connected" or event.event == "armed":
-                state.state, state.text = event.event, ""
-            elif event.event == "closed":
-                if state.state != "lost":
-                    state.state, state.levels = "closed", ()
-            else:
-                state.state, state.text, state.levels = event.event, event.text, ()
+                state.hear(event)
+        return found
 
     def _command(self, kind: Kind, name: str | None) -> None:
         if name is None:
-            self._tell(kind)
+            self._pipe.tell(kind)
         elif name in self.devices:
-            self._tell(kind, self.devices[name].number)
-
-    def _nudge(self) -> None:
-        """There is something to write; who has been told so already is not told again."""
-        if self._wake.empty():
-            self._wake.put(None)
-
-    def _tell(self, kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
-        if not self.is_running:
-            return
-        if kind is Kind.HEARTBEAT and (self._urgent or self._newest):
-            return  # whatever waits is one
-        self._urgent.append(message(kind, device, body))
-        self._nudge()
+            self._pipe.tell(kind, self.devices[name].number)
 
     def _feed(self, name: str, kind: Kind, body: bytes) -> None:
         state = self.devices.get(name)
-        if state is None or self._process is None:
-            return
-        self._newest[state.number] = message(kind, state.number, body)
-        self._nudge()
-
-    def _kill(self, text: str) -> None:
-        if self._process is not None:
-            self._process.kill()
-        self._asked_silence_s = None
-        self._events.append(Event("gone", EVERY_DEVICE, text))
-
-    # Threads: pipes may make them wait.
-
-    def _write(self, process: subprocess.Popen[bytes]) -> None:
-        stream, wake = process.stdin, self._wake
-        assert stream is not None
-        try:
-            while True:
-                wake.get()
-                if process is not self._process and not self._is_closing:
-                    return
-                # What is new first: whatever is urgent that came before it is then there as well.
-                silences, is_last, places = self._silences, self._is_closing, self._places
-                newest = list(_taken(self._newest.popitem))[::-1]
-                waiting = list(_taken(self._urgent.popleft))
-                if waiting:
-                    _write_all(stream, b"".join(waiting))
-                data = b"".join(self._as_bytes(each, places) for _, each in newest)
-                if silences != self._silences and not is_last:
-                    continue  # a stop came meanwhile: nothing of before it is felt after it
-                _write_all(stream, data)
-                if is_last:
-                    return
-        except (OSError, ValueError):
-            pass  # the listener tells
-        finally:
-            with suppress(OSError):
-                stream.close()
-
-    def _as_bytes(self, newest: bytes | Moment, places: Mapping[Stream, int]) -> bytes:
-        if not isinstance(newest, Moment):
-            return newest
-        try:
-            return message(Kind.MOMENT, EVERY_DEVICE, moment_to(newest, places))
-        except KeyError:
-            return b""  # of the scene before
-        except Exception as error:
-            self.stop_all(f"what is felt cannot be handed over ({error})")
-            return b""
-
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
-        assert process.stdout is not None
-        with process.stdout, suppress(OSError, ValueError):
-            buffered = os.fdopen(os.dup(process.stdout.fileno()), "rb")
-            with buffered:
-                for line in buffered:
-                    self._hear(line)
-        if process is self._process:
-            self._events.append(Event("gone", EVERY_DEVICE, "the output process has ended"))
-
-    def _hear(self, line: bytes) -> None:
-        try:
-            found = json.loads(line)
-            event = Event(
-                str(found["event"]),
-                int(found["device"]),
-                str(found.get("text", "")),
-                tuple(float(each) for each in found.get("levels", ())),
-            )
-        except (ValueError, TypeError, KeyError):
-            return
-        if event.event == "silent":
-            self._asked_silence_s = None
-        else:
-            self._events.append(event)
-
-
-def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:
-    """What can be taken until nothing is left; others may add to it meanwhile."""
-    with suppress(IndexError, KeyError):
-        while True:
-            yield take()
-
-
-def _write_all(stream: IO[bytes], content: bytes) -> None:
-    data = memoryview(content)
-    while data:
-        data = data[stream.write(data) or 0 :]
+        if state is not None and self._pipe.is_open:
+            self._pipe.replace(state.number, message(kind, state.number, body))

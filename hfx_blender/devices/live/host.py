@@ -126,6 +126,9 @@ class Host:
         if kind is Kind.MOMENT:
             self._rendering.show(message.body)
             return
+        if kind in (Kind.FUTURE_SCENE, Kind.FUTURE_BLOCK):
+            self._rendering.foresee(kind, message.body)
+            return
         if kind in (Kind.STOP, Kind.PAUSE, Kind.SCENE):  # nothing of before is felt after it
             self._rendering.forget()
         if message.device == EVERY_DEVICE:

@@ -8,7 +8,7 @@ A moment holds a few arrays, whatever the number of its effects, and is bounded 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from ...engine.track.header import TrackHeader
 from ...engine.track.header_json import from_json, to_json
 from .haptics import ARRAYS
 from .messages import Array, MessageError, json_from, json_to, pack, unpack
+from .playhead import Playhead
 
 F64 = npt.NDArray[np.float64]
 
@@ -40,15 +41,18 @@ class Moment:
         By a device's number, what the user has set; 0 is mute, what is left out is 1.
     play_space : (4, 4) float64, optional
         Play space to world, metres.
-    later : mapping
-        What is felt some milliseconds later, for actuators that answer late.
+    edition : int
+        Rises with every edit: what was known of other frames is void.
+    playhead : Playhead, optional
+        Which frame it is, and which come next.
     """
 
     time_s: float
     runs: Sequence[SampleRun]
     gains: Mapping[int, float] = field(default_factory=dict)
     play_space: F64 | None = None
-    later: Mapping[float, Sequence[SampleRun]] = field(default_factory=dict)
+    edition: int = 0
+    playhead: Playhead | None = None
 
 
 @dataclass(frozen=True)
@@ -99,22 +103,20 @@ def scene_from(body: bytes) -> SceneMessage:
 def moment_to(moment: Moment, places: Mapping[Stream, int]) -> bytes:
     """A moment as a body; ``places`` are those of streams in the scene's header."""
     arrays: dict[str, Array] = {}
-    latencies_ms = list(moment.later)
     content: dict[str, Any] = {
         "time_s": moment.time_s,
         "gains": [[number, gain] for number, gain in moment.gains.items()],
-        "later": latencies_ms,
-        "drives": [],
+        "edition": moment.edition,
+        "playhead": None if moment.playhead is None else list(astuple(moment.playhead)),
+        "drives": _add_runs(moment.runs, places, arrays),
     }
     if moment.play_space is not None:
         arrays["play_space"] = np.asarray(moment.play_space, np.float64)
-    for prefix, runs in enumerate((moment.runs, *moment.later.values())):
-        content["drives"].append(_add_runs(f"{prefix} ", runs, places, arrays))
     return pack(content, arrays)
 
 
 def _add_runs(
-    prefix: str, runs: Iterable[SampleRun], places: Mapping[Stream, int], arrays: dict[str, Array]
+    runs: Iterable[SampleRun], places: Mapping[Stream, int], arrays: dict[str, Array]
 ) -> list[Any]:
     felt = [run for run in runs if len(run)]
     parameters = np.full((len(felt), _PARAMETERS), np.nan)
@@ -127,20 +129,20 @@ def _add_runs(
         if run.drive is not None:
             drive = run.drive
             drives.append([k, drive.device_id, list(drive.actuators), drive.values[0].tolist()])
-    arrays[prefix + "streams"] = np.array([places[run.stream] for run in felt], np.int32)
-    arrays[prefix + "levels"] = np.array([run.levels[0] for run in felt], np.float64)
-    arrays[prefix + "parameters"] = parameters
-    arrays[prefix + "focus"] = focus
-    arrays[prefix + "counts"] = np.array([len(run.vertices) for run in felt], np.int32)
-    arrays[prefix + "vertices"] = _joined([run.vertices for run in felt], np.int32)
-    arrays[prefix + "weights"] = _joined([run.weights for run in felt], np.float32)
+    arrays["streams"] = np.array([places[run.stream] for run in felt], np.int32)
+    arrays["levels"] = np.array([run.levels[0] for run in felt], np.float64)
+    arrays["parameters"] = parameters
+    arrays["focus"] = focus
+    arrays["counts"] = np.array([len(run.vertices) for run in felt], np.int32)
+    arrays["vertices"] = _joined([run.vertices for run in felt], np.int32)
+    arrays["weights"] = _joined([run.weights for run in felt], np.float32)
     for name in ARRAYS:
         found = [getattr(run, name) for run in felt]
         if any(each is not None for each in found):
             has = [each is not None for each in found]
-            arrays[f"{prefix}has {name}"] = np.array(has, np.int32)
+            arrays[f"has {name}"] = np.array(has, np.int32)
             parts = [each for each in found if each is not None]
-            arrays[prefix + name] = np.concatenate(parts).astype(np.float32)
+            arrays[name] = np.concatenate(parts).astype(np.float32)
     return drives
 
 
@@ -158,57 +160,51 @@ def moment_from(body: bytes, streams: Sequence[Stream]) -> Moment:
     """
     content, arrays = unpack(body)
     try:
-        later = content["later"]
-        time_s = float(content["time_s"])
-        runs = [
-            _runs(f"{k} ", content["drives"][k], time_s, streams, arrays)
-            for k in range(1 + len(later))
-        ]
-        gains = {int(number): float(gain) for number, gain in content["gains"]}
+        playhead = content["playhead"]
         return Moment(
-            time_s,
-            runs[0],
-            gains,
+            float(content["time_s"]),
+            _runs(content["drives"], float(content["time_s"]), streams, arrays),
+            {int(number): float(gain) for number, gain in content["gains"]},
             arrays.get("play_space"),
-            {float(ms): each for ms, each in zip(later, runs[1:], strict=True)},
+            int(content["edition"]),
+            None if playhead is None else Playhead(*playhead),
         )
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise MessageError(f"not a moment: {error}") from None
 
 
 def _runs(
-    prefix: str,
     drives: Sequence[Any],
     time_s: float,
     streams: Sequence[Stream],
     arrays: Mapping[str, Array],
 ) -> list[SampleRun]:
-    counts = arrays[prefix + "counts"]
+    counts = arrays["counts"]
     ends = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     driven = {k: Drive(device, tuple(names), _row(values)) for k, device, names, values in drives}
     first = dict.fromkeys(ARRAYS, 0)
     found = []
-    for k, place in enumerate(arrays[prefix + "streams"].tolist()):
+    for k, place in enumerate(arrays["streams"].tolist()):
         part = slice(int(ends[k]), int(ends[k + 1]))
         more: dict[str, Any] = {}
         for name in ARRAYS:
-            if prefix + name in arrays and arrays[f"{prefix}has {name}"][k]:
+            if name in arrays and arrays[f"has {name}"][k]:
                 stop = first[name] + int(counts[k])
-                more[name] = arrays[prefix + name][first[name] : stop]
+                more[name] = arrays[name][first[name] : stop]
                 first[name] = stop
         width = len(MODALITIES[streams[place].modality].parameters)
-        parameters = arrays[prefix + "parameters"][k : k + 1, :width]
-        focus = arrays[prefix + "focus"][k]
+        parameters = arrays["parameters"][k : k + 1, :width]
+        focus = arrays["focus"][k]
         found.append(
             SampleRun(
                 streams[place],
                 np.zeros(1, np.int64),
                 np.array([time_s]),
-                arrays[prefix + "levels"][k : k + 1],
+                arrays["levels"][k : k + 1],
                 parameters,
                 np.array([0, part.stop - part.start]),
-                arrays[prefix + "vertices"][part],
-                arrays[prefix + "weights"][part],
+                arrays["vertices"][part],
+                arrays["weights"][part],
                 focus=None if np.isnan(focus).all() else focus[None].astype(np.float32),
                 drive=driven.get(k),
                 **more,

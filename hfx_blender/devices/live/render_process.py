@@ -8,13 +8,13 @@ time, ends or talks nonsense is ended, and every device that it renders for has 
 from __future__ import annotations
 
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
+from ... import own_processes
 from .messages import Kind, Message, MessageError, message, read_message
 
 SCENE_S: Final = 60.0
@@ -42,6 +42,8 @@ class RenderProcess:
         self._known: bytes | None = None  # the newest scene
         self._scene: bytes | None = None  # if it has not been told yet
         self._moment: bytes | None = None
+        self._future: list[tuple[Kind, bytes]] = []  # a scene and what came of it
+        self._told = 0  # of those
         self._deadline_s: float | None = None  # while it is busy
         self._is_void = False  # what it is busy with does not matter any more
 
@@ -49,6 +51,7 @@ class RenderProcess:
         """Another scene: moments that come from now on are of it."""
         with self._wake:
             self._known = self._scene = scene
+            self._future, self._told = [], 0
             self.forget()
             self._start()
             self._wake.notify()
@@ -57,6 +60,14 @@ class RenderProcess:
         """The newest moment."""
         with self._wake:
             self._moment = moment
+            self._wake.notify()
+
+    def foresee(self, kind: Kind, body: bytes) -> None:
+        """What comes, of the scene that was described last: a new beginning, or more of it."""
+        with self._wake:
+            if kind is Kind.FUTURE_SCENE:
+                self._future, self._told = [], 0
+            self._future.append((kind, body))
             self._wake.notify()
 
     def forget(self) -> None:
@@ -69,7 +80,9 @@ class RenderProcess:
         """Start again, if it had to be ended."""
         with self._wake:
             if self._process is None and self._known is not None:
+                future = self._future
                 self.describe(self._known)
+                self._future = future
 
     def is_overdue(self, now_s: float) -> bool:
         """Whether an answer is late; then it has been ended."""
@@ -92,9 +105,8 @@ class RenderProcess:
     def _start(self) -> None:
         if self._process is not None:
             return
-        package = __package__.rsplit(".", 2)[0]
         self._process = process = subprocess.Popen(
-            [sys.executable, "-m", f"{package}.devices.live.render_worker"],
+            own_processes.command("devices.live.render_worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
@@ -127,6 +139,11 @@ class RenderProcess:
                     body, self._moment = self._moment, None
                     self._deadline_s = time.monotonic() + MOMENT_S
                     return message(Kind.MOMENT, body=body)
+                if self._deadline_s is None and self._told < len(self._future):
+                    kind, body = self._future[self._told]
+                    self._told += 1
+                    self._deadline_s = time.monotonic() + MOMENT_S
+                    return message(kind, body=body)
                 self._wake.wait()
         return None
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -20,16 +22,20 @@ import numpy.typing as npt
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
+from ...engine.samples import SampleRun
 from ..configuration import load_device
+from .foresight import Foresight
 from .haptics import packed
 from .messages import (
     EVERY_DEVICE,
     Kind,
+    Message,
     MessageError,
     message,
     values_to,
 )
 from .moments import Moment, SceneMessage, Worn, moment_from, scene_from
+from .playhead import latencies_ms
 from .tones import Tones, frame_of, of_partials
 from .worker_input import messages_of_owner
 
@@ -38,6 +44,7 @@ F64 = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 _LONGEST_TEXT: Final = 500
+_FUTURE: Final = (Kind.FUTURE_SCENE, Kind.FUTURE_BLOCK)
 
 
 @dataclass(eq=False)
@@ -50,11 +57,11 @@ class _Rendered:
     numbers: dict[str, int]  # of tones, by effect or by the modality that is substituted
     width: int  # actuators that take a waveform
 
-    def answer(self, moment: Moment) -> bytes:
+    def answer(self, moment: Moment, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
         """What its lane is told, or its script."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
-        values, partials = self.renderer.ahead(moment.runs, moment.later)
+        values, partials = self.renderer.ahead(moment.runs, later)
         gain = moment.gains.get(self.worn.number, 1.0)
         values = with_gain(values, self.device, gain)
         if self.worn.has_script:
@@ -103,6 +110,8 @@ class Renderers:
                 continue
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)
             self._rendered[worn.number] = _Rendered(worn, device, renderer, numbers, width)
+        late = {ms for each in self._rendered.values() for ms in latencies_ms(each.device)}
+        self.foresight = Foresight(tuple(late))
 
     def answers(self, body: bytes) -> list[bytes]:
         """Messages for all devices.
@@ -114,11 +123,12 @@ class Renderers:
         """
         moment = moment_from(body, self._streams)
         found = []
-        for number, each in self._rendered.items():
-            try:
-                found.append(each.answer(moment))
-            except Exception as error:
-                found.append(_fault(number, error))
+        with self.foresight.answering(moment) as later:
+            for number, each in self._rendered.items():
+                try:
+                    found.append(each.answer(moment, later))
+                except Exception as error:
+                    found.append(_fault(number, error))
         return found
 
 
@@ -127,22 +137,40 @@ def _fault(number: int, error: Exception) -> bytes:
     return message(Kind.FAULT, number, str(error)[:_LONGEST_TEXT].encode(errors="replace"))
 
 
+def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None, list[bytes]]:
+    """Do what is asked; who renders from now on, and what is answered.
+
+    Raises
+    ------
+    MessageError
+        It is not what it should be.
+    """
+    if asked.kind is Kind.SCENE:
+        if renderers is not None:
+            renderers.foresight.close()
+        renderers = Renderers(scene_from(asked.body))
+        return renderers, renderers.faults
+    if renderers is None:
+        return None, []
+    if asked.kind is Kind.MOMENT:
+        return renderers, renderers.answers(asked.body)
+    if asked.kind in _FUTURE:
+        renderers.foresight.take(asked.body)
+    return renderers, []
+
+
 def main() -> None:
     """Answer until standard input ends."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not garble the answers
+    sys.setswitchinterval(0.0005)  # who looks ahead does not keep a moment waiting
     waiting = messages_of_owner(os.fdopen(os.dup(0), "rb"))
     renderers: Renderers | None = None
     while True:
         asked = waiting.get()
         answers: list[bytes] = []
         try:
-            if asked.kind is Kind.SCENE:
-                renderers = None
-                renderers = Renderers(scene_from(asked.body))
-                answers = renderers.faults
-            elif asked.kind is Kind.MOMENT and renderers is not None:
-                answers = renderers.answers(asked.body)
+            renderers, answers = taken(asked, renderers)
         except MessageError as error:
             answers = [_fault(EVERY_DEVICE, error)]
         out.write(b"".join((*answers, message(Kind.READY))))

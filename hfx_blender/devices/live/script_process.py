@@ -11,7 +11,6 @@ import logging
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -22,6 +21,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ... import own_processes
 from .lane import PATIENCE_S, ScriptRefusedError
 from .messages import Kind, MessageError, json_to, message, read_message, values_from
 
@@ -80,9 +80,8 @@ class ScriptProcess:
                     f"its script stays off after {FAULTS} faults within "
                     f"{FAULTS_WITHIN_S:.0f} s; connect the device anew to try again"
                 )
-            package = __package__.rsplit(".", 2)[0]
             self._process = subprocess.Popen(
-                [sys.executable, "-m", f"{package}.devices.live.script_worker"],
+                own_processes.command("devices.live.script_worker"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,  # it ends together with what it may have started

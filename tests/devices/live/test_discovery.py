@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device is found on the one port whose ids are its own."""
+"""Devices are found on ports whose ids are their own, and behind programs that answer."""
 
 from __future__ import annotations
 
+import socket
 from dataclasses import replace
 
 import pytest
 from live_process import BAND
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.discovery import FoundPort, port_of
+from hfx_blender.devices.live.discovery import Found, FoundPort, answers, found_devices, port_of
 from hfx_blender.engine.rendering.device import Brand
 from hfx_blender.errors import DeviceError
 
@@ -43,3 +44,41 @@ def test_without_a_pattern_ids_alone_must_be_enough():
 def test_what_is_not_there_is_told_with_what_is(wanted):
     with pytest.raises(DeviceError, match=r"was not found; serial ports: /dev/ttyS0 \(built in\)"):
         port_of(wanted, PORTS)
+
+
+def test_what_is_there_is_listed_with_the_port_to_connect_it_by():
+    on_both = found_devices([device()], PORTS)
+    assert [each.port for each in on_both] == ["/dev/ttyACM0", "/dev/ttyACM1"]
+    assert found_devices([device("OTHER-*"), replace(device(), brand=None)], PORTS) == [
+        Found(BAND, "/dev/ttyACM1", "a board")
+    ]
+
+
+def test_programs_are_asked_once_for_all_devices_behind_them():
+    behind = [load_device("bhaptics_tactsuit_x40"), load_device("bhaptics_tactosy_left")]
+    asked: list[tuple[str, int]] = []
+
+    def answering(host: str, port: int) -> bool:
+        asked.append((host, port))
+        return True
+
+    found = found_devices(behind, [], answering)
+    assert [each.device for each in found] == [each.id for each in behind]
+    assert {each.port for each in found} == {""}  # as configured
+    assert len(asked) == 1
+    assert found_devices(behind, [], lambda host, port: False) == []
+
+
+def test_a_program_answers_if_it_takes_connections():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert answers("127.0.0.1", port)
+    assert not answers("127.0.0.1", port)
+
+
+def test_nobody_outside_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    def reached(*_: object) -> None:
+        raise AssertionError("somebody outside was asked")
+
+    monkeypatch.setattr(socket, "create_connection", reached)
+    assert not answers("example.org", 80) and not answers("8.8.8.8", 53)

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import struct
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -22,6 +25,7 @@ from hfx_blender.devices.live import script_process
 from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.live.encoders import Channels
 from hfx_blender.devices.live.host import Host
+from hfx_blender.devices.live.host_pipe import HostPipe
 from hfx_blender.devices.live.lane import Lane
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
@@ -33,8 +37,9 @@ from hfx_blender.devices.live.messages import (
 )
 from hfx_blender.devices.live.output import OutputLostError
 from hfx_blender.devices.live.script_process import ScriptProcess
-from hfx_blender.devices.live.transports import serial_port
+from hfx_blender.devices.live.transports import buttplug, serial_port
 from hfx_blender.devices.live.transports.wire_board import WireBoard
+from hfx_blender.errors import DeviceError
 
 DEVICE = load_device(BAND)
 
@@ -129,7 +134,7 @@ class Process:
 @pytest.fixture
 def client() -> LiveClient:
     found = LiveClient()
-    found._process = Process()  # type: ignore[assignment]
+    found._pipe._process = Process()  # type: ignore[assignment]
     found.devices["band"] = DeviceState(1, "band", "armed")
     return found
 
@@ -138,8 +143,8 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     client.arm()
     client.send("band", playing())
     client.stop_all("enough")
-    assert not client._newest
-    assert client._urgent[0] == message(Kind.STOP, EVERY_DEVICE, b"enough")
+    assert not client._pipe._newest
+    assert client._pipe._urgent[0] == message(Kind.STOP, EVERY_DEVICE, b"enough")
 
 
 def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
@@ -148,25 +153,52 @@ def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
     class Pipe(io.BytesIO):
         def close(self) -> None: ...
 
-    process: Any = client._process
+    pipe = client._pipe
+    process: Any = pipe._process
     process.stdin = Pipe()
 
     def packed(*_: Any) -> bytes:
         client.stop_all("enough")
-        client._is_closing = True
+        pipe._is_closing = True
         return b"a moment"
 
-    monkeypatch.setattr(client, "_as_bytes", packed)
+    monkeypatch.setattr(pipe, "_as_bytes", packed)
     client.show(object())  # type: ignore[arg-type]
-    client._write(process)
+    pipe._write(process)
     assert process.stdin.getvalue() == message(Kind.STOP, EVERY_DEVICE, b"enough")
 
 
+@pytest.mark.parametrize(
+    "line",
+    [b"\xff", b"nonsense", b"[]", b"3", b'{"event": "armed"}', b'{"event": 1, "device": "x"}'],
+)
+def test_a_line_that_is_no_event_is_not_heard(client: LiveClient, line: bytes) -> None:
+    client._pipe._hear(line)
+    assert client.events() == []
+
+
+def test_the_output_process_finds_packages_that_an_extension_brings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    brought = tmp_path / "site-packages"  # with pyserial
+    monkeypatch.syspath_prepend(str(brought))
+    started: dict[str, Any] = {}
+
+    def popen(_command: list[str], **how: Any) -> None:
+        started.update(how)
+        raise OSError("not here")
+
+    monkeypatch.setattr(subprocess, "Popen", popen)
+    with pytest.raises(DeviceError, match="cannot be started"):
+        HostPipe().start()
+    assert str(brought) in started["env"]["PYTHONPATH"].split(os.pathsep)
+
+
 def test_an_output_process_that_does_not_end_is_ended(client: LiveClient) -> None:
-    process = client._process
+    process = client._pipe._process
     client.close()
     assert process.is_killed  # type: ignore[union-attr]
-    assert client._urgent[-1] == message(Kind.STOP)
+    assert client._pipe._urgent[-1] == message(Kind.STOP)
 
 
 def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,6 +312,51 @@ def test_a_board_that_is_ready_for_another_session_is_not_ready() -> None:
     assert not board._is_ready
     board._understand_ready(struct.pack("<IB", 7, 8))
     assert board._is_ready
+
+
+def test_a_board_is_not_asked_for_ever() -> None:
+    asked: list[bytes] = []
+    board = WireBoard.__new__(WireBoard)
+    board._port = SimpleNamespace(write_newest=asked.append)  # type: ignore[assignment]
+    board._channels, board._maximum_on_ms = Channels(DEVICE, strengths_only=True), 1000
+    board._name, board._sequence = "/dev/ttyACM0", 0
+    board._begin(60.0)
+    assert len(asked) == 1
+    with pytest.raises(OutputLostError, match="does not answer"):
+        board._begin(-1.0)
+
+
+def test_a_buttplug_server_is_not_asked_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(buttplug, "ANSWER_S", -1.0)
+    output = buttplug.ButtplugOutput.__new__(buttplug.ButtplugOutput)
+    output._heard = threading.Condition()
+    monkeypatch.setattr(output, "_check", lambda: None)
+    answers = iter([None, None, {}])  # it would come too late
+    with pytest.raises(OutputLostError, match="does not answer"):
+        output._answer(lambda: next(answers), "a server")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="descriptors")
+def test_a_port_never_blocks_whatever_the_library_opens(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = os.openpty()
+
+    class Serial:
+        def __init__(self, *_: object, **__: object) -> None:
+            os.set_blocking(slave, True)
+
+        def fileno(self) -> int:
+            return slave
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr("serial.Serial", Serial)
+    port = serial_port.SerialPort(os.ttyname(slave), 115200)
+    try:
+        assert not os.get_blocking(slave)
+    finally:
+        port.close()
+        os.close(slave)
+        os.close(master)
 
 
 @pytest.mark.parametrize("actuator", [-1, 8, 10**6])

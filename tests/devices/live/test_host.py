@@ -142,7 +142,7 @@ def test_the_output_process_told_to_end_is_silent_first(client: LiveClient, log:
 
 def test_garbage_instead_of_messages_is_silence(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
-    client._process.stdin.write(b"\xff" * 64)
+    client._pipe._process.stdin.write(b"\xff" * 64)
     until(lambda: is_silent(log))
 
 
@@ -159,7 +159,7 @@ def test_nonsense_inside_a_message_does_not_leave_anything_on(
     client: LiveClient, log: Path, kind: Kind, body: bytes
 ) -> None:
     play(client, "band", log)
-    client._process.stdin.write(message(kind, client.devices["band"].number, body))
+    client._pipe._process.stdin.write(message(kind, client.devices["band"].number, body))
     time.sleep(0.1)
     client.close()
     assert is_silent(log)
@@ -225,14 +225,14 @@ def test_sending_never_waits_for_an_output_process_that_sleeps(
         client.send("band", playing())
         client.heartbeat()
     assert time.monotonic() - begun < PATIENCE_S
-    assert len(client._newest) <= 1
-    assert len(client._urgent) <= 1
+    assert len(client._pipe._newest) <= 1
+    assert len(client._pipe._urgent) <= 1
     os.kill(client.pid or 0, signal.SIGKILL)
 
 
 def test_without_blender_no_device_is_left_behind(client: LiveClient, log: Path) -> None:
     play(client, "band", log)
-    process = client._process
+    process = client._pipe._process
     process.stdin.close()
     assert process.wait(PATIENCE_S) == 0
     assert is_silent(log)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,8 +41,9 @@ from hfx_blender.devices.live.moments import (
     scene_from,
     scene_to,
 )
+from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.devices.live.render_process import RenderProcess
-from hfx_blender.devices.live.render_worker import Renderers
+from hfx_blender.devices.live.render_worker import Renderers, taken
 from hfx_blender.devices.live.tones import frame_of, of_partials
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.rendering.moment import MomentRenderer
@@ -104,11 +106,12 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
         felt(STREAMS[0], 3.0, 80.0, positions=np.ones((len(MODEL), 3), np.float32)),
         felt(STREAMS[1], 2.0, 250.0, focus=np.float32([[1, 2, 3, 4]]), drive=drive),
     ]
-    sent = Moment(2.5, runs, {7: 0.5}, np.eye(4), {20.0: runs[:1]})
+    playhead = Playhead(7.5, 1, 24, 23.98, True, -1)
+    sent = Moment(2.5, runs, {7: 0.5}, np.eye(4), 3, playhead)
     found = moment_from(moment_to(sent, places()), STREAMS)
     assert (found.time_s, found.gains) == (2.5, {7: 0.5})
     assert found.play_space is not None and found.play_space.tolist() == np.eye(4).tolist()
-    assert list(found.later) == [20.0] and len(found.later[20.0]) == 1
+    assert (found.edition, found.playhead) == (3, playhead)
     for before, after in zip(runs, found.runs, strict=True):
         assert after.stream == before.stream
         names = "levels parameters offsets vertices weights positions focus"
@@ -125,7 +128,7 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
 
 
 @pytest.mark.parametrize(
-    "body", [b"", b"nonsense", json_to({}), pack({}, {}), pack({"later": []}, {})]
+    "body", [b"", b"nonsense", json_to({}), pack({}, {}), pack({"playhead": [1]}, {})]
 )
 def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
     with pytest.raises(MessageError):
@@ -173,18 +176,23 @@ def test_gain_and_mute_are_of_one_device():
     assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # of its tone
 
 
-def test_late_actuators_get_what_is_felt_later(tmp_path: Path) -> None:
+def test_late_actuators_get_what_is_felt_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     content = json.loads((resources.device_configs() / "mango_pad.json").read_text())
     content["id"] = "late"
     for kind in content["actuator_types"].values():
         kind["latency_ms"] = 30
     (tmp_path / "late.json").write_text(json.dumps(content))
-    later = {30.0: [felt(STREAMS[1], 2.0, 250.0)]}
+    later = [felt(STREAMS[1], 2.0, 250.0)]
     device = worn("late", folder=tmp_path)
     now = values_from(answered((device,), moment(3.0))[1])
-    ahead = values_from(answered((device,), moment(3.0, later=later))[1])
-    alone = values_from(answered((device,), Moment(1.0, later[30.0]))[1])
-    assert ahead.tolist() == alone.tolist() != now.tolist()
+    alone = values_from(answered((device,), Moment(1.0, later))[1])
+    renderers = Renderers(SceneMessage(HEADER, BODY, (device,)))
+    with monkeypatch.context() as patched:
+        patched.setattr(renderers.foresight, "_later", lambda shown: {30.0: later})
+        (ahead,) = renderers.answers(moment_to(moment(3.0), places()))
+    assert values_from(ahead[7:]).tolist() == alone.tolist() != now.tolist()
 
 
 def test_one_device_that_does_not_fit_is_told_and_the_others_are_rendered(tmp_path: Path) -> None:
@@ -218,6 +226,53 @@ def test_what_renders_ends_with_the_output_process():
     with worker.stdout:
         worker.stdin.close()
         assert worker.wait(PATIENCE_S) == 0
+
+
+def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = Asked().process
+    worker: Any = object()
+    monkeypatch.setattr(asked, "_start", lambda: setattr(asked, "_process", worker))
+
+    def told() -> list[tuple[Kind, bytes]]:
+        """All that is told until there is nothing left."""
+        found = []
+        while asked._scene or asked._moment or asked._told < len(asked._future):
+            asked._deadline_s = None
+            content = asked._next(worker)
+            assert content is not None
+            found.append((Kind(content[4]), content[7:]))
+        return found
+
+    future = [(Kind.FUTURE_SCENE, b"scene"), (Kind.FUTURE_BLOCK, b"1"), (Kind.FUTURE_BLOCK, b"2")]
+    asked.describe(b"first")
+    for each in future[:2]:
+        asked.foresee(*each)
+    assert told() == [(Kind.SCENE, b"first"), *future[:2]]
+    asked.foresee(*future[2])
+    asked.show(b"now")
+    assert told() == [(Kind.MOMENT, b"now"), future[2]]  # who plays does not wait
+    asked._process = None
+    asked.revive()
+    assert told() == [(Kind.SCENE, b"first"), *future]
+    asked.foresee(Kind.FUTURE_SCENE, b"edited")
+    asked._process = None
+    asked.revive()
+    assert told() == [(Kind.SCENE, b"first"), (Kind.FUTURE_SCENE, b"edited")]
+    asked.describe(b"second")
+    assert told() == [(Kind.SCENE, b"second")]
+
+
+def test_another_scene_ends_the_look_ahead_of_the_one_before() -> None:
+    body = scene_to(SceneMessage(HEADER, BODY, (worn(BAND),)))
+    first, _ = taken(Message(Kind.SCENE, EVERY_DEVICE, body), None)
+    assert first is not None
+    assert taken(Message(Kind.FUTURE_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
+    second, faults = taken(Message(Kind.SCENE, EVERY_DEVICE, body), first)
+    assert second is not first and not faults
+    assert first.foresight._is_closed
+    assert taken(Message(Kind.MOMENT, EVERY_DEVICE, b""), None) == (None, [])
 
 
 def loud(log: Path) -> bool:
@@ -351,7 +406,9 @@ def test_one_that_does_not_answer_is_ended(asked: Asked, monkeypatch: pytest.Mon
 def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
     huge = replace(felt(STREAMS[0], 1.0, 80.0), weights=np.ones(1 << 23, np.float32))
     stopped: list[str] = []
-    client.stop_all = stopped.append  # type: ignore[method-assign, assignment]
-    assert client._as_bytes(Moment(0.0, [huge]), places()) == b""
+    pipe = client._pipe
+    pipe.stop = stopped.append  # type: ignore[method-assign, assignment]
+    assert pipe._as_bytes(Moment(0.0, [huge]), places()) == b""
     assert "cannot be handed over" in stopped[0]
-    assert client._as_bytes(moment(), {}) == b""  # of the scene before
+    assert pipe._as_bytes(moment(), {}) == b""  # of the scene before: no fault
+    assert len(stopped) == 1

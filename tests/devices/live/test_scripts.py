@@ -144,6 +144,14 @@ def test_the_user_is_told_what_and_where(client: LiveClient, folder: Path, log: 
     assert "ZeroDivisionError: division by zero (my_band.py, line 2)" in text
 
 
+def test_a_script_without_its_function_says_so_before_anything_is_asked(
+    client: LiveClient, folder: Path, log: Path
+) -> None:
+    connect(client, folder, "render = 3\n", log)
+    wait(client, lambda: client.devices["scripted"].state == "fault")
+    assert "my_band.py has no function render(haptics)" in client.devices["scripted"].text
+
+
 @pytest.mark.parametrize("flood", ["print('x' * 100)", "__import__('os').write(1, b'x' * 100)"])
 def test_a_script_that_floods_cannot_reach_the_protocol(
     client: LiveClient, folder: Path, log: Path, flood: str

@@ -28,13 +28,15 @@ def steps(h: Any) -> Iterator[float]:
     area = h.area()
     area.ui_type = "NLA_EDITOR"
     yield 1.5
+    area.spaces.active.show_region_ui = False
+    yield 0.5
     region = next(region for region in area.regions if region.type == "WINDOW")
     channels = next(region for region in area.regions if region.type == "CHANNELS")
     with bpy.context.temp_override(window=h.window, area=area, region=region):
         bpy.ops.nla.view_all()
     yield 1.0
     h.shot("1_nla.png")
-    h.document_area("editor_nla.png", area)
+    h.document_area("editor_nla.png", area, height=0.3)
 
     row = next_row(h, region, strip)
     yield from h.click(at(h, region, (start + end) / 2), row)

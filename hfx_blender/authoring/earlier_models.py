@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Areas that were painted on earlier editions of the body models, carried over to the present one.
+
+An area is a list of vertices of one edition. Of each edition that files may still have, a data
+file keeps where its vertices were.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from .. import resources
+from ..errors import HfxError
+from . import effects
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from ..engine.body.model import PerceptualModel
+
+    F64 = npt.NDArray[np.float64]
+
+_FILE = "earlier-editions.npz"
+_STEP_M = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierModel:
+    """What is kept of an edition: enough to carry an area over from it."""
+
+    vertices: F64  # (V, 3) metres, canonical rest space
+    part: npt.NDArray[np.int64]  # (V,)
+    areas_m2: F64  # (V,) all alike
+
+
+def load(model_id: str, content_hash: str) -> EarlierModel | None:
+    """An earlier edition of a model; none if there never was such a one."""
+    import numpy as np
+
+    key = f"{model_id}.{content_hash}"
+    if key not in known():
+        return None
+    with np.load(resources.body_models() / _FILE) as data:
+        places, part = data[f"{key}.places"], data[f"{key}.part"]
+    return EarlierModel(
+        places.astype(np.float64) * _STEP_M, part.astype(np.int64), np.ones(len(places))
+    )
+
+
+@lru_cache(maxsize=1)
+def known() -> frozenset[str]:
+    """The editions that are kept, as ``MODEL_ID.HASH``."""
+    path = resources.body_models() / _FILE
+    if not path.is_file():
+        return frozenset()
+    with zipfile.ZipFile(path) as archive:
+        return frozenset(Path(name).stem.rpartition(".")[0] for name in archive.namelist())
+
+
+def carried_over(
+    model_id: str, content_hash: str, vertices: list[int], weights: list[float]
+) -> F64 | None:
+    """The weights (V,) on the present edition of an area on an earlier one; none if unknown.
+
+    Raises
+    ------
+    InputError
+        The area is not one of that edition.
+    """
+    import numpy as np
+
+    from ..engine.body import areas
+    from ..engine.body.model import load_model
+
+    earlier = load(model_id, content_hash)
+    if earlier is None:
+        return None
+    ids, values = effects.checked_area("?", vertices, weights, len(earlier.vertices))
+    painted = np.zeros(len(earlier.vertices))
+    painted[ids] = values
+    return areas.transferred(earlier, painted, load_model(model_id))
+
+
+def update_all() -> list[str]:
+    """Carry over the areas of all effects that were painted on earlier editions; their names."""
+    found = []
+    for effect in bpy.data.objects:
+        hfx = effect.hfx
+        if hfx.role != "EFFECT" or f"{hfx.model_id}.{hfx.model_hash}" not in known():
+            continue
+        try:
+            weights = carried_over(hfx.model_id, hfx.model_hash, *effects.area(effect))
+        except (HfxError, ModuleNotFoundError, TypeError):  # an export tells what is wrong
+            continue
+        if weights is not None and effects.model_id_for(hfx.modality) == hfx.model_id:
+            vertices = weights.nonzero()[0]
+            effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
+            found.append(effect.name)
+    return found
+
+
+def keep(model: PerceptualModel) -> None:
+    """Keep an edition of a model, before another one takes its place."""
+    import numpy as np
+
+    path = resources.body_models() / _FILE
+    data = dict(np.load(path)) if path.is_file() else {}
+    key = f"{model.id}.{model.content_hash}"
+    data[f"{key}.places"] = np.round(model.vertices / _STEP_M).astype(np.int16)
+    data[f"{key}.part"] = model.part.astype(np.uint8)
+    np.savez_compressed(path, **data)
+    known.cache_clear()

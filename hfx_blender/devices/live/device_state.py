@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known of a connected device, and what the output process tells of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that the output process tells."""
+
+    event: str  # ready connected armed stopped silent fault lost closed levels log gone
+    device: int
+    text: str = ""
+    levels: tuple[float, ...] = ()
+
+
+@dataclass(eq=False)
+class DeviceState:
+    """What is known of a connected device."""
+
+    number: int
+    name: str
+    state: str = "connecting"  # connected armed stopped fault lost closed
+    configuration: str = ""
+    folder: str | None = None
+    has_script: bool = False
+    text: str = ""
+    levels: tuple[float, ...] = field(default_factory=tuple)
+
+    @property
+    def is_armed(self) -> bool:
+        return self.state == "armed"
+
+    def hear(self, event: Event) -> None:
+        """Bring it up to date."""
+        if event.event == "gone":  # the output process, and all devices with it
+            self.state, self.text, self.levels = "lost", event.text, ()
+        elif event.device != self.number:
+            return
+        elif event.event == "levels":
+            self.levels = event.levels
+        elif event.event == "log":
+            self.text = event.text
+        elif event.event in ("connected", "armed"):
+            self.state, self.text = event.event, ""
+        elif event.event == "closed":
+            if self.state != "lost":
+                self.state, self.levels = "closed", ()
+        else:
+            self.state, self.text, self.levels = event.event, event.text, ()
+
+
+def event_of(line: bytes) -> Event | None:
+    """The event of a line; None if it is none."""
+    try:
+        found = json.loads(line)
+        return Event(
+            str(found["event"]),
+            int(found["device"]),
+            str(found.get("text", "")),
+            tuple(float(each) for each in found.get("levels", ())),
+        )
+    except (ValueError, TypeError, KeyError):
+        return None

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The output process as Blender has it: started, written to and listened to without waiting."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import IO, Final, TypeVar
+
+from ... import own_processes
+from ...engine.samples import Stream
+from ...errors import DeviceError
+from .device_state import Event, event_of
+from .messages import EVERY_DEVICE, Kind, message
+from .moments import Moment, moment_to
+
+_MAX_EVENTS: Final = 1000
+_Taken = TypeVar("_Taken")
+
+STOP_PATIENCE_S: Final = 0.2
+"""If a stop is not confirmed by then, the output process is ended: its ports close with it."""
+
+
+class HostPipe:
+    """One output process after another. Only its threads wait for it."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        # Between threads without a lock, which Blender would wait for: each step is atomic.
+        self._wake: SimpleQueue[None] = SimpleQueue()
+        self._urgent: deque[bytes] = deque()
+        self._newest: dict[int, bytes | Moment] = {}
+        self._silences = 0  # how often everything before became void
+        self._is_closing = False
+        self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
+        self._asked_silence_s: float | None = None
+        self.places: Mapping[Stream, int] = {}  # of the scene that moments are of
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a process was started and not ended by us; cheaper than asking if it runs."""
+        return self._process is not None
+
+    @property
+    def is_running(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    @property
+    def pid(self) -> int | None:
+        return self._process.pid if self._process is not None else None
+
+    def start(self) -> None:
+        """Start the output process, which does not run.
+
+        Raises
+        ------
+        DeviceError
+            It cannot be started.
+        """
+        try:
+            process = subprocess.Popen(
+                own_processes.command("devices.live.host"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**own_processes.environment(), "OPENBLAS_NUM_THREADS": "1"},  # values are few
+                bufsize=0,
+                start_new_session=True,  # Ctrl-C in Blender's terminal is not meant for it
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            )
+        except OSError as error:
+            raise DeviceError(f"The output process cannot be started ({error}).") from None
+        self._process, self._is_closing, self._asked_silence_s = process, False, None
+        self._wake, self._urgent, self._newest = SimpleQueue(), deque(), {}
+        for target in (self._write, self._listen):
+            threading.Thread(target=target, args=(process,), daemon=True).start()
+
+    def tell(self, kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
+        """A message; they arrive in their order."""
+        if not self.is_running:
+            return
+        if kind is Kind.HEARTBEAT and (self._urgent or self._newest):
+            return  # whatever waits is one
+        self._urgent.append(message(kind, device, body))
+        self._nudge()
+
+    def replace(self, device: int, newest: bytes | Moment) -> None:
+        """What a device is to play now, in place of what was not sent yet."""
+        if self._process is None:
+            return
+        self._newest[device] = newest
+        self._nudge()
+
+    def void(self, device: int | None = None) -> None:
+        """Nothing that was to be played and was not sent is sent any more."""
+        if device is None:
+            self._newest.clear()
+        else:
+            self._newest.pop(device, None)
+        self._silences += 1
+
+    def stop(self, reason: str) -> None:
+        """Silence now, whatever else waits."""
+        if not self.is_running:
+            return
+        self.void()
+        self._urgent.appendleft(message(Kind.STOP, EVERY_DEVICE, reason.encode()))
+        if self._asked_silence_s is None:
+            self._asked_silence_s = time.monotonic()
+        self._nudge()
+
+    def watch(self) -> None:
+        """End the process if it has not confirmed a stop in time."""
+        asked = self._asked_silence_s
+        if asked is not None and time.monotonic() - asked > STOP_PATIENCE_S and self.is_running:
+            if self._process is not None:
+                self._process.kill()
+            self._asked_silence_s = None
+            text = "the output process did not confirm the stop and was ended"
+            self._events.append(Event("gone", EVERY_DEVICE, text))
+
+    def close(self) -> bool:
+        """Stop everything and end the process; at most a moment. Whether there was any."""
+        process, self._process = self._process, None
+        if process is None:
+            return False
+        self.void()
+        self._urgent.clear()
+        self._urgent.append(message(Kind.STOP))
+        self._is_closing = True
+        self._nudge()
+        try:
+            process.wait(1.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        return True
+
+    def events(self) -> Iterator[Event]:
+        """What has been told since it was asked last."""
+        return _taken(self._events.popleft)
+
+    def _nudge(self) -> None:
+        """There is something to write; who has been told so already is not told again."""
+        if self._wake.empty():
+            self._wake.put(None)
+
+    # Threads: pipes may make them wait.
+
+    def _write(self, process: subprocess.Popen[bytes]) -> None:
+        stream, wake = process.stdin, self._wake
+        assert stream is not None
+        try:
+            while True:
+                wake.get()
+                if process is not self._process and not self._is_closing:
+                    return
+                # What is new first: whatever is urgent that came before it is then there as well.
+                silences, is_last, places = self._silences, self._is_closing, self.places
+                newest = list(_taken(self._newest.popitem))[::-1]
+                waiting = list(_taken(self._urgent.popleft))
+                if waiting:
+                    _write_all(stream, b"".join(waiting))
+                data = b"".join(self._as_bytes(each, places) for _, each in newest)
+                if silences != self._silences and not is_last:
+                    continue  # a stop came meanwhile: nothing of before it is felt after it
+                _write_all(stream, data)
+                if is_last:
+                    return
+        except (OSError, ValueError):
+            pass  # the listener tells
+        finally:
+            with suppress(OSError):
+                stream.close()
+
+    def _as_bytes(self, newest: bytes | Moment, places: Mapping[Stream, int]) -> bytes:
+        if not isinstance(newest, Moment):
+            return newest
+        try:
+            return message(Kind.MOMENT, EVERY_DEVICE, moment_to(newest, places))
+        except KeyError:
+            return b""  # of the scene before
+        except Exception as error:
+            self.stop(f"what is felt cannot be handed over ({error})")
+            return b""
+
+    def _listen(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None
+        with process.stdout, suppress(OSError, ValueError):
+            buffered = os.fdopen(os.dup(process.stdout.fileno()), "rb")
+            with buffered:
+                for line in buffered:
+                    self._hear(line)
+        if process is self._process:
+            self._events.append(Event("gone", EVERY_DEVICE, "the output process has ended"))
+
+    def _hear(self, line: bytes) -> None:
+        event = event_of(line)
+        if event is None:
+            return
+        if event.event == "silent":
+            self._asked_silence_s = None
+        else:
+            self._events.append(event)
+
+
+def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:
+    """What can be taken until nothing is left; others may add to it meanwhile."""
+    with suppress(IndexError, KeyError):
+        while True:
+            yield take()
+
+
+def _write_all(stream: IO[bytes], content: bytes) -> None:
+    data = memoryview(content)
+    while data:
+        data = data[stream.write(data) or 0 :]

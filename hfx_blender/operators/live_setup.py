@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finding devices that are there, and bringing touch, sound and picture together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+
+from .. import resources
+from ..errors import HfxError, InputError
+from ..playback import live_settings
+from ..playback.live import live
+from .shared import HfxOperator
+
+if TYPE_CHECKING:
+    from ..devices.live.discovery import Found
+
+_found: list[Found] = []
+_items: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
+
+
+def _choices(_self: object, _context: object) -> list[tuple[str, str, str]]:
+    return _items
+
+
+class HFX_OT_live_find(HfxOperator):
+    """Look for devices: serial ports by their USB ids, programs on this computer and network"""
+
+    bl_idname = "hfx.live_find"
+    bl_label = "Find Devices"
+    bl_options = {"REGISTER"}  # what a device does cannot be undone
+    bl_property = "which"
+
+    which: EnumProperty(name="Device", description="Which of those that were found", items=_choices)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        ports = _look()
+        if not _found:
+            there = ", ".join(ports) or "none"
+            self.report({"WARNING"}, f"No device was found that we know. Serial ports: {there}.")
+            return {"CANCELLED"}
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def work(self, context: bpy.types.Context) -> str:
+        if not self.which.isdecimal() or int(self.which) >= len(_found):
+            raise InputError("Look for devices first, and choose one.")
+        found = _found[int(self.which)]
+        settings = live_settings.load().get(found.device, live_settings.LiveSettings())
+        settings = replace(settings, kind="DEVICE", port=found.port)
+        if found.device not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = found.device
+        live.connect(found.device, settings)
+        live_settings.store(found.device, settings)
+        return f"{found.device}: {found.description}"
+
+
+def _look() -> list[str]:
+    """What is there now; names of all serial ports."""
+    from ..devices.configuration import list_devices, load_device
+    from ..devices.live.discovery import found_devices, serial_ports
+
+    folder = resources.user_devices()
+    devices = []
+    for name in list_devices(folder):
+        try:
+            devices.append(load_device(name, folder))
+        except HfxError:
+            continue  # whoever adds it is told
+    ports = serial_ports()
+    _found[:] = found_devices(devices, ports)
+    _items[:] = [
+        (str(k), f"{each.device}  {each.port}".rstrip(), each.description)
+        for k, each in enumerate(_found)
+    ]
+    return [each.name for each in ports]
+
+
+class HFX_OT_live_offset(HfxOperator):
+    """Hold a device back, so that touch meets sound and picture; it is remembered"""
+
+    bl_idname = "hfx.live_offset"
+    bl_label = "Offset"
+    bl_options = {"REGISTER"}
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    offset_ms: FloatProperty(
+        name="Offset (ms)",
+        description="Held back for so long; felt at once while you drag it",
+        default=0.0,
+        min=0.0,
+        max=live_settings.MAX_OFFSET_MS,
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self.offset_ms = live.offset_ms(self.name)
+        return context.window_manager.invoke_props_dialog(self)
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        live.set_offset(self.name, self.offset_ms)
+        return True
+
+    def cancel(self, _context: bpy.types.Context) -> None:
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        live.set_offset(self.name, known.offset_ms)
+
+    def work(self, _context: bpy.types.Context) -> str:
+        if live.state(self.name) is None:
+            raise InputError(f"Device '{self.name}' is not connected.")
+        live.set_offset(self.name, self.offset_ms)
+        known = live_settings.load().get(self.name, live_settings.LiveSettings())
+        live_settings.store(self.name, replace(known, offset_ms=self.offset_ms))
+        return f"{self.name} is held back by {self.offset_ms:g} ms"
+
+
+register, unregister = bpy.utils.register_classes_factory((HFX_OT_live_find, HFX_OT_live_offset))

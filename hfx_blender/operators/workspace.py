@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A workspace for haptics: the viewport with the HFX tab, clips in the NLA editor below it."""
+
+from __future__ import annotations
+
+import time
+
+import bpy
+
+from .shared import HfxOperator
+
+NAME = "HFX"
+TAB = "HFX"
+
+_NLA_SHARE = 0.28  # of the viewport's height
+_AGAIN_S = 0.05
+_PATIENCE_S = 30.0
+
+
+class HFX_OT_workspace(HfxOperator):
+    """Go to the HFX workspace: viewport with the HFX tab open, clips in the NLA editor below, \
+timeline. It is made when it is not there yet"""
+
+    bl_idname = "hfx.workspace"
+    bl_label = "HFX Workspace"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        has_window = context.window is not None and not bpy.app.background
+        return cls.needs(has_window, "There is no window")
+
+    def work(self, context: bpy.types.Context) -> str:
+        found = bpy.data.workspaces.get(NAME)
+        if found is not None:
+            context.window.workspace = found
+            return ""
+        before = set(bpy.data.workspaces)
+        bpy.ops.workspace.duplicate()
+        (made,) = set(bpy.data.workspaces) - before
+        made.name = NAME
+        # Blender shows it only after this operator; its areas can be changed from then on.
+        _arrange_soon(context.window, made)
+        return ""
+
+
+def _arrange_soon(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> None:
+    until = time.monotonic() + _PATIENCE_S
+
+    def arrange_when_shown() -> float | None:
+        try:
+            if window.workspace == workspace:
+                _arrange(window)
+                return None
+        except ReferenceError:  # the window was closed, or another file opened
+            return None
+        return _AGAIN_S if time.monotonic() < until else None
+
+    bpy.app.timers.register(arrange_when_shown, first_interval=_AGAIN_S)
+
+
+def _arrange(window: bpy.types.Window) -> None:
+    """Let a screen show a viewport with our tab, and an NLA editor below it."""
+    areas = window.screen.areas
+    viewports = [area for area in areas if area.type == "VIEW_3D"]
+    viewport = max(viewports or areas, key=lambda area: area.width * area.height)
+    viewport.type = "VIEW_3D"
+    if not any(area.type == "NLA_EDITOR" for area in areas):
+        before = {area.as_pointer() for area in areas}
+        with bpy.context.temp_override(window=window, screen=window.screen, area=viewport):
+            bpy.ops.screen.area_split(direction="HORIZONTAL", factor=_NLA_SHARE)
+        for area in areas:
+            if area.as_pointer() not in before:
+                lower, upper = sorted((area, viewport), key=lambda each: each.y)
+                lower.type, upper.type = "NLA_EDITOR", "VIEW_3D"
+                lower.spaces.active.show_region_ui = False
+    viewport = max((a for a in areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
+    viewport.spaces.active.show_region_ui = True
+    _show_tab(viewport)
+
+
+def _show_tab(viewport: bpy.types.Area) -> None:
+    until = time.monotonic() + _PATIENCE_S
+
+    def show_when_drawn() -> float | None:
+        try:
+            sidebar = next(region for region in viewport.regions if region.type == "UI")
+            # A sidebar that was never drawn has no tabs yet.
+            sidebar.active_panel_category = TAB
+        except (TypeError, AttributeError):
+            return _AGAIN_S if time.monotonic() < until else None
+        except (ReferenceError, StopIteration):
+            return None
+        viewport.tag_redraw()
+        return None
+
+    bpy.app.timers.register(show_when_drawn, first_interval=_AGAIN_S)
+
+
+def _window_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.separator()
+    self.layout.operator(HFX_OT_workspace.bl_idname, icon="WORKSPACE")
+
+
+_register, _unregister = bpy.utils.register_classes_factory((HFX_OT_workspace,))
+
+
+def register() -> None:
+    _register()
+    bpy.types.TOPBAR_MT_window.append(_window_menu)
+
+
+def unregister() -> None:
+    bpy.types.TOPBAR_MT_window.remove(_window_menu)
+    _unregister()

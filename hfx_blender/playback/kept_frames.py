@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What shows at each time of a record: kept, so that playing it again only has to draw it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..engine.colouring import PALETTES, Colour
+from .coloured_mesh import ColouredMesh, Shown
+from .over_time import OverTime
+
+MOST_BYTES = 96_000_000
+"""What does not fit is worked out when it is drawn."""
+
+Meshes = Sequence[tuple[ColouredMesh, Shown]]
+
+
+class KeptFrames:
+    """What shows at times of one record in one palette."""
+
+    def __init__(self) -> None:
+        self._of: OverTime | None = None
+        self._colours: tuple[Colour, ...] = ()  # a palette of one's own may change
+        self._known: dict[int, Meshes] = {}  # by the record's samples
+        self._bytes = 0
+        self._asked = 0  # frames that have been looked at before they are drawn
+
+    def forget(self) -> None:
+        """Meshes may be other ones."""
+        self.__init__()  # type: ignore[misc]
+
+    def at(self, recorded: OverTime, palette: str, index: int) -> Meshes | None:
+        """What shows at a sample of a record; None where that is not known yet."""
+        colours = tuple(PALETTES[palette].values())
+        if self._of is not recorded or self._colours != colours:
+            self.forget()
+            self._of, self._colours = recorded, colours
+        return self._known.get(index)
+
+    def keep(self, index: int, meshes: Meshes) -> None:
+        """Take over what shows at a sample of the record that was asked for last."""
+        if self.is_full:
+            return
+        self._known[index] = meshes
+        self._bytes += sum(shown.nbytes for _, shown in meshes)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether nothing more is kept."""
+        return self._bytes > MOST_BYTES
+
+    def missing(self, recorded: OverTime, palette: str, first: int, last: int) -> int | None:
+        """The next sample that a frame shows of which nothing is known; None at the end."""
+        self.at(recorded, palette, 0)
+        while first + self._asked <= last and not self.is_full:
+            index = recorded.index(first + self._asked)
+            self._asked += 1
+            if index is not None and index not in self._known:
+                return index
+        return None

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is felt now, as it is handed over for all devices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ..devices.live.moments import Moment
+from ..reading.play_space import pose_now
+from .evaluation import evaluation
+
+if TYPE_CHECKING:
+    from ..devices.live.playhead import Playhead
+
+
+def moment_now(
+    scene: bpy.types.Scene, numbers: Mapping[str, int], edition: int, playhead: Playhead
+) -> Moment:
+    """What the evaluated scene makes felt now.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    numbers : mapping
+        Of connected devices, by name.
+    edition : int
+    playhead : Playhead
+
+    Raises
+    ------
+    InputError
+        Something of the scene cannot be felt any more.
+    """
+    assert evaluation.scene is not None
+    play_space = None
+    if evaluation.with_positions:
+        objects = evaluation.scene.objects
+        play_space = pose_now(scene, objects.layer, objects.unit_m)
+    return Moment(
+        playhead.frame / playhead.fps,
+        evaluation.runs(),
+        _gains(scene, numbers),
+        play_space,
+        edition,
+        playhead,
+    )
+
+
+def _gains(scene: bpy.types.Scene, numbers: Mapping[str, int]) -> dict[int, float]:
+    """What the user has set, by a device's number; 0 is mute."""
+    found = {}
+    for name, number in numbers.items():
+        item = scene.hfx.devices.get(name)
+        if item is not None and (item.is_muted or item.gain != 1.0):
+            found[number] = 0.0 if item.is_muted else item.gain
+    return found

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tooltips teach: every operator and every property that a user meets says what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import pytest
+
+_OF_BLENDER = {"filepath", "directory", "files", "check_existing", "name"}
+"""What Blender's file browser brings, and the names of property groups."""
+
+
+def _operators() -> Iterator[Any]:
+    for name in dir(bpy.ops.hfx):
+        yield getattr(bpy.ops.hfx, name).get_rna_type()
+
+
+def _groups(owner: Any, seen: set[str]) -> Iterator[Any]:
+    if owner.identifier in seen:
+        return
+    seen.add(owner.identifier)
+    yield owner
+    for each in owner.properties:
+        inner = getattr(each, "fixed_type", None)
+        if inner is not None and inner.identifier.startswith("Hfx"):
+            yield from _groups(inner, seen)
+
+
+def _own_properties(owner: Any) -> Iterator[Any]:
+    for each in owner.properties:
+        if each.identifier in {"rna_type", *_OF_BLENDER} or each.is_hidden:
+            continue
+        if each.identifier.startswith(("hfx", "filter_")) and owner.identifier == "Object":
+            continue
+        yield each
+
+
+def _faults(text: str, place: str) -> list[str]:
+    if not text.strip():
+        return [f"{place} says nothing"]
+    faults = [f"{place} has a line break"] if "\n" in text else []
+    return faults + ([f"{place} ends with a full stop"] if text.endswith(".") else [])
+
+
+def test_every_operator_says_what_it_does(registered: Any) -> None:
+    faults = [
+        fault
+        for operator in _operators()
+        for fault in _faults(operator.description, operator.identifier)
+    ]
+    assert faults == []
+
+
+def test_every_argument_of_an_operator_says_what_it_does(registered: Any) -> None:
+    faults = [
+        fault
+        for operator in _operators()
+        for each in _own_properties(operator)
+        for fault in _faults(each.description, f"{operator.identifier}.{each.identifier}")
+    ]
+    assert faults == []
+
+
+@pytest.mark.parametrize("owner", ["Object", "Scene"])
+def test_every_property_of_a_scene_says_what_it_does(registered: Any, owner: str) -> None:
+    top = getattr(bpy.types, owner).bl_rna.properties["hfx"].fixed_type
+    faults = [
+        fault
+        for group in _groups(top, set())
+        for each in _own_properties(group)
+        if each.type not in ("POINTER", "COLLECTION") or not each.fixed_type.base
+        for fault in _faults(each.description, f"{group.identifier}.{each.identifier}")
+    ]
+    assert faults == []
+
+
+def test_every_choice_says_what_it_means(registered: Any) -> None:
+    faults = [
+        f"{owner.identifier}.{each.identifier}: {item.identifier}"
+        for owner in [
+            *_operators(),
+            *_groups(_hfx("Object"), set()),
+            *_groups(_hfx("Scene"), set()),
+        ]
+        for each in _own_properties(owner)
+        if each.type == "ENUM"
+        for item in each.enum_items
+        if not item.description.strip()
+    ]
+    assert faults == []
+
+
+def _hfx(owner: str) -> Any:
+    return getattr(bpy.types, owner).bl_rna.properties["hfx"].fixed_type

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The HFX workspace out of the Window menu; the context menu of an effect; copy and paste."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import hands
+
+WINDOW_MENU = (184, 13)  # in the top bar
+PASTE_ROW = -1  # of Add > Haptic
+FPS = 24
+
+
+def steps(h: Any) -> Iterator[float]:
+    yield from hands.empty_scene(h, FPS)
+    yield from hands.add_avatar(h)
+    yield from hands.add_haptic(h, hands.PAINTED_ROW, hands.MODALITIES.index("pressure"))
+    yield from hands.fill_part(h, 1)
+
+    yield from h.click(*WINDOW_MENU)
+    yield 0.6
+    rows = yield from h.menu()
+    h.shot("1_window_menu.png")
+    yield from h.click(*rows[-1])
+    yield from h.until(lambda: h.window.workspace.name == "HFX", "the workspace is shown", 20)
+    yield from h.until(lambda: tab(h) == "HFX", "the HFX tab is open", 60)
+    yield 0.5
+    kinds = {area.type for area in h.window.screen.areas}
+    h.check({"VIEW_3D", "NLA_EDITOR"} <= kinds, f"a viewport and an NLA editor: {sorted(kinds)}")
+    viewport = h.area()
+    h.check(h.area("NLA_EDITOR").y < viewport.y, "the NLA editor is below the viewport")
+    h.check(h.region("UI").width > 150, "and in sight")
+    yield from h.press_button("HFX_OT_add_clip")
+    yield 0.5
+    h.shot("2_workspace.png")
+
+    effect = hands.effect("pressure")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.4))
+    yield from h.click(*h.xy(h.region(), 0.3, 0.4), button=3)
+    yield 0.6
+    rows = yield from h.menu()
+    entries = yield from h.submenu(rows[-1])
+    h.shot("3_context_menu.png")
+    copy = entries[-3]  # before Save Effects and Paste Effects
+    yield from h.click(*copy)
+    yield 0.6
+    copied = bpy.context.window_manager.clipboard
+    h.check('"hfx-effects"' in copied, "Copy Effects fills the clipboard")
+
+    yield from hands.add_haptic(h, hands.AVATAR_ROW)
+    second = bpy.context.object
+    h.check(second.hfx.role == "BODY", "a second avatar is there")
+    yield from hands.add_haptic(h, PASTE_ROW)
+    pasted = bpy.context.object
+    h.check(pasted.hfx.body == second, "Paste Effects puts them on the active body")
+    h.check(len(hands.clips_of(pasted)) == 1, "with their clips")
+    h.check(len(pasted["hfx_vertices"]) == len(effect["hfx_vertices"]), "and their area")
+    h.shot("4_pasted.png")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.4))
+    yield from h.key("ctrl+z")
+    yield 0.8
+    found = [obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT"]
+    h.check(len(found) == 1, "one Ctrl+Z takes them back")
+
+    bpy.ops.screen.userpref_show("INVOKE_DEFAULT", section="ADDONS")
+    yield 1.5
+    window = bpy.context.window_manager.windows[-1]
+    bpy.context.window_manager.addon_search = "HFX"
+    module = bpy.types.HFX_OT_paint_begin.__module__.rpartition(".operators")[0]
+    with bpy.context.temp_override(window=window, area=window.screen.areas[0]):
+        bpy.ops.preferences.addon_expand(module=module)
+    for area in window.screen.areas:
+        area.tag_redraw()
+    yield 1.0
+    h.shot("5_preferences.png")
+
+
+def tab(h: Any) -> str:
+    """The tab of the viewport's sidebar; none while it was not drawn yet."""
+    try:
+        return str(h.region("UI").active_panel_category)
+    except AttributeError:
+        return ""
