@@ -8,6 +8,9 @@ from collections.abc import Iterator
 
 import bpy
 
+bake_s: dict[str, float] = {}
+"""How long it took the last time to bake the materials of an object, by its name."""
+
 _DEPTH = 5
 _OF_NO_MATTER = frozenset(bpy.types.Node.bl_rna.properties.keys()) - {"mute"}
 _OF_A_MATERIAL = ("diffuse_color", "roughness", "metallic")

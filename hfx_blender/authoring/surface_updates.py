@@ -25,7 +25,6 @@ _PAINTED = "painted"  # the state of no material
 
 _log = logging.getLogger(__name__)
 _waiting: set[str] = set()  # objects
-_bake_s: dict[str, float] = {}  # how long the last bake of an object took
 _shown: dict[str, float] = {}  # when an object's maps were drawn last
 _painted: set[str] = set()  # images whose pixels may be others
 _last_edit: list[float] = [0.0]
@@ -49,15 +48,12 @@ def shown(obj: bpy.types.Object) -> None:
             bpy.app.timers.register(_check, first_interval=BAKE_DELAY_S)
 
 
-def baked(obj: bpy.types.Object, seconds: float) -> None:
-    """An object's material was baked."""
-    _bake_s[obj.name] = seconds
-
-
 def may_bake(obj: bpy.types.Object) -> bool:
     """Whether its material may be baked without being asked for."""
+    from . import material_state
+
     is_shown = time.monotonic() - _shown.get(obj.name, -_SHOWN_S) < _SHOWN_S
-    return is_shown and _bake_s.get(obj.name, QUICK_S + 1.0) <= QUICK_S
+    return is_shown and material_state.bake_s.get(obj.name, QUICK_S + 1.0) <= QUICK_S
 
 
 @bpy.app.handlers.persistent
@@ -173,8 +169,10 @@ def register() -> None:
 
 def unregister() -> None:
     """Forget what was asked for."""
+    from . import material_state
+
     bpy.app.handlers.depsgraph_update_post.remove(on_update)
-    for known in (_waiting, _bake_s, _shown, _painted):
+    for known in (_waiting, material_state.bake_s, _shown, _painted):
         known.clear()
     for work in (_make, _check):
         if bpy.app.timers.is_registered(work):

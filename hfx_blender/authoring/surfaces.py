@@ -120,7 +120,7 @@ def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
     InputError
         The maps cannot be made; those that there were are kept.
     """
-    from . import material_state, surface_sources, surface_updates
+    from . import material_state, surface_sources
 
     settings = obj.hfx.surface
     if obj.mode == "EDIT":  # its mesh cannot be read there
@@ -133,7 +133,7 @@ def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
             settings.material_state = ""
             if settings.source == "MATERIAL":
                 settings.material_state = material_state.state_of(obj)
-                surface_updates.baked(obj, time.monotonic() - begin)
+                material_state.bake_s[obj.name] = time.monotonic() - begin
         _keep_layers(obj)
     except HfxError as error:
         settings.note, settings.is_faulty = str(error), True

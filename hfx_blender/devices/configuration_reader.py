@@ -20,6 +20,7 @@ from ..engine.rendering.device import (
     Substitution,
 )
 from ..engine.rendering.drive import DriveCurve
+from ..engine.rendering.waveform import WAVEFORMS, Waveform
 from ..errors import InputError
 from . import layout_reader, output_reader
 from .layout_reader import ID_DESCRIBED, ID_PATTERN
@@ -94,6 +95,8 @@ def device_from(document: Node) -> DeviceConfig:
         for node in top["actuators"].items(least=1, most=MAX_ACTUATORS)
     )
     _refuse_repeated_ids(top["actuators"], actuators)
+    if mount is not None:
+        layout_reader.refuse_overlap(top["mount"], mount, top["actuators"])
     side = top["side"].choice(WEARABLE_SIDES) if "side" in top else None
     width_m, height_m = _size(top["size_m"]) if "size_m" in top else (None, None)
     device_id, name = top["id"].text(ID_PATTERN, ID_DESCRIBED), top["name"].text()
@@ -163,6 +166,7 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
             "update_interval_ms",
             "limits",
             "takes_waveform",
+            "waveform",
             *_IN_TIME,
             *_MEASURED,
         ),
@@ -171,6 +175,8 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
     takes_waveform = "takes_waveform" in members and members["takes_waveform"].boolean()
     if takes_waveform and modality != "vibration":
         members["takes_waveform"].fail("left out: only vibration is played as a waveform")
+    if "waveform" in members and not takes_waveform:
+        members["waveform"].fail('left out: only with "takes_waveform": true is it played')
     for each in _MEASURED:
         if each in members and modality != "vibration":
             members[each].fail("left out: it is known of vibration only")
@@ -186,8 +192,16 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         latency_ms=0.0 if latency is None else latency.number(0.0, 60_000.0, "ms"),
         update_interval_ms=10.0 if interval is None else interval.number(0.1, 60_000.0, "ms"),
         takes_waveform=takes_waveform,
+        waveform=_waveform(members.get("waveform")),
         **_in_time_and_measured(members),
     )
+
+
+def _waveform(node: Node | None) -> Waveform:
+    if node is None:
+        return "sine"
+    chosen = node.choice(WAVEFORMS)
+    return next(each for each in WAVEFORMS if each == chosen)
 
 
 def _in_time_and_measured(members: dict[str, Node]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final, cast, get_args
 
@@ -20,6 +21,7 @@ from ..engine.rendering.device import (
     VertexPlace,
     VertexSet,
 )
+from ..engine.rendering.mounts import place_on
 from ..engine.rendering.panning.laws import LAWS, Law
 from .strict_json import Node
 
@@ -33,6 +35,9 @@ _OPTIONS: Final = {
     "splat": ("sigma_m",),
 }
 """Which options a rendering scheme has."""
+
+_BEND_MM: Final = (3.0, 10_000.0)
+"""From a fingertip's curve to one that nobody tells from a plane."""
 
 
 def scheme(node: Node) -> Scheme:
@@ -54,8 +59,8 @@ def scheme(node: Node) -> Scheme:
 
 
 def mount(node: Node) -> Mount:
-    """Where a flat layout lies on the body; its axes are made orthogonal and of unit length."""
-    members = node.members(required=("origin_m", "x_axis", "y_axis"))
+    """Where a layout lies on the body; its axes are made orthogonal and of unit length."""
+    members = node.members(required=("origin_m", "x_axis", "y_axis"), optional=("bend_radius_mm",))
     origin = _triple(members["origin_m"], 3.0, "m")
     x = np.array(_triple(members["x_axis"], 1.0))
     y = np.array(_triple(members["y_axis"], 1.0))
@@ -66,7 +71,30 @@ def mount(node: Node) -> Mount:
     if np.linalg.norm(y) < 0.1:
         members["y_axis"].fail("a direction across the x_axis")
     y /= np.linalg.norm(y)
-    return Mount(origin, (x[0], x[1], x[2]), (y[0], y[1], y[2]))
+    bend_m = _bend_m(members["bend_radius_mm"]) if "bend_radius_mm" in members else None
+    return Mount(origin, (x[0], x[1], x[2]), (y[0], y[1], y[2]), bend_m)
+
+
+def _bend_m(node: Node) -> float:
+    least, most = _BEND_MM
+    radius_mm = node.number(-most, most, "mm")
+    if abs(radius_mm) < least:
+        node.fail(f"a number from {least:g} to {most:g} mm, or below 0 for a hollow")
+    return radius_mm / 1000.0
+
+
+def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
+    """Refuse a bent mount round which the pads of some actuators, all of them read, go twice."""
+    if mount.bend_radius_m is None:
+        return
+    places = [each["place"]["pad"]["at_mm"] for each in actuators.value if "pad" in each["place"]]
+    width_mm = max((x for x, _ in places), default=0) - min((x for x, _ in places), default=0)
+    round_mm = 2000.0 * math.pi * abs(mount.bend_radius_m)
+    if width_mm > round_mm:
+        node.member("bend_radius_mm").fail(
+            f"at least {math.ceil(width_mm / math.tau * 100.0) / 100.0:g} mm: pads are "
+            f"{width_mm:g} mm apart along x, and once round is {round_mm:.1f} mm"
+        )
 
 
 def place(node: Node, mount: Mount | None) -> Place:
@@ -106,8 +134,7 @@ def _pad_place(node: Node, mount: Mount | None) -> BodyPlace:
         node.fail("a placement, vertices or room: the device has no 'mount' for a pad")
     members = node.members(required=("parts", "at_mm", "radius_m"), optional=("side",))
     x, y = (item.number(-2000.0, 2000.0, "mm") for item in members["at_mm"].items(least=2, most=2))
-    axes = np.array([mount.x_axis, mount.y_axis])
-    centre = np.array(mount.origin_m) + np.array([x, y]) / 1000.0 @ axes
+    (centre,) = place_on(mount, np.array([[x, y]]) / 1000.0)
     return BodyPlace(
         parts=_parts(members["parts"]),
         centre_m=(float(centre[0]), float(centre[1]), float(centre[2])),

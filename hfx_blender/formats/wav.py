@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A raster as a multichannel WAV: one channel for each vibration actuator.
 
-For actuators that are driven as sound. Each channel is a sine whose amplitude and frequency
+For actuators that are driven as sound. Each channel is a wave whose amplitude and frequency
 go linearly from one raster row to the next; its phase is the exact integral of the
-frequency, so it never jumps. An actuator that takes a waveform plays the sum of such sines, one
-for each effect. A file ends in silence, faded over the last row.
+frequency, so it never jumps. An actuator that takes a waveform plays the sum of such waves, one
+for each effect: sines, or what its type names. A file ends in silence, faded over the last row.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ from ..engine.rendering.raster import Raster
 from ..engine.rendering.waveform import (
     cycles_on_the_way,
     cycles_since_the_beginning,
+    cycles_until_it_repeats,
     kept_through_silence,
-    sines,
+    kinds_of,
+    waves,
 )
 from ..errors import InputError
 
@@ -59,7 +61,8 @@ class _Drive:
     amplitudes: F64  # (T + 1, C) 0..1 of full scale; the last row is the silent end
     first_hz: F64  # (T, C) frequency at the beginning of each row
     last_hz: F64  # (T, C) and at its end
-    cycles: F64  # (T, C) whole and broken cycles played before each row, modulo 1
+    cycles: F64  # (T, C) played before each row, modulo those after which a wave repeats
+    kinds: I64  # (C,) of the waves
     full_scale: float  # m/s^2
     first_row: int = 0  # of the raster, at which it begins
 
@@ -130,7 +133,7 @@ def write(
 
 
 def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
-    """The raster's own sines, and a set of sines for each effect on actuators that take waves."""
+    """The raster's own waves, and a set of waves for each effect on actuators that take them."""
     vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
     full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
     if not vibrating or full_scale == 0.0:
@@ -143,6 +146,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     frequency_columns = [column[each.id, "frequency_hz"] for each in vibrating]
     pairs = np.stack([raster.values[:, amplitude_columns], raster.values[:, frequency_columns]], 2)
     names = tuple(each.id for each in vibrating)
+    kinds = kinds_of([each.type.waveform for each in vibrating])
     sums = [names.index(each) for each in raster.waveform_actuators]
     pairs[:, sums, 0] = 0.0
     curves = [each.type.drive for each in vibrating]
@@ -150,7 +154,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
     for partial in raster.partials:
         rows = slice(partial.first_row, partial.first_row + len(partial.amplitudes))
         totals[rows, sums] += partial.amplitudes
-    found = [_drive(_driven(pairs, curves, full_scale), names, full_scale, raster, 0)]
+    found = [_drive(_driven(pairs, curves, full_scale), names, kinds, full_scale, raster, 0)]
     for partial in raster.partials:
         first = max(partial.first_row - 1, 0)  # it begins from silence
         lead = partial.first_row - first
@@ -158,7 +162,7 @@ def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
         pairs[lead:, sums, 0] = partial.amplitudes
         pairs[lead:, sums, 1] = partial.frequencies_hz
         pairs = _driven(pairs, curves, full_scale, totals[first : first + len(pairs)])
-        found.append(_drive(pairs, names, full_scale, raster, first))
+        found.append(_drive(pairs, names, kinds, full_scale, raster, first))
     return found
 
 
@@ -178,9 +182,14 @@ def _driven(
 
 
 def _drive(
-    pairs: F64, actuators: tuple[str, ...], full_scale: float, raster: Raster, first_row: int
+    pairs: F64,
+    actuators: tuple[str, ...],
+    kinds: I64,
+    full_scale: float,
+    raster: Raster,
+    first_row: int,
 ) -> _Drive:
-    """Sines of amplitudes and frequencies (T, C, 2)."""
+    """Waves of amplitudes and frequencies (T, C, 2)."""
     safe = limited(pairs, 0.0, [full_scale, MAX_FREQUENCY_HZ], 0.0)
     silence = np.zeros((1, len(actuators)))
     amplitudes = np.vstack([safe[..., 0], silence])
@@ -189,13 +198,15 @@ def _drive(
         (amplitudes[:-1], amplitudes[1:]), (frequencies[:-1], frequencies[1:])
     )
     cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
-    begun = cycles_since_the_beginning(first_hz[:1], first_row / float(raster.rate_hz))
+    repeats = cycles_until_it_repeats(kinds)
+    begun = cycles_since_the_beginning(first_hz[:1], first_row / float(raster.rate_hz), repeats)
     return _Drive(
         actuators=actuators,
         amplitudes=amplitudes / full_scale,
         first_hz=first_hz,
         last_hz=last_hz,
-        cycles=(begun + np.vstack([silence, cycles[:-1]])) % 1.0,
+        cycles=(begun + np.vstack([silence, cycles[:-1]])) % repeats,
+        kinds=kinds,
         full_scale=full_scale,
         first_row=first_row,
     )
@@ -234,7 +245,7 @@ def _add_waveform(
     cycles = cycles_on_the_way(way, x, 1.0 / float(raster.rate_hz))
     cycles += drive.cycles[of_drive, channel, None]
     ends = drive.amplitudes[of_drive, channel, None], drive.amplitudes[of_drive + 1, channel, None]
-    values = sines(ends, x, cycles)
+    values = waves(drive.kinds[channel, None], ends, way, x, cycles, rate_hz)
     if is_even:
         played.reshape(-1, longest, played.shape[1])[row + skipped, :, channel] += values
         return

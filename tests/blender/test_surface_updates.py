@@ -38,7 +38,7 @@ def plane(scene: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterat
     bpy.ops.hfx.add_surface(source="MATERIAL")
     assert not obj.hfx.surface.is_faulty, obj.hfx.surface.note
     yield obj
-    for known in (surface_updates._shown, surface_updates._bake_s, surface_updates._painted):
+    for known in (surface_updates._shown, material_state.bake_s, surface_updates._painted):
         known.clear()
     for work in (surface_updates._make, surface_updates._check):
         if bpy.app.timers.is_registered(work):
@@ -116,7 +116,7 @@ def test_where_nodes_are_drawn_and_undone_edits_are_of_no_matter(plane: Any) -> 
 
 def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: Any) -> None:
     before = surfaces.field_of(plane).heights_m
-    surface_updates.baked(plane, 0.2)
+    material_state.bake_s[plane.name] = 0.2
     _another_value(plane)
     surface_updates._check()
     assert plane.hfx.surface.is_outdated  # nobody looks
@@ -127,7 +127,7 @@ def test_a_material_that_bakes_quickly_is_baked_while_its_maps_are_shown(plane: 
 
 
 def test_a_material_that_bakes_slowly_is_told_to_be_out_of_date(plane: Any) -> None:
-    surface_updates.baked(plane, surface_updates.QUICK_S + 1.0)
+    material_state.bake_s[plane.name] = surface_updates.QUICK_S + 1.0
     _another_value(plane)
     surface_updates.shown(plane)
     surface_updates._check()
@@ -135,7 +135,7 @@ def test_a_material_that_bakes_slowly_is_told_to_be_out_of_date(plane: Any) -> N
 
 
 def test_nothing_is_baked_while_it_is_edited(plane: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    surface_updates.baked(plane, 0.2)
+    material_state.bake_s[plane.name] = 0.2
     surface_updates.shown(plane)
     _another_value(plane)
     monkeypatch.setattr(surface_updates, "_last_edit", [time.monotonic()])

@@ -178,6 +178,7 @@ PAD = {
     ],
     "substitutions": {},
 }
+BENT = PAD | {"mount": PAD["mount"] | {"bend_radius_mm": 150}}
 SCHEMES = [
     {"scheme": "coverage", "options": {"statistic": "strongest"}},
     {"scheme": "barycentric", "options": {"law": "linear"}},
@@ -205,7 +206,11 @@ def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
     }
     found["full"] = copy.deepcopy(FULL)
     found["types"] = with_types(VIBRATION, FIXED, THERMAL, *OTHERS)
+    found["waveforms"] = with_types(
+        *(VIBRATION | {"takes_waveform": True, "waveform": w} for w in ("noise", "square", "sine"))
+    )
     found["pad"] = changed(**PAD)
+    found["bent pad"] = changed(**BENT)
     found |= {f"scheme {each['scheme']}": changed(rendering=each) for each in SCHEMES}
     pairs = [(a, b) for a in UNITS for b in UNITS if a != b]
     found |= {f"{a} as {b}": substituting(a, b) for a, b in pairs}

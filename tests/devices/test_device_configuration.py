@@ -202,6 +202,9 @@ SEEN_BY_BOTH = [
     ("actuator_types/motor/takes_waveform", "yes"),
     ("actuator_types/motor/takes_waveform", 1),
     ("actuator_types/peltier/takes_waveform", True),
+    ("actuator_types/motor/waveform", "sine"),
+    ("actuator_types/lra/waveform", "square"),
+    ("actuator_types/peltier/waveform", "noise"),
     ("actuator_types/motor/resonance_hz", 0),
     ("actuator_types/motor/resonance_hz", "high"),
     ("actuator_types/peltier/resonance_hz", 100),
@@ -278,6 +281,22 @@ def test_each_field_wrong_in_turn(full, stored, path, value):
 def test_a_type_of_actuators_has_a_name_like_any_other(full, stored):
     full["actuator_types"]["The Motor"] = full["actuator_types"]["motor"]
     with pytest.raises(InputError, match="the name of an actuator type is"):
+        load_device(stored(full))
+
+
+@pytest.mark.parametrize("waveform", ["sine", "square", "noise"])
+def test_an_actuator_that_is_driven_as_sound_has_a_waveform(full, stored, waveform):
+    motor = full["actuator_types"]["motor"]
+    assert load_device(stored(full)).actuators[0].type.waveform == "sine"
+    motor |= {"takes_waveform": True, "waveform": waveform}
+    assert load_device(stored(full)).actuators[0].type.waveform == waveform
+    motor["waveform"] = "saw"
+    with pytest.raises(
+        InputError, match=r'motor\.waveform is "saw", allowed is one of sine, square, noise\.$'
+    ):
+        load_device(stored(full))
+    motor |= {"takes_waveform": False, "waveform": waveform}
+    with pytest.raises(InputError, match='allowed is left out: only with "takes_waveform": true'):
         load_device(stored(full))
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from hfx_blender.devices import configuration
@@ -84,3 +86,44 @@ def test_faults_of_a_mount_name_their_place(full, stored, change, found):
 def test_a_pad_without_a_mount_is_refused(full, stored):
     del pad(full)["mount"]
     assert any("mount" in fault for fault in configuration.check(stored(full)))
+
+
+def bent(full, radius_mm):
+    pad(full)["mount"]["bend_radius_mm"] = radius_mm
+    return full
+
+
+def test_a_pad_bent_round_the_body_stands_where_its_arc_ends(full, stored):
+    # A quarter of 4 x 63.5 mm: 90 degrees, so beside the cylinder's axis, a radius behind the pad.
+    radius_mm = 4 * 63.5 / math.tau
+    at = read(stored, bent(full, radius_mm)).actuators[0].place.centre_m
+    assert at == pytest.approx((radius_mm / 1000, -0.1 + radius_mm / 1000, 1.18))
+
+
+def test_a_pad_bent_to_a_hollow_comes_to_the_other_side(full, stored):
+    radius_mm = 4 * 63.5 / math.tau
+    at = read(stored, bent(full, -radius_mm)).actuators[0].place.centre_m
+    assert at == pytest.approx((radius_mm / 1000, -0.1 - radius_mm / 1000, 1.18))
+
+
+@pytest.mark.parametrize("radius_mm", [0, 2.9, -2.9, 10_001, -10_001, None, True, "150"])
+def test_a_bend_that_is_none_is_refused(full, stored, radius_mm):
+    with pytest.raises(InputError, match=r"mount.bend_radius_mm is .*, allowed is a number from"):
+        read(stored, bent(full, radius_mm))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_pads_that_go_round_more_than_once_are_refused(full, stored, sign):
+    bent(full, sign * 20)["actuators"][1]["place"] = {
+        "pad": {"parts": ["torso"], "at_mm": [-36.5, 0], "radius_m": 0.02}
+    }
+    # 63.5 + 36.5 mm are 100 mm, of 40 pi = 125.7 mm.
+    assert read(stored, full).mount.bend_radius_m == pytest.approx(sign * 0.02)
+    full["actuators"][1]["place"]["pad"]["at_mm"][0] = -62.3
+    with pytest.raises(InputError) as refused:
+        read(stored, full)
+    # 125.8 / 2 pi is 20.0217.
+    assert str(refused.value).endswith(
+        f"mount.bend_radius_mm is {sign * 20}, allowed is at least 20.03 mm: pads are 125.8 mm "
+        "apart along x, and once round is 125.7 mm."
+    )

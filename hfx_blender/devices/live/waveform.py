@@ -3,22 +3,24 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ...engine.rendering.waveform import (
+    Waveform,
     cycles_on_the_way,
     cycles_since_the_beginning,
+    cycles_until_it_repeats,
     kept_through_silence,
-    sines,
+    kinds_of,
+    waves,
 )
 from .tones import Tones
 
 F64 = npt.NDArray[np.float64]
-
-Shape = Literal["sine", "square", "noise"]
 
 RAMP_S: Final = 0.005
 """Amplitude and frequency go to new values within so long: no clicks, and no delay to speak of."""
@@ -29,31 +31,26 @@ class Oscillators:
 
     Parameters
     ----------
-    channels : int
+    waveforms : sequence of C of {"sine", "square", "noise"}
     rate_hz : float
-    shape : {"sine", "square", "noise"}
-        Noise is white and has no frequency.
-    seed : int
-        Of the noise.
     begins_at : int
         Samples that have been played before.
     """
 
     def __init__(
         self,
-        channels: int,
+        waveforms: Sequence[Waveform],
         rate_hz: float,
-        shape: Shape = "sine",
-        seed: int = 0,
         *,
         begins_at: int = 0,
     ) -> None:
         self._rate_hz = rate_hz
-        self._shape = shape
-        self._random = np.random.default_rng(seed)
+        self._kinds = kinds_of(waveforms)
+        self._repeats = cycles_until_it_repeats(self._kinds)
+        channels = len(waveforms)
         self._steps = max(1, round(RAMP_S * rate_hz))
         self._played = begins_at  # samples altogether
-        self._cycles = np.zeros(channels)  # at the beginning of the ramp, modulo 1
+        self._cycles = np.zeros(channels)  # at the beginning of the ramp, modulo repeats
         # From, to: rows of amplitude and frequency.
         self._from = np.zeros((2, channels))
         self._to = np.zeros((2, channels))
@@ -79,10 +76,10 @@ class Oscillators:
         wanted[1] = np.clip(wanted[1], 0.0, 0.5 * self._rate_hz)
         share = min(self._done / self._steps, 1.0)
         here = self._from * (1.0 - share) + self._to * share
-        cycles = self._cycles_at(np.array([self._done]))[0] % 1.0
+        cycles = self._cycles_at(np.array([self._done]))[0] % self._repeats
         begins = here[0] == 0.0
         here[1], wanted[1] = kept_through_silence((here[0], wanted[0]), (here[1], wanted[1]))
-        since = cycles_since_the_beginning(wanted[1], self._played / self._rate_hz)
+        since = cycles_since_the_beginning(wanted[1], self._played / self._rate_hz, self._repeats)
         self._cycles = np.where(begins, since, cycles)
         self._from, self._to, self._done = here, wanted, 0
 
@@ -92,14 +89,9 @@ class Oscillators:
         self._done += count
         self._played += count
         share = np.minimum(place / self._steps, 1.0)[:, None]
-        ends = self._from[0], self._to[0]
-        if self._shape == "sine":
-            return sines(ends, share, self._cycles_at(place))
-        amplitudes = ends[0] * (1.0 - share) + ends[1] * share
-        if self._shape == "noise":
-            return np.asarray(amplitudes * self._random.uniform(-1.0, 1.0, amplitudes.shape))
-        is_high = self._cycles_at(place) % 1.0 < 0.5
-        return np.asarray(amplitudes * np.where(is_high, 1.0, -1.0))
+        amplitudes = self._from[0], self._to[0]
+        hz = self._from[1], self._to[1]
+        return waves(self._kinds, amplitudes, hz, share, self._cycles_at(place), self._rate_hz)
 
     def _cycles_at(self, place: npt.NDArray[np.int64]) -> F64:
         """Cycles (n, C) played at samples since the ramp began."""
@@ -115,12 +107,14 @@ class SumOfTones:
 
     Parameters
     ----------
-    channels : int
+    waveforms : sequence of C of {"sine", "square", "noise"}
+        Of each channel: all its tones are of the same.
     rate_hz : float
     """
 
-    def __init__(self, channels: int, rate_hz: float) -> None:
-        self._channels = channels
+    def __init__(self, waveforms: Sequence[Waveform], rate_hz: float) -> None:
+        self._waveforms = tuple(waveforms)
+        self._channels = len(self._waveforms)
         self._rate_hz = rate_hz
         self._played = 0
         self._sounding: dict[int, Oscillators] = {}
@@ -137,7 +131,7 @@ class SumOfTones:
         ):
             if number not in self._sounding:
                 self._sounding[number] = Oscillators(
-                    self._channels, self._rate_hz, begins_at=self._played
+                    self._waveforms, self._rate_hz, begins_at=self._played
                 )
             self._sounding[number].aim(amplitudes, hz)
 

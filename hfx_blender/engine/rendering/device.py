@@ -17,6 +17,7 @@ from ..modality import MODALITIES
 from .device_output import OutputConfig
 from .drive import DriveCurve
 from .panning.laws import Law
+from .waveform import Waveform
 
 Statistic = Literal["strongest", "mean"]
 SchemeName = Literal[
@@ -49,6 +50,7 @@ class ActuatorType:
     maximum_on_s: float = math.inf  # longest that it is on without a rest, live
     rest_s: float = 1.0
     takes_waveform: bool = False  # driven as sound: plays the sum of all vibrations
+    waveform: Waveform = "sine"  # of each of these
     resonance_hz: float | None = None
     drive: tuple[DriveCurve, ...] = ()  # measured, by ascending frequency; none: proportional
     thresholds: tuple[tuple[float, float], ...] = ()  # (Hz, m/s^2) below which it is not felt
@@ -76,11 +78,12 @@ class Scheme:
 
 @dataclass(frozen=True)
 class Mount:
-    """Where a flat or gently curved layout lies on the body, in rest space."""
+    """Where a layout of millimetres lies on the body, in rest space: flat, or bent."""
 
     origin_m: tuple[float, float, float]
     x_axis: tuple[float, float, float]  # unit, orthogonal
     y_axis: tuple[float, float, float]
+    bend_radius_m: float | None = None  # of the cylinder along y; below 0: hollow; None: flat
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from ..body.model import PerceptualModel
 from ..body.parts import SIDES
 from .coverage import ActuatorCells
 from .device import Actuator, BodyPlace, DeviceConfig, Mount, RoomPlace
+from .mounts import Pad, on_mount
 from .panning.neighbours import SkinNeighbours, parted
 from .panning.planar import PlanarPanning
 from .panning.ring import LinePanning, RingPanning
@@ -171,19 +172,19 @@ def _spacing_m(centres: F64) -> float:
 
 
 def _mount(device: DeviceConfig, centres: F64) -> Mount:
-    """The plane of the layout: as configured, or the one that its actuators are nearest to."""
-    if device.mount is not None:
-        return device.mount
+    """The mount of the layout: as configured, or the plane that its actuators are nearest to."""
+    return _fitted(centres) if device.mount is None else device.mount
+
+
+def _fitted(centres: F64) -> Mount:
     middle = centres.mean(axis=0)
     axes = np.linalg.svd(centres - middle, full_matrices=True)[2]
     origin, x_axis, y_axis = (tuple(float(v) for v in each) for each in (middle, *axes[:2]))
     return Mount(origin, x_axis, y_axis)  # type: ignore[arg-type]
 
 
-def on_mount(mount: Mount, points: F64) -> F64:
-    """Coordinates (n, 2) in a mount's plane of rest-space points (n, 3), metres."""
-    axes = np.array([mount.x_axis, mount.y_axis])
-    return np.asarray((points - np.array(mount.origin_m)) @ axes.T)
+def _pad(device: DeviceConfig, centres: F64) -> Pad:
+    return Pad(_mount(device, centres), centres, _spacing_m(centres))
 
 
 _Gains = Callable[[F64], F64]
@@ -191,13 +192,15 @@ _Gains = Callable[[F64], F64]
 
 
 def _planar(device: DeviceConfig, centres: F64) -> _Gains:
-    mount = _mount(device, centres)
-    panning = PlanarPanning(on_mount(mount, centres), device.scheme.law)
-    return lambda points: panning.gains(on_mount(mount, points))
+    pad = _pad(device, centres)
+    panning = PlanarPanning(pad.at(centres), device.scheme.law, pad.closed_m)
+    return lambda points: panning.gains(pad.at(points))
 
 
 def _ring(device: DeviceConfig, centres: F64) -> _Gains:
     mount = _mount(device, centres)
+    if mount.bend_radius_m is not None:
+        return _round(mount, centres, abs(mount.bend_radius_m))
     ring = on_mount(mount, centres)
     middle = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
 
@@ -208,10 +211,18 @@ def _ring(device: DeviceConfig, centres: F64) -> _Gains:
     return lambda points: panning.gains(angles(on_mount(mount, points))[:, None])
 
 
+def _round(mount: Mount, centres: F64, radius_m: float) -> _Gains:
+    """Round the cylinder of a bent mount."""
+    panning = RingPanning(on_mount(mount, centres)[:, 0] / radius_m)
+    return lambda points: panning.gains(on_mount(mount, points)[:, :1] / radius_m)
+
+
 def _line(device: DeviceConfig, centres: F64) -> _Gains:
-    mount = _mount(device, centres)
-    panning = LinePanning(on_mount(mount, centres)[:, 0])
-    return lambda points: panning.gains(on_mount(mount, points)[:, :1])
+    mount, pad = _mount(device, centres), _pad(device, centres)
+    if mount.bend_radius_m is not None and pad.closed_m is not None:
+        return _round(mount, centres, abs(mount.bend_radius_m))
+    panning = LinePanning(pad.at(centres)[:, 0])
+    return lambda points: panning.gains(pad.at(points)[:, :1])
 
 
 def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
@@ -227,6 +238,8 @@ def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
         with suppress(ValueError):
             return _seen_from(middle, centres, np.eye(3))
     mount = _mount(device, centres)
+    if mount.bend_radius_m is not None:  # a plane through them is not the one that it touches
+        mount = _fitted(centres)
     axes = np.array([mount.x_axis, mount.y_axis])
     ring = on_mount(mount, centres)
     centre = np.array(mount.origin_m) + 0.5 * (ring.min(axis=0) + ring.max(axis=0)) @ axes

@@ -248,7 +248,7 @@ def test_sums_are_alike_at_any_block_size(sizes):
     total = sum(sizes)
 
     def sound(blocks: list[int]) -> np.ndarray:
-        made = SumOfTones(WIDTH, RATE_HZ)
+        made = SumOfTones(["sine"] * WIDTH, RATE_HZ)
         made.aim(tones((0.4, LOW), (0.3, HIGH)))
         first = np.concatenate([made.block(count) for count in blocks])
         made.aim(tones((0.1, 90.0)))
@@ -258,7 +258,7 @@ def test_sums_are_alike_at_any_block_size(sizes):
 
 
 def test_tones_of_one_frequency_are_in_phase_however_they_begin():
-    made = SumOfTones(1, RATE_HZ)
+    made = SumOfTones(["sine"], RATE_HZ)
     one = np.array([[0.4]]), np.array([[LOW]])
     made.aim(Tones(np.array([0]), *one))
     made.block(1234)

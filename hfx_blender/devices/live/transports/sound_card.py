@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A multichannel sound card through PortAudio: one channel for each vibration actuator.
 
-An actuator that takes a waveform plays the sum of its tones, any other the one sine of its values.
+An actuator that takes a waveform plays the sum of its tones, any other the one sine of its values;
+a tone is a sine, or the waveform that the actuator's type names.
 PortAudio comes with the optional package ``sounddevice`` (the extra ``audio``).
 """
 
@@ -62,7 +63,7 @@ class SoundCard:
         self._curves = [kind.drive for kind in kinds]
         sounding = [k for k, kind in enumerate(kinds) if kind.takes_waveform]
         self._sounding = np.array(sounding, np.int64)  # channels
-        self._waves = SumOfTones(len(kinds), RATE_HZ)
+        self._waves = SumOfTones([kind.waveform for kind in kinds], RATE_HZ)
         self._values_s = time.monotonic()
         self._is_silent = True
         self._lost = ""

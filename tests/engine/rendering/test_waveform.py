@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sine, square and noise: their spectra, their limits, and that blocks and files are alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import wavfile
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live.tones import Tones
+from hfx_blender.devices.live.waveform import Oscillators, SumOfTones
+from hfx_blender.engine.rendering import waveform
+from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.frequency import Partial
+from hfx_blender.engine.rendering.raster import Column, Raster
+from hfx_blender.engine.rendering.waveform import WAVEFORMS, Waveform, kinds_of, waves
+from hfx_blender.formats import wav
+
+RATE = 48_000
+CARD = load_device("sound_card_8")
+KIND = CARD.actuators[0].type
+MOST = KIND.strength.highest
+TWO_HZ = 80.0, 250.0
+
+
+def steady(shape: Waveform, hz: float, seconds: float = 1.0) -> np.ndarray:
+    """One channel of amplitude 1, from phase 0."""
+    time = np.arange(round(seconds * RATE))[:, None] / RATE
+    one, same = np.ones(1), np.full(1, hz)
+    return waves(kinds_of([shape]), (one, one), (same, same), 0.0 * time, hz * time, RATE)[:, 0]
+
+
+def spectrum(samples: np.ndarray) -> np.ndarray:
+    """Amplitudes of sines at whole hertz, of a second."""
+    return np.abs(np.fft.rfft(samples)) / (RATE / 2)
+
+
+def test_a_square_has_the_odd_harmonics_of_fouriers_series():
+    found = spectrum(steady("square", 80.0))
+    for harmonic in (1, 3, 5, 7):
+        expected = 4.0 / np.pi / harmonic
+        assert found[80 * harmonic] == pytest.approx(expected, rel=1e-3)
+        assert found[80 * (harmonic + 1)] < 1e-6
+    phase = np.angle(np.fft.rfft(steady("square", 80.0))[80])
+    assert phase == pytest.approx(-np.pi / 2, abs=1e-6), "in phase with a sine"
+
+
+def test_a_square_is_band_limited():
+    """Of 997 Hz nothing that is mirrored is felt: plain steps leave a hundredth below 1000 Hz."""
+    found = spectrum(steady("square", 997.0))
+    felt = np.delete(found[:1001], 997).max() / found[997]
+    assert felt < 1e-4
+    time = np.arange(RATE) / RATE
+    plain = spectrum(np.where(997.0 * time % 1.0 < 0.5, 1.0, -1.0))
+    assert np.delete(plain[:1001], 997).max() / plain[997] > 30 * felt
+
+
+def test_noise_is_a_band_about_its_frequency():
+    samples = steady("noise", 100.0, 60.0)
+    power = np.abs(np.fft.rfft(samples)) ** 2
+    hz = np.fft.rfftfreq(len(samples), 1.0 / RATE)
+
+    def share(low: float, high: float) -> float:
+        return float(power[(hz >= low) & (hz < high)].sum() / power.sum())
+
+    assert share(50, 150) > 0.9 and share(80, 120) == pytest.approx(0.5, abs=0.05)
+    assert share(99.9, 100.1) < 0.05 and share(0, 10) < 1e-3
+    # Of independent sines that fade by w = 3 s^2 - 2 s^3: the mean of (1 - w)^2 + w^2 is 26/35.
+    assert (samples**2).mean() == pytest.approx(13 / 35, rel=0.02)
+
+
+def test_what_is_drawn_for_noise_is_splitmix64():
+    """The first outputs from seed 0 that other implementations publish."""
+    found = [hex(int(each)) for each in waveform._split_mix(3)]
+    assert found == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
+
+
+def test_noise_goes_on_when_it_comes_again():
+    cycles = waveform._NOISE_REPEATS + np.linspace(-0.01, 0.01, 2001)
+    again = cycles % waveform._NOISE_REPEATS
+    before, after = (waveform._noises(each, each) for each in (cycles, again))
+    np.testing.assert_allclose(before, after, atol=1e-9)
+    assert np.abs(np.diff(before)).max() < 2 * np.pi * 1e-5 * 2
+
+
+hertz = st.floats(0.0, RATE / 2)
+
+
+@given(
+    st.sampled_from(WAVEFORMS),
+    st.lists(st.tuples(st.floats(0.0, 1.0), hertz, st.integers(0, 400)), min_size=1, max_size=6),
+)
+@settings(deadline=None, max_examples=60)
+def test_no_wave_exceeds_its_amplitude(shape, changes):
+    made = Oscillators([shape], RATE)
+    before = 0.0
+    for amplitude, hz, count in changes:
+        made.aim(np.array([amplitude]), np.array([hz]))
+        found = np.abs(made.block(count))
+        assert (found <= max(before, amplitude) * (1.0 + 1e-12)).all()
+        before = max(before, amplitude)
+
+
+blocks = st.lists(st.integers(0, 700), min_size=1, max_size=8)
+
+
+@given(st.sampled_from([["sine"], ["square"], ["noise"], ["noise", "sine", "square"]]), blocks)
+@settings(deadline=None, max_examples=60)
+def test_waves_are_alike_at_any_block_size(shapes, sizes):
+    count, total = len(shapes), sum(sizes)
+
+    def sound(parts: Sequence[int]) -> np.ndarray:
+        made, found = SumOfTones(shapes, RATE), []
+        for hz in (TWO_HZ, (90.0, 400.0)):
+            pairs = np.array([0.4, 0.3]), np.array(hz)
+            amplitudes, frequencies = (np.repeat(each[:, None], count, axis=1) for each in pairs)
+            made.aim(Tones(np.arange(2), amplitudes, frequencies))
+            found += [made.block(each) for each in parts]
+        return np.concatenate(found)
+
+    np.testing.assert_allclose(sound(sizes), sound([total]), atol=1e-8)
+
+
+@pytest.mark.parametrize("shape", ["sine", "noise"])
+def test_phase_goes_on_through_changes_of_frequency(shape):
+    made, parts = Oscillators([shape], RATE), []
+    for hz in (80.0, 250.0, 31.0, 400.0):
+        made.aim(np.ones(1), np.array([hz]))
+        parts.append(made.block(1000))
+    wave = np.concatenate(parts)[240:, 0]
+    # Fading between two sines adds at most its own steepness, 3/2 a cycle, times their difference.
+    steepest = (2.0 * np.pi + (3.0 if shape == "noise" else 0.0)) * 400.0 / RATE
+    assert np.abs(np.diff(wave)).max() <= 1.01 * steepest
+
+
+def test_a_squares_edges_stay_half_a_cycle_apart_through_changes_of_frequency():
+    made, parts = Oscillators(["square"], RATE), []
+    for hz in (100.0, 200.0, 100.0):
+        made.aim(np.ones(1), np.array([hz]))
+        parts.append(made.block(4800))
+    wave = np.concatenate(parts)[240:, 0]
+    apart = np.diff(np.flatnonzero(np.diff(np.signbit(wave))))
+    assert apart.min() >= 119 and apart.max() <= 241
+
+
+def with_waveforms(*shapes: Waveform) -> DeviceConfig:
+    actuators = tuple(
+        replace(each, type=replace(KIND, waveform=shape))
+        for each, shape in zip(CARD.actuators, shapes, strict=False)
+    )
+    return replace(CARD, actuators=actuators)
+
+
+def raster_of(device: DeviceConfig, partials: Sequence[Partial], rows: int, **other: Any) -> Raster:
+    width = len(device.actuators)
+    return Raster(
+        device_id=device.id,
+        body_id="body",
+        actuators=tuple(a.id for a in device.actuators),
+        columns=tuple(
+            Column(a.id, c.name, a.type.unit(c)) for a in device.actuators for c in a.type.controls
+        ),
+        times_s=np.arange(rows) / 100.0,
+        rate_hz=other.get("rate_hz", Fraction(100)),
+        values=np.tile([0.0, 100.0], (rows, width)),
+        neutral=np.tile([0.0, 100.0], width),
+        shortfalls=(),
+        felt=(),
+        waveform_actuators=tuple(a.id for a in device.actuators),
+        partials=tuple(partials),
+    )
+
+
+def constant(name: str, amplitude: float, hz: float, rows: int, width: int = 3) -> Partial:
+    return Partial(name, 0, np.full((rows, width), amplitude), np.full((rows, width), hz))
+
+
+def exported(path: Path, device: DeviceConfig, raster: Raster) -> np.ndarray:
+    wav.write(raster, device, path, sample_format="float32", rate_hz=RATE)
+    return np.asarray(wavfile.read(path)[1], np.float64)
+
+
+def test_a_wav_holds_the_wave_that_a_card_plays(tmp_path: Path) -> None:
+    """A tone that has stood for a while is the same wave, sample for sample: one synthesis."""
+    device = with_waveforms("square", "noise", "sine")
+    made = SumOfTones([a.type.waveform for a in device.actuators], RATE)
+    pairs = ((0.5, 80.0), (0.3, 250.0))
+    made.aim(
+        Tones(
+            np.arange(2),
+            np.array([[a] * 3 for a, _ in pairs]),
+            np.array([[hz] * 3 for _, hz in pairs]),
+        )
+    )
+    live = made.block(RATE // 2)[479:]
+    raster = raster_of(device, [constant(str(hz), a * MOST, hz, 60) for a, hz in pairs], 60)
+    found = exported(tmp_path / "a.wav", device, raster)[480 : RATE // 2 + 1]
+    # The card has played from silence up to its first sample, the file starts with phase 0.
+    np.testing.assert_allclose(live, found, atol=1e-6)
+
+
+def test_a_wav_of_any_waveform_keeps_the_limit_and_is_alike_in_any_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = with_waveforms("square", "noise", "sine")
+    random = np.random.default_rng(4)
+    shares = random.dirichlet([1.0, 1.0], (12, 3)) * MOST  # together the limit, always
+    partials = [
+        Partial(str(k), 0, shares[..., k], random.uniform(20.0, 500.0, (12, 3))) for k in range(2)
+    ]
+    for rate_hz in (Fraction(100), Fraction(30000, 1001)):
+        raster = raster_of(device, partials, 12, rate_hz=rate_hz)
+        whole = exported(tmp_path / "whole.wav", device, raster)
+        assert np.abs(whole).max() <= 1.0 + 1e-6
+        assert np.abs(whole[:, 0]).max() > 0.99
+        for block in (1, 2500):
+            monkeypatch.setattr(wav, "_BLOCK_SAMPLES", block)
+            again = exported(tmp_path / "parts.wav", device, raster)
+            monkeypatch.undo()
+            assert (again == whole).all()
+
+
+def test_a_squares_fundamental_in_a_wav_is_four_over_pi_of_its_amplitude(tmp_path: Path) -> None:
+    device = with_waveforms("square", "noise", "sine")
+    raster = raster_of(device, [constant("hum", 0.6 * MOST, 80.0, 110)], 110)
+    found = exported(tmp_path / "a.wav", device, raster)[:RATE]
+    assert spectrum(found[:, 0])[80] == pytest.approx(0.6 * 4.0 / np.pi, rel=1e-3)
+    assert spectrum(found[:, 2])[80] == pytest.approx(0.6, rel=1e-3)
+    assert np.abs(found[:, 0]).max() == pytest.approx(0.6)
