@@ -189,12 +189,12 @@ def test_connected_devices_play_along_within_their_neutral_rest(
     live.send_vibration(5.0, 200.0)  # nothing is connected: nothing happens
     device = load_device("back_pad")
     monkeypatch.setattr(live, "_client", Client())
-    live._devices["a"] = _Connected(device, False, ())
+    live._devices["a"] = _Connected(device, False, (), 0.0)
     live.send_vibration(5.0, 200.0)
     values = np.array(sent["a"]).reshape(len(device.actuators), -1)
     assert all(a.type.modality == "vibration" for a in device.actuators)
     assert np.array_equal(values, np.tile([5.0, 200.0], (len(device.actuators), 1)))
-    live._devices["a"] = _Connected(device, True, ())
+    live._devices["a"] = _Connected(device, True, (), 0.0)
     sent.clear()
     live.send_vibration(5.0, 200.0)
     assert not sent  # a script decides by itself
