@@ -411,8 +411,12 @@ def test_what_is_edited_while_it_plays_is_what_comes(
 ) -> None:
     until(is_read)
     monkeypatch.setattr(live_listening, "is_playing", lambda: True)
-    go(7)
-    until(lambda: is_loud(late) and not is_loud(log))
+
+    def is_ahead() -> bool:  # as soon as it was worked out
+        go(7)
+        return is_loud(late) and not is_loud(log)
+
+    until(is_ahead)
     bpy.data.objects["Rumble"].hfx.is_muted = True
     bpy.data.objects["Rumble"].update_tag()
     bpy.context.view_layer.update()
