@@ -109,8 +109,10 @@ def leave(code: int) -> None:
     would have cleared away then is cleared away here.
     """
     bpy = sys.modules.get("bpy")
-    if bpy is not None and not inside_blender():
-        shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
+    # Another thread may still be loading it.
+    folder = getattr(getattr(bpy, "app", None), "tempdir", None)
+    if folder and not inside_blender():
+        shutil.rmtree(folder, ignore_errors=True)
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()

@@ -119,6 +119,9 @@ class WorkerProcess:
             **group,
         )
         self._process = process
+        if self._closed:  # meanwhile: whoever closed it did not see the new one
+            self.kill()
+            raise WorkerDiedError("was not started again")
         assert process.stdout is not None and process.stderr is not None
         for target, stream in ((self._listen, process.stdout), (self._overhear, process.stderr)):
             threading.Thread(target=target, args=(stream, self._answers), daemon=True).start()

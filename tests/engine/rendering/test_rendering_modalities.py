@@ -52,7 +52,7 @@ def test_vibration_does_not_depend_on_the_order_and_is_bounded(pairs):
     assert combine_vibration(amplitudes[::-1], frequencies[::-1])[0] == pytest.approx(forward[0])
     # Between adding as powers and adding in phase.
     assert np.sqrt(np.sum(amplitudes**2)) <= forward[0] * (1 + 1e-12) + 1e-300
-    assert forward[0] <= amplitudes.sum() * (1 + 1e-12)
+    assert forward[0] <= amplitudes.sum() * (1 + 1e-12) + 1e-150  # squares of less have few digits
 
 
 def test_pressures_add():
