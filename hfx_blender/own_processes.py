@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes of this package's own modules, that it starts to work beside it."""
+"""Processes of this package's own modules, that it starts to work beside it, and their pipes."""
 
 from __future__ import annotations
 
 import os
 import sys
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 from . import resources
 
@@ -35,3 +35,15 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def read_exactly(stream: IO[bytes], count: int) -> bytes | None:
+    """So many bytes of a pipe, which gives what it has; None if it ends before."""
+    parts = []
+    while count:
+        part = stream.read(count)
+        if not part:
+            return None
+        parts.append(part)
+        count -= len(part)
+    return b"".join(parts)

@@ -14,6 +14,7 @@ import bpy
 
 from . import __version__
 from .engine.body.model import load_model
+from .engine.counters import Counters
 from .engine.evaluate import Engine
 from .engine.parallel.evaluating import evaluated
 from .engine.rendering.device import DeviceConfig
@@ -55,16 +56,16 @@ class Recorded:
     @classmethod
     def merged(cls, parts: Sequence[Self]) -> Self:
         """What one recording of all parts, given in the order of time, would have told."""
-        engine: dict[str, Any] = dict(parts[0].engine)
+        counted = Counters()
         faults: dict[str, set[int]] = {}
         for part in parts:
             for text, samples in part.faults.items():
                 faults.setdefault(text, set()).update(samples)
-        for part in parts[1:]:
-            engine = {name: _added(engine[name], part.engine[name]) for name in engine}
+        for part in parts:
+            counted.add(Counters(**part.engine))
         notes = dict.fromkeys(note for part in parts for note in part.notes)
         return cls(
-            engine,
+            counted.as_dict(),
             {text: sorted(samples) for text, samples in faults.items()},
             tuple(notes),
             parts[0].stepping,
@@ -75,15 +76,6 @@ class Recorded:
         """What went wrong while samples were read and evaluated, and how often."""
         counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
         return tuple(f"{text} ({count} times)" for text, count in counts.items())
-
-
-def _added(one: Any, other: Any) -> Any:
-    """Two counters of two parts as one of both: numbers, lists of names, counts by name."""
-    if isinstance(one, dict):
-        return one | {name: one.get(name, 0) + count for name, count in other.items()}
-    if isinstance(one, list):
-        return list(dict.fromkeys([*one, *other]))
-    return one + other
 
 
 def why_in_one_go(reader: SceneReader) -> str | None:

@@ -6,14 +6,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import bpy
+from bpy.props import BoolProperty
 from bpy_extras import view3d_utils
 from mathutils import Vector
 
-from ..authoring import paths, posed_skin
+from ..authoring import posed_skin
 from ..errors import HfxError
 from ..ui import path_overlay
-from .paths import active_spot
-from .shared import HfxOperator
+from .paths import PathOperator, active_spot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,19 +43,18 @@ def on_body(context: bpy.types.Context, effect: bpy.types.Object, place: F64) ->
     return Vector(anchors.on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist())
 
 
-class HeldSpotOperator(HfxOperator):
+class HeldSpotOperator(PathOperator):
     """Base of the operators that follow the mouse; they say what is done with it."""
 
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 
+    release_confirm: BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        effect = active_spot(context)
-        if not cls.needs(effect, "Select a point on the skin"):
-            return False
-        if not cls.needs(effect.get(paths.PATH), "Place the point, or draw its path first"):
-            return False
-        return cls.needs(context.mode == "OBJECT", "Leave the present mode: this is Object Mode's")
+        return super().poll(context) and cls.needs(
+            context.mode == "OBJECT", "Leave the present mode: this is Object Mode's"
+        )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         effect = active_spot(context)
@@ -123,7 +122,9 @@ class HeldSpotOperator(HfxOperator):
             context.area.tag_redraw()
 
     def _tell(self, context: bpy.types.Context) -> None:
-        heading, keys = self._words(context)
+        heading, more = self._words(context)
+        confirm = "Let go" if self.release_confirm else "Click or Enter"
+        keys = f"{confirm}: confirm     Esc or right click: cancel     Shift: precise{more}"
         context.area.header_text_set(heading)
         context.workspace.status_text_set(keys)
 
@@ -148,4 +149,5 @@ class HeldSpotOperator(HfxOperator):
         return False
 
     def _words(self, context: bpy.types.Context) -> tuple[str, str]:
+        """What the header says, and what other keys do."""
         raise NotImplementedError

@@ -71,7 +71,9 @@ class _OfSpot(HfxOperator):
         return cls.needs(active_spot(context), "Select a point on the skin")
 
 
-class _OfPath(HfxOperator):
+class PathOperator(HfxOperator):
+    """Base of the operators of a point on the skin that is somewhere."""
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         effect = active_spot(context)
@@ -131,7 +133,7 @@ class HFX_OT_add_spot(_OnBody):
         return f"'{effect.name}' rests; draw a path to move it"
 
 
-class HFX_OT_reverse_path(_OfPath):
+class HFX_OT_reverse_path(PathOperator):
     """Let the path lead the other way; keyframes stay, so the point moves backwards"""
 
     bl_idname = "hfx.reverse_path"
@@ -145,7 +147,7 @@ class HFX_OT_reverse_path(_OfPath):
         return ""
 
 
-class HFX_OT_mirror_path(_OfPath):
+class HFX_OT_mirror_path(PathOperator):
     """Take the path to the other side of the body"""
 
     bl_idname = "hfx.mirror_path"
@@ -170,7 +172,7 @@ class HFX_OT_mirror_path(_OfPath):
         return ""
 
 
-class HFX_OT_move_along_path(_OfPath):
+class HFX_OT_move_along_path(PathOperator):
     """Animate the position from the beginning of the path to its end, from the current frame on"""
 
     bl_idname = "hfx.move_along_path"
@@ -250,7 +252,7 @@ class HFX_OT_load_path(_OfSpot, ImportHelper):
         return _apply(context, path_file.load(Path(self.filepath)))
 
 
-class HFX_OT_save_path(_OfPath, ExportHelper):
+class HFX_OT_save_path(PathOperator, ExportHelper):
     """Save the path to a file of its own, with the motion along it"""
 
     bl_idname = "hfx.save_path"

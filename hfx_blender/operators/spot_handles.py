@@ -14,8 +14,7 @@ from ..authoring import paths, posed_skin
 from ..errors import InputError
 from ..ui import path_overlay
 from .held_spot import HeldSpotOperator, is_for_blender, on_body, view_region
-from .paths import active_spot
-from .shared import HfxOperator
+from .paths import PathOperator, active_spot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -49,7 +48,6 @@ class HFX_OT_slide_spot(HeldSpotOperator):
         description="Stay on the path that is there, at the place that is nearest",
         options={"SKIP_SAVE"},
     )
-    release_confirm: BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
@@ -156,11 +154,7 @@ class HFX_OT_slide_spot(HeldSpotOperator):
         other = ""
         if len(self._own) > 1:
             other = "     G: " + ("freely on the skin" if self.along_path else "along its path")
-        confirm = "Let go" if self.release_confirm else "Click or Enter"
-        return (
-            f"{where}   X {x:.1f} cm  Y {y:.1f} cm  Z {z:.1f} cm{keyed}",
-            f"{confirm}: confirm     Esc or right click: cancel     Shift: precise{other}",
-        )
+        return f"{where}   X {x:.1f} cm  Y {y:.1f} cm  Z {z:.1f} cm{keyed}", other
 
 
 class HFX_OT_resize_spot(HeldSpotOperator):
@@ -177,7 +171,6 @@ class HFX_OT_resize_spot(HeldSpotOperator):
         min=0.0,
         options={"SKIP_SAVE"},
     )
-    release_confirm: BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import spot_placing
@@ -213,25 +206,14 @@ class HFX_OT_resize_spot(HeldSpotOperator):
         effect.update_tag()
 
     def _words(self, context: bpy.types.Context) -> tuple[str, str]:
-        confirm = "Let go" if self.release_confirm else "Click or Enter"
-        return (
-            f"Radius: {100.0 * self.radius * paths.metres_of(context.scene):.2f} cm",
-            f"{confirm}: confirm     Esc or right click: cancel     Shift: precise",
-        )
+        return f"Radius: {100.0 * self.radius * paths.metres_of(context.scene):.2f} cm", ""
 
 
-class HFX_OT_key_spot(HfxOperator):
+class HFX_OT_key_spot(PathOperator):
     """Key the place where the point is now; it moves along the skin from key to key"""
 
     bl_idname = "hfx.key_spot"
     bl_label = "Insert Place Key"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        effect = active_spot(context)
-        if not cls.needs(effect, "Select a point on the skin"):
-            return False
-        return cls.needs(effect.get(paths.PATH), "Place the point, or draw its path first")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return {"PASS_THROUGH"} if is_for_blender(context, event) else self.execute(context)

@@ -17,6 +17,8 @@ from typing import IO, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...own_processes import read_exactly
+
 F64 = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
@@ -88,7 +90,7 @@ def read_message(stream: IO[bytes]) -> Message | None:
     MessageError
         What comes is not a message.
     """
-    head = _read(stream, _HEAD.size)
+    head = read_exactly(stream, _HEAD.size)
     if head is None:
         return None
     length, kind, device = _HEAD.unpack(head)
@@ -98,19 +100,8 @@ def read_message(stream: IO[bytes]) -> Message | None:
         known = Kind(kind)
     except ValueError:
         raise MessageError(f"a message of the unknown kind {kind}") from None
-    body = _read(stream, length)
+    body = read_exactly(stream, length)
     return None if body is None else Message(known, device, body)
-
-
-def _read(stream: IO[bytes], count: int) -> bytes | None:
-    parts = []
-    while count:
-        part = stream.read(count)
-        if not part:
-            return None
-        parts.append(part)
-        count -= len(part)
-    return b"".join(parts)
 
 
 def values_to(values: npt.ArrayLike) -> bytes:

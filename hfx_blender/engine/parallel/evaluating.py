@@ -276,14 +276,16 @@ class _Helper:
     def _listen(self) -> None:
         stdout = self._process.stdout
         assert stdout is not None
-        with suppress(OSError, ValueError), stdout:
-            while (body := receive(stdout)) is not None:
-                found: Any = unpacked(body)
-                self._asked[0].set_result(found)
-                self._asked.popleft()
-        with self._lock:
-            self._is_alive = False
-            left = list(self._asked)
-        for answer in left:
-            if not answer.done():
-                answer.set_result(None)
+        try:
+            with suppress(OSError, ValueError), stdout:
+                while (body := receive(stdout)) is not None:
+                    found: Any = unpacked(body)
+                    self._asked[0].set_result(found)
+                    self._asked.popleft()
+        finally:  # whatever it was that came: nobody waits for ever
+            with self._lock:
+                self._is_alive = False
+                left = list(self._asked)
+            for answer in left:
+                if not answer.done():
+                    answer.set_result(None)

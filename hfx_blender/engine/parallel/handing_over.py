@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import IO, Any, Final
 
+from ...own_processes import read_exactly
 from ..volume.mesh import MeshVolume
 
 _ENGINE: Final = __package__.rpartition(".")[0]
@@ -43,19 +44,8 @@ def send(stream: IO[bytes], body: bytes) -> None:
 
 def receive(stream: IO[bytes]) -> bytes | None:
     """Read one message; None at the end, also in the middle of one."""
-    head = _exactly(stream, _LENGTH.size)
-    return None if head is None else _exactly(stream, _LENGTH.unpack(head)[0])
-
-
-def _exactly(stream: IO[bytes], count: int) -> bytes | None:
-    parts, left = [], count
-    while left:
-        part = stream.read(min(left, 1 << 20))
-        if not part:
-            return None
-        parts.append(part)
-        left -= len(part)
-    return b"".join(parts)
+    head = read_exactly(stream, _LENGTH.size)
+    return None if head is None else read_exactly(stream, _LENGTH.unpack(head)[0])
 
 
 def packed(value: object, meshes: Mapping[MeshVolume, int] | None = None) -> bytes:
