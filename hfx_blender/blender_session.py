@@ -103,7 +103,7 @@ def open_blend(path: Path) -> None:
 
 
 def leave(code: int) -> None:
-    """End the process at once.
+    """End the process at once, whatever its threads wait for.
 
     Blender's module sometimes hangs while Python takes it down, after all work is done; what it
     would have cleared away then is cleared away here.

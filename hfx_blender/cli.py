@@ -97,9 +97,7 @@ def main() -> None:
         code = finished.code if isinstance(finished.code, int) else 0
     except BrokenPipeError:
         code = 0
-    if "bpy" in sys.modules:
-        blender_session.leave(code)
-    sys.exit(code)
+    blender_session.leave(code)
 
 
 if __name__ == "__main__":

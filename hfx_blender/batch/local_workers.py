@@ -6,15 +6,19 @@ from __future__ import annotations
 import queue
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 from .units import Outcome, Unit
 from .worker_process import WorkerProcess, do_with_care
 
 Progress = Callable[[float], None]
+
+_TIDY_LIMIT_S: Final = 10.0
 
 
 class Workers(Protocol):
@@ -97,4 +101,9 @@ class LocalWorkers:
         self._pool.shutdown(wait=False, cancel_futures=True)
         with ThreadPoolExecutor(len(self._workers)) as closing:  # one that hangs takes time
             list(closing.map(WorkerProcess.close, self._workers))
-        self._pool.shutdown(wait=True)
+        # Until units have tidied up. Not until their threads have ended: where Ctrl-C struck while
+        # their outcomes were waited for, these may wait for a lock that is never released.
+        end = time.monotonic() + _TIDY_LIMIT_S
+        with suppress(queue.Empty):
+            for _ in self._workers:
+                self._idle.get(timeout=max(end - time.monotonic(), 0.0))

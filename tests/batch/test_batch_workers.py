@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import threading
 import time
@@ -14,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from hfx_blender import own_processes
 from hfx_blender.batch import batch, worker_process
 from hfx_blender.batch.local_workers import LocalWorkers
 from hfx_blender.batch.options import ExportOptions
@@ -185,3 +187,23 @@ def test_closing_ends_every_process_whatever_it_does(
             os.kill(pid, 0)
     thread.join(30)
     assert not thread.is_alive() and _tries(tmp_path, "never") == []
+
+
+STUCK = """
+import threading
+from hfx_blender import blender_session
+from hfx_blender.batch.local_workers import LocalWorkers
+workers = LocalWorkers(2)
+held = threading.Lock()
+held.acquire()
+workers._pool.submit(held.acquire)  # as where Ctrl-C struck while the pool was waited for
+workers.close()
+blender_session.leave(3)
+"""
+
+
+def test_a_thread_that_waits_for_ever_keeps_nobody_from_leaving() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STUCK], env=own_processes.environment(), timeout=60
+    )
+    assert done.returncode == 3
