@@ -31,7 +31,7 @@ _SURELY_NEAR_M: Final = 0.1
 _ELLIPSOID_MARGIN_M: Final = 0.01
 
 _MEASURED_ONE_BY_ONE: Final = 64
-SOURCES_AT_ONCE: Final = 64
+_SOURCES_AT_ONCE: Final = 64
 """Distances from so many places are held together: 20 MiB on the finest body model."""
 _ROWS_AT_ONCE: Final = 1 << 12
 
@@ -99,19 +99,9 @@ class SkinNeighbours:
 
     def _near_by_edges(self, pairs: I64) -> Bool:
         """Which pairs a way along edges joins, which is never shorter than the skin's."""
-        from scipy.sparse.csgraph import dijkstra
-
-        graph = edge_graph(self._model)
-        sources, row = np.unique(pairs[:, 0], return_inverse=True)
-        found = np.zeros(len(pairs), np.bool_)
-        for first in range(0, len(sources), SOURCES_AT_ONCE):
-            mine = slice(first, first + SOURCES_AT_ONCE)
-            anchors = self._anchors[sources[mine]]
-            away_m = dijkstra(graph, directed=False, indices=anchors, limit=MAX_SPAN_M)
-            own = np.flatnonzero((row >= first) & (row < first + SOURCES_AT_ONCE))
-            to = self._anchors[pairs[own, 1]]
-            found[own] = away_m[row[own] - first, to] <= MAX_SPAN_M
-        return found
+        allowed_m = np.full(len(pairs), MAX_SPAN_M)
+        lengths_m = along_edges_m(edge_graph(self._model), self._anchors[pairs], allowed_m)
+        return np.isfinite(lengths_m)
 
     def _is_near(self, one: int, other: int) -> bool:
         """Whether a way along the skin is short enough: it stays in an ellipsoid round both."""
@@ -135,6 +125,27 @@ def edge_graph(model: PerceptualModel) -> Any:
     ends = edges_of(model.triangles.astype(np.int64), len(model)).ends
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
     return csr_array(coo_array((lengths, tuple(ends.T)), shape=(len(model),) * 2))
+
+
+def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
+    """Lengths (k,) of the ways along edges between pairs of vertices (k, 2).
+
+    Infinite: longer than is allowed, (k,).
+    """
+    from scipy.sparse.csgraph import dijkstra
+
+    found = np.full(len(ends), np.inf)
+    sources, row = np.unique(ends[:, 0], return_inverse=True)
+    for first in range(0, len(sources), _SOURCES_AT_ONCE):
+        mine = np.flatnonzero((row >= first) & (row < first + _SOURCES_AT_ONCE))
+        away_m = dijkstra(
+            graph,
+            directed=False,
+            indices=sources[first : first + _SOURCES_AT_ONCE],
+            limit=float(allowed_m[mine].max()),
+        )
+        found[mine] = away_m[row[mine] - first, ends[mine, 1]]
+    return np.where(found <= allowed_m, found, np.inf)
 
 
 def parted(gains: F64, are_joined: AreJoined) -> F64:

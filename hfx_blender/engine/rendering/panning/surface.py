@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ...body.model import PerceptualModel
 from .complex import ActuatorComplex, merged_places
 from .laws import Law, gain
-from .neighbours import MAX_SPAN_M, SOURCES_AT_ONCE, edge_graph, limbs_of, parted
+from .neighbours import MAX_SPAN_M, along_edges_m, edge_graph, limbs_of, parted
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -28,7 +28,6 @@ _ROUND_ABOUT: Final = 1.7
 """How much longer the way along the skin may be than straight on (half round a limb: 1.57)."""
 
 _HOLLOW: Final = 0.1
-
 
 _BLEND: Final = 0.2
 """How much farther another triangle of actuators may be and still have a part in a place."""
@@ -63,7 +62,7 @@ class SurfaceNeighbours:
         near = np.flatnonzero((self._limb[one] == self._limb[other]) & (straight_m <= MAX_SPAN_M))
         if len(near):
             allowed_m = np.minimum(MAX_SPAN_M, _ROUND_ABOUT * straight_m[near])
-            found[near] = _along_the_skin(self._graph, self._anchors[pairs[near]], allowed_m)
+            found[near] = along_edges_m(self._graph, self._anchors[pairs[near]], allowed_m)
             near = near[np.isfinite(found[near])]
             found[near[_through_the_air(self._model, places, pairs[near])]] = np.inf
         return found
@@ -148,27 +147,6 @@ def _meeting(triangles: I64, nearest: I64) -> I64:
     """Which cells meet in a triangle of skin, (n, 3), ascending in each row."""
     cells = nearest[triangles]
     return np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
-
-
-def _along_the_skin(graph: Any, ends: I64, allowed_m: F64) -> F64:
-    """Lengths (k,) of the ways along edges between pairs of vertices (k, 2).
-
-    Infinite: longer than is allowed, (k,).
-    """
-    from scipy.sparse.csgraph import dijkstra
-
-    found = np.full(len(ends), np.inf)
-    sources, row = np.unique(ends[:, 0], return_inverse=True)
-    for first in range(0, len(sources), SOURCES_AT_ONCE):
-        mine = np.flatnonzero((row >= first) & (row < first + SOURCES_AT_ONCE))
-        away_m = dijkstra(
-            graph,
-            directed=False,
-            indices=sources[first : first + SOURCES_AT_ONCE],
-            limit=float(allowed_m[mine].max()),
-        )
-        found[mine] = away_m[row[mine] - first, ends[mine, 1]]
-    return np.where(found <= allowed_m, found, np.inf)
 
 
 def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDArray[np.bool_]:
