@@ -15,6 +15,7 @@ import numpy.typing as npt
 from .counters import Counters
 from .details import Details, tell_deepest
 from .narrow import Inside, covered
+from .native import contact as native
 from .placed import Placed
 from .posed_skin import PosedSkin
 from .swept import crossings, passing
@@ -94,6 +95,11 @@ class Found:
             return
         table, some = placed.skin.skin.table, np.flatnonzero(needed.any(axis=0))
         table.need(some)
+        if self.details is None and native.is_possible(placed.target.shapes):
+            later = followed[rows, clusters]
+            steps = placed.followed_in_steps(later, clusters, rows)
+            self._look_natively(native.Pairs(clusters, rows, wide[rows, clusters], steps), some)
+            return
         posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
         for part in _batches(clusters, table.place_counts):
             pair, row = clusters[part], rows[part]
@@ -103,6 +109,35 @@ class Found:
             self.counters.vertices_posed += points.shape[1]
             self._cover(skin, wide[row, pair])
             self._follow(skin, followed[row, pair])
+
+    def _look_natively(self, pairs: native.Pairs, some: I64) -> None:
+        """The same by the library."""
+        placed, table = self.placed, self.placed.skin.skin.table
+        surface, target = placed.skin.surface, placed.target
+        how = placed.pose, placed.rows, placed.to_shape
+        posing = surface.native_posing(some, *how, table)
+        if posing is None:
+            points, _ = surface.posed(some, *how).skin(pairs.clusters, pairs.rows, table)
+            posing = native.Posing(points=points)
+        self.counters.vertices_posed += int(table.place_counts[pairs.clusters].sum())
+        turning = [number for number in np.unique(pairs.steps).tolist() if number > 1]
+        drifts = {number: placed.drift(number) for number in turning}
+        native.look_at_skin(
+            pairs,
+            table,
+            posing,
+            native.Target(
+                target.shapes,
+                target.which,
+                target.falloff,
+                target.amplitude,
+                placed.inverses,
+                placed.pose.to_world[placed.rows],
+            ),
+            {number: (drift.from_before, drift.from_after) for number, drift in drifts.items()},
+            self.weights,
+            self.column_of[table.cells],
+        )
 
     def _places(self, skin: PosedSkin, contacts: I64) -> tuple[I64, I64]:
         """Rows and columns of some contacts."""

@@ -77,11 +77,13 @@ class SkinTable:
         The first quad of each unit.
     unit_of, around : (Q,), (Q, 2) int64
         Each quad's unit, and the places of its triangle's other corners.
+    is_ringed : (P,) uint8
+        Whether the first of these already are all neighbours of a unit.
     heights_m, wholes, sample_starts : (Q,)
         Of each quad: height of the bulge in the rest pose, 0 where it does not count; share of
         the cell's area, all samples together; its first sample.
-    bulge_m : (clusters,) float64
-        The highest bulge of each cluster.
+    bulge_m, most_samples : (clusters,)
+        The highest bulge of each cluster; the most samples of any of its cells.
     """
 
     def __init__(
@@ -116,12 +118,11 @@ class SkinTable:
         quads = int(self.quad_starts[-1])
         self.unit_shares, self.vertex_shares = np.zeros(total), np.zeros(total)
         self.steps, self.reaches = np.zeros(total, np.int64), np.zeros(total)
-        self.means = np.zeros(total)
+        self.means, self.is_ringed = np.zeros(total), np.zeros(total, np.uint8)
         self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int64)
         self.heights_m, self.wholes = np.zeros(quads), np.zeros(quads)
         self.sample_starts = np.zeros(quads, np.int64)
-        self._bulges = np.zeros((3, quads))
-        self.bulge_m = np.zeros(len(cells))
+        self.bulge_m, self.most_samples = np.zeros(len(cells)), np.ones(len(cells), np.int64)
         self._sample_count = 0
         self._samples = np.zeros((4, 0))
 
@@ -209,9 +210,12 @@ class SkinTable:
         self.means[units] = np.where(steps == 0, 0.0, means)
         at = self.quad_starts[units][unit] + turn
         self.unit_of[at], self.around[at] = units[unit], around
+        self.is_ringed[units] = _same_members(unit, around, len(units), len(self.vertices))
         self.heights_m[at] = np.where(is_curved, heights * quads.sizes, 0.0)
         self.wholes[at] = quads.total * (scale * steps * steps)[unit]
         np.maximum.at(self.bulge_m, new[which][unit], self.heights_m[at])
+        of_cells = np.bincount(cell, 1 + numbers).astype(np.int64)
+        np.maximum.at(self.most_samples, new[which], of_cells[cell])
         self._place_samples(at, quads, steps[unit], scale[unit])
 
     def _rings(self, clusters: I64, units: I64) -> tuple[I64, I64, I32, I64]:
@@ -256,3 +260,11 @@ class SkinTable:
             area, by_s, by_t = quads.areas[:, mine, None] * scale[mine, None]
             places = self.sample_starts[at[mine]][:, None] + np.arange(number * number)
             self._samples[:, places] = np.stack([one, two, height, area + s * by_s + t * by_t])
+
+
+def _same_members(owners: I64, pairs: I64, count: int, size: int) -> Bool:
+    """Whether the first of each owner's pairs (N, 2) are the same as the others, (count,)."""
+    first, other = (np.sort(owners * size + each) for each in pairs.T)
+    same = np.ones(count, np.bool_)
+    same[first[first != other] // size] = False
+    return same

@@ -17,6 +17,8 @@ import numpy.typing as npt
 
 from ..indexing import ramp
 from ..motion import largest_stretch
+from ..native import skin as native
+from ..native.contact import Posing
 from ..products import stacked_product
 from ..scene import PoseBlock, SkinBinding
 from .clusters import clusters_of
@@ -61,6 +63,11 @@ class PosableModel(Protocol):
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
+
+    def native_posing(
+        self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64, table: Skin
+    ) -> Posing | None:
+        """How the library poses some clusters, ascending; None where it cannot."""
 
 
 class PosedClusters(Protocol):
@@ -130,9 +137,11 @@ class SkinnedModel:
         self._bones, self._values = bones, values / sums[owners]
         self._offsets = np.searchsorted(owners, np.arange(len(model) + 1)).astype(np.int64)
         self._rest = np.hstack([model.vertices.astype(np.float64), np.ones((len(model), 1))])
+        self._cluster_bones: dict[int, I64] = {}
         self._factors: dict[int, tuple[I64, F64]] = {}
         self._sparse: dict[int, tuple[I64, F64, I64]] = {}
         self._links: dict[int, _Links] = {}
+        self._native = native.Clusters(len(self.clusters))
 
         # A pair is a cluster and a bone that moves some of it, with the box of what it moves.
         members = np.concatenate(self.clusters)
@@ -147,7 +156,8 @@ class SkinnedModel:
         self._pair_centres = (low + high) / 2
         self._pair_halves = (high - low) / 2
         pair_clusters, pair_bones = np.divmod(pairs, self._still + 1)
-        self._pair_starts = np.searchsorted(pair_clusters, np.arange(len(self.clusters)))
+        self._pair_ends = np.searchsorted(pair_clusters, np.arange(len(self.clusters) + 1))
+        self._pair_starts = self._pair_ends[:-1]
         self._used_bones, self._pair_slots = np.unique(pair_bones, return_inverse=True)
         bone_low = np.full((len(self._used_bones), 3), np.inf)
         bone_high = -bone_low
@@ -158,12 +168,19 @@ class SkinnedModel:
             (bone_high - bone_low) / 2,
         )
 
+    def cluster_bones(self, cluster: int) -> I64:
+        """Bones that move anything in a cluster, ascending."""
+        if cluster not in self._cluster_bones:
+            entries, _ = self._entries(self.clusters[cluster])
+            self._cluster_bones[cluster] = np.unique(self._bones[entries])
+        return self._cluster_bones[cluster]
+
     def cluster_factors(self, cluster: int) -> tuple[I64, F64]:
         """Bones of a cluster, and weight times homogeneous rest position (Vc, 4 Bc)."""
         if cluster not in self._factors:
-            ids = self.clusters[cluster]
+            ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
             entries, owners = self._entries(ids)
-            bones, column = np.unique(self._bones[entries], return_inverse=True)
+            column = np.searchsorted(bones, self._bones[entries])
             factors = np.zeros((len(ids), len(bones), 4))
             factors[owners, column] = self._values[entries, None] * self._rest[ids[owners]]
             self._factors[cluster] = bones, factors.reshape(len(ids), -1)
@@ -190,6 +207,9 @@ class SkinnedModel:
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
+        if native.is_there():
+            resting = self._native_bones(bones)
+            return native.bone_matrices(pose.bones, rows, to_target, resting)[0]
         if len(bones) and bones.max() == self._still:
             posed = np.tile(np.eye(3, 4), (len(rows), len(bones), 1, 1))
             moving = np.flatnonzero(bones < self._still)
@@ -200,8 +220,14 @@ class SkinnedModel:
         moved[..., 3] += to_target[:, None, :3, 3]
         return moved
 
+    def _native_bones(self, bones: I64) -> I64:
+        return np.where(bones < self._still, bones, -1)
+
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
+        if native.is_there():
+            boxes = self._pair_centres, self._pair_halves
+            return native.cluster_bounds(matrices, self._pair_ends, self._pair_slots, *boxes)
         pairs = matrices[:, self._pair_slots]
         centres = np.einsum("npij,pj->npi", pairs[..., :3], self._pair_centres) + pairs[..., 3]
         halves = np.einsum("npij,pj->npi", np.abs(pairs[..., :3]), self._pair_halves)
@@ -217,7 +243,7 @@ class SkinnedModel:
         return (centres - halves).min(axis=1), (centres + halves).max(axis=1)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        bones = self.cluster_factors(cluster)[0]
+        bones = self.cluster_bones(cluster)
         return self.posed_by(cluster, self.bone_matrices(pose, rows, to_target, bones))
 
     def posed_by(self, cluster: int, matrices: F64) -> F64:
@@ -229,13 +255,22 @@ class SkinnedModel:
 
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
         is_used = np.zeros(self._still + 1, np.bool_)
-        is_used[np.concatenate([self.cluster_factors(c)[0] for c in clusters.tolist()])] = True
+        is_used[np.concatenate([self.cluster_bones(c) for c in clusters.tolist()])] = True
         matrices = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
         return _SkinnedClusters(self, np.cumsum(is_used) - 1, matrices)
 
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
     ) -> F64:
+        if native.is_there():
+            before, after = (
+                self.bone_matrices(pose, row, target, self._used_bones)
+                for row, target in zip(rows, to_target, strict=True)
+            )
+            boxes = self._pair_centres, self._pair_halves
+            return native.cluster_moves(
+                before, after, clusters, self._pair_ends, self._pair_slots, *boxes
+            )
         starts = self._pair_starts[clusters]
         counts = np.append(self._pair_starts, len(self._pair_slots))[clusters + 1] - starts
         firsts = np.cumsum(counts) - counts
@@ -253,6 +288,24 @@ class SkinnedModel:
         squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
         return np.sqrt(squared)
 
+    def native_posing(
+        self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64, table: Skin
+    ) -> Posing | None:
+        assert pose.bones is not None
+        for cluster in clusters.tolist():
+            if cluster not in self._native:
+                self._native.add(
+                    cluster,
+                    self.cluster_entries(cluster),
+                    self.cluster_bones(cluster),
+                    self.links(cluster, table),
+                )
+        is_used = np.zeros(self._still + 1, np.bool_)
+        is_used[np.concatenate([self.cluster_bones(c) for c in clusters.tolist()])] = True
+        used = self._native_bones(np.flatnonzero(is_used))
+        matrices, stretches = native.bone_matrices(pose.bones, rows, to_target, used)
+        return Posing(self._native, matrices, stretches, np.cumsum(is_used) - 1)
+
     def links(self, cluster: int, table: Skin) -> _Links:
         """What a cluster's neighbours are like; see :class:`PosedClusters`."""
         if cluster not in self._links:
@@ -262,7 +315,7 @@ class SkinnedModel:
 
     def _made_links(self, cluster: int, units: int, links: I64) -> _Links:
         ids = self.clusters[cluster]
-        bones = self.cluster_factors(cluster)[0]
+        bones = self.cluster_bones(cluster)
         entries, owners = self._entries(ids)
         weights = np.zeros((len(ids), len(bones)))
         weights[owners, np.searchsorted(bones, self._bones[entries])] = self._values[entries]
@@ -308,7 +361,7 @@ class _SkinnedClusters:
         self._slots = slots
 
     def _of(self, cluster: int, at: I64) -> tuple[I64, F64]:
-        slots = self._slots[self._model.cluster_factors(cluster)[0]]
+        slots = self._slots[self._model.cluster_bones(cluster)]
         return slots, self._matrices[at[:, None], slots]
 
     def points(self, cluster: int, at: I64) -> F64:

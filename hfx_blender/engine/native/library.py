@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finds and loads the compiled library, if there is one."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from . import sources
+
+INTERFACE: Final = 1
+"""That of ``source/hfx_native.h``: any other library is not loaded."""
+
+SWITCH: Final = "HFX_NATIVE"
+"""Environment variable: 0 leaves the library out."""
+
+MODULE: Final = "hfx_native"
+"""What a Blender extension brings it in: a wheel of its own."""
+
+NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(
+    sys.platform, "hfx_native.so"
+)
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """The library, loaded once; None where there is none that fits."""
+    return _found()[0]
+
+
+def state() -> str:
+    """Where the library was loaded from, or why it was not; for people."""
+    return _found()[1]
+
+
+def _found() -> tuple[ctypes.CDLL | None, str]:
+    if os.environ.get(SWITCH) == "0":
+        return None, f"left out by {SWITCH}=0"
+    faults = []
+    for path in _places():
+        try:
+            return _load(path), str(path)
+        except (OSError, AttributeError, ValueError) as error:
+            faults.append(f"{path}: {error}")
+    return None, "; ".join(faults) or "none was built"
+
+
+def _places() -> Iterator[Path]:
+    """Files that are there: beside this one, then in the installed module of its own."""
+    folders = [Path(__file__).parent]
+    try:
+        spec = importlib.util.find_spec(MODULE)
+        folders += map(Path, (spec and spec.submodule_search_locations) or ())
+    except (ImportError, ValueError, AttributeError):
+        pass  # something else of that name
+    return (path for path in (folder / NAME for folder in folders) if path.is_file())
+
+
+def _load(path: Path) -> ctypes.CDLL:
+    """Load one file.
+
+    Raises
+    ------
+    OSError
+        It is for another computer, cannot be read, or is damaged.
+    AttributeError
+        It is something else.
+    ValueError
+        It fits another version of the package.
+    """
+    if _is_cut_off(path):
+        raise OSError("the file is cut off")
+    found = ctypes.CDLL(str(path))
+    found.hfx_interface.argtypes, found.hfx_interface.restype = (), ctypes.c_int64
+    if found.hfx_interface() != INTERFACE:
+        raise ValueError(f"has interface {found.hfx_interface()}, not {INTERFACE}")
+    found.hfx_build.argtypes, found.hfx_build.restype = (), ctypes.c_char_p
+    told = found.hfx_build().decode(errors="replace").split()
+    own = sources.digest()
+    if told and own and told[1:2] != [own]:
+        raise ValueError("was built of other sources; install the package again")
+    return found
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Whether the end of a library for Linux is missing: loading it would end the process."""
+    with path.open("rb") as file:
+        head = file.read(64)
+        size = file.seek(0, os.SEEK_END)
+    if head[:4] != b"\x7fELF":
+        return False
+    table, one, count = (int.from_bytes(head[a:b], "little") for a, b in _SECTIONS)
+    return len(head) < 64 or size < table + one * count
+
+
+_SECTIONS: Final = ((40, 48), (58, 60), (60, 62))  # where the table at the end is, and how long
+
+
+def pointer(array: npt.NDArray[Any] | None) -> ctypes.c_void_p:
+    """Where an array begins. It must be contiguous, and live until the call is over."""
+    if array is None:
+        return ctypes.c_void_p(None)
+    assert array.flags.c_contiguous
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """The same as contiguous float64."""
+    return np.ascontiguousarray(array, np.float64)
+
+
+def i64(array: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """The same as contiguous int64."""
+    return np.ascontiguousarray(array, np.int64)

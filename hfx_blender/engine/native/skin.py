@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Matrices of bones, bounds of clusters, and what the library needs to pose them; ``skin.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import f64, i64, library, pointer
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_POINTER: Final = ctypes.c_void_p
+_INTEGER: Final = ctypes.c_int64
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    """The library, with the arguments of these functions."""
+    found = library()
+    if found is not None:
+        found.hfx_bone_matrices.argtypes = [_INTEGER] * 3 + [_POINTER] * 6
+        found.hfx_cluster_bounds.argtypes = (
+            [_INTEGER] * 2 + [_POINTER] + [_INTEGER] + [_POINTER] * 6
+        )
+        found.hfx_cluster_moves.argtypes = (
+            [_INTEGER] * 2 + [_POINTER] * 2 + [_INTEGER] + [_POINTER] * 6
+        )
+        for each in (found.hfx_bone_matrices, found.hfx_cluster_bounds, found.hfx_cluster_moves):
+            each.restype = None
+    return found
+
+
+def is_there() -> bool:
+    """Whether these functions can be called."""
+    return _calls() is not None
+
+
+def bone_matrices(posed: F64, rows: I64, to_target: F64, bones: I64) -> tuple[F64, F64]:
+    """Rest to target space for some bones, and what that stretches.
+
+    Parameters
+    ----------
+    posed : (T, B, 3, 4) float64
+        Rest space to posed armature space.
+    rows : (n,) int64
+        Of these.
+    to_target : (n, 4, 4) float64
+        From armature space.
+    bones : (k,) int64
+        Of the pose; one that is -1 rests.
+
+    Returns
+    -------
+    matrices : (n, k, 3, 4) float64
+    stretches : (n, k) float64
+        No less than what each matrix stretches any direction by.
+    """
+    calls = _calls()
+    assert calls is not None
+    posed, rows, to_target, bones = f64(posed), i64(rows), f64(to_target), i64(bones)
+    matrices = np.empty((len(rows), len(bones), 3, 4))
+    stretches = np.empty((len(rows), len(bones)))
+    calls.hfx_bone_matrices(
+        len(rows),
+        len(bones),
+        posed.shape[1],
+        *(pointer(each) for each in (posed, rows, bones, to_target, matrices, stretches)),
+    )
+    return matrices, stretches
+
+
+def cluster_bounds(
+    matrices: F64, starts: I64, slots: I64, centres: F64, halves: F64
+) -> tuple[F64, F64]:
+    """Boxes around clusters.
+
+    Parameters
+    ----------
+    matrices : (n, B, 3, 4) float64
+    starts : (C + 1,) int64
+        Each cluster's first pair: a bone, and the box of what it moves.
+    slots : (P,) int64
+        The bone of each pair.
+    centres, halves : (P, 3) float64
+        Of these boxes.
+
+    Returns
+    -------
+    low, high : (n, C, 3) float64
+    """
+    calls = _calls()
+    assert calls is not None
+    rows, count = matrices.shape[:2]
+    low, high = np.empty((2, rows, len(starts) - 1, 3))
+    calls.hfx_cluster_bounds(
+        rows,
+        count,
+        pointer(matrices),
+        len(starts) - 1,
+        *(pointer(each) for each in (starts, slots, centres, halves, low, high)),
+    )
+    return low, high
+
+
+def cluster_moves(
+    before: F64, after: F64, clusters: I64, starts: I64, slots: I64, centres: F64, halves: F64
+) -> F64:
+    """How far anything in some clusters can have moved, (n, k).
+
+    ``before`` and ``after`` are matrices (n, B, 3, 4); the rest as in :func:`cluster_bounds`.
+    """
+    calls = _calls()
+    assert calls is not None
+    rows, count = before.shape[:2]
+    clusters = i64(clusters)
+    moves = np.empty((rows, len(clusters)))
+    calls.hfx_cluster_moves(
+        rows,
+        count,
+        pointer(before),
+        pointer(after),
+        len(clusters),
+        *(pointer(each) for each in (clusters, starts, slots, centres, halves, moves)),
+    )
+    return moves
+
+
+class ClusterPointers(ctypes.Structure):
+    """``hfx_cluster``."""
+
+    _fields_ = [
+        *(
+            (name, _POINTER)
+            for name in (
+                "entry_bones",
+                "factors",
+                "firsts",
+                "bones",
+                "moved",
+                "distances",
+                "differences",
+            )
+        ),
+        ("bone_count", _INTEGER),
+    ]
+
+
+class BonePointers(ctypes.Structure):
+    """``hfx_bones``."""
+
+    _fields_ = [
+        ("matrices", _POINTER),
+        ("stretches", _POINTER),
+        ("slots", _POINTER),
+        ("count", _INTEGER),
+    ]
+
+
+class Links(Protocol):
+    """What a cluster's neighbours are like at rest; see ``_Links`` of the posing."""
+
+    @property
+    def distances(self) -> F64: ...  # (U,)
+
+    @property
+    def differences(self) -> F64: ...  # (B, U)
+
+    @property
+    def moved(self) -> F64: ...  # (B, 6)
+
+
+class Clusters:
+    """What bones do to the clusters of one model, where the library finds it.
+
+    Attributes
+    ----------
+    table : array of ClusterPointers
+        Of all clusters; only those are filled in that :meth:`add` was given.
+    most_bones : int
+        Of any of them.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.table: Any = (ClusterPointers * count)()
+        self.most_bones = 0
+        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+
+    def __contains__(self, cluster: int) -> bool:
+        return cluster in self._kept
+
+    def add(self, cluster: int, entries: tuple[I64, F64, I64], bones: I64, links: Links) -> None:
+        """A cluster: weights one by one (see ``SkinnedModel.cluster_entries``) and its bones."""
+        entry_bones, factors, firsts = entries
+        kept: list[npt.NDArray[Any]] = [
+            i64(np.searchsorted(bones, entry_bones)),
+            f64(factors),
+            i64(np.append(firsts, len(entry_bones))),
+            i64(bones),
+            f64(links.moved),
+            f64(links.distances),
+            f64(links.differences.sum(axis=0)),
+        ]
+        self._kept[cluster] = kept
+        addresses = [each.ctypes.data for each in kept]
+        self.table[cluster] = ClusterPointers(*addresses, len(bones))
+        self.most_bones = max(self.most_bones, len(bones))

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What all sources of the library share.
+
+#ifndef HFX_NATIVE_H
+#define HFX_NATIVE_H
+
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define HFX_EXPORT __declspec(dllexport)
+#else
+#define HFX_EXPORT __attribute__((visibility("default")))
+#endif
+
+// Raised with every change of a function's arguments: the package loads no other.
+#define HFX_INTERFACE 1
+
+#endif

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Linear blend skinning of clusters, and bounds of what is not posed.
+
+#include <math.h>
+#include <string.h>
+
+#include "hfx_native.h"
+#include "skin.h"
+#include "skin_posing.h"
+
+// See products.py and SkinnedModel.bone_matrices: rest to target space, (rows, count, 3, 4), and
+// no less than what each stretches. `bones` of -1 rest.
+HFX_EXPORT void hfx_bone_matrices(int64_t rows, int64_t count, int64_t all, const double *posed,
+                                  const int64_t *row, const int64_t *bones,
+                                  const double *to_target, double *matrices, double *stretches) {
+  static const double rest[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  for (int64_t n = 0; n < rows; n++) {
+    const double *target = to_target + 16 * n;
+    for (int64_t b = 0; b < count; b++, matrices += 12) {
+      const double *bone = bones[b] < 0 ? rest : posed + 12 * (row[n] * all + bones[b]);
+      for (int i = 0; i < 3; i++) {
+        const double *t = target + 4 * i;
+        for (int j = 0; j < 4; j++)
+          matrices[4 * i + j] = t[0] * bone[j] + t[1] * bone[4 + j] + t[2] * bone[8 + j];
+        matrices[4 * i + 3] += t[3];
+      }
+      if (stretches) *stretches++ = hfx_stretch(matrices, 4);
+    }
+  }
+}
+
+// See SkinnedModel.cluster_bounds: boxes around clusters, (rows, clusters, 3) each. A pair is a
+// cluster and a bone that moves a box of it; `starts` has a cluster's first, and their number.
+HFX_EXPORT void hfx_cluster_bounds(int64_t rows, int64_t count, const double *matrices,
+                                   int64_t clusters, const int64_t *starts, const int64_t *slots,
+                                   const double *centres, const double *halves, double *low,
+                                   double *high) {
+  for (int64_t n = 0; n < rows; n++, matrices += 12 * count) {
+    for (int64_t c = 0; c < clusters; c++, low += 3, high += 3) {
+      for (int i = 0; i < 3; i++) low[i] = INFINITY, high[i] = -INFINITY;
+      for (int64_t p = starts[c]; p < starts[c + 1]; p++) {
+        const double *centre = centres + 3 * p, *half = halves + 3 * p;
+        for (int i = 0; i < 3; i++) {
+          const double *m = matrices + 12 * slots[p] + 4 * i;
+          double middle = m[0] * centre[0] + m[1] * centre[1] + m[2] * centre[2] + m[3];
+          double reach = fabs(m[0]) * half[0] + fabs(m[1]) * half[1] + fabs(m[2]) * half[2];
+          // Not a number stays: what it may touch is not known.
+          low[i] = hfx_smaller(low[i], middle - reach);
+          high[i] = hfx_larger(high[i], middle + reach);
+        }
+      }
+    }
+  }
+}
+
+// See SkinnedModel.cluster_moves: how far clusters can have moved, (rows, asked).
+HFX_EXPORT void hfx_cluster_moves(int64_t rows, int64_t count, const double *before,
+                                  const double *after, int64_t asked, const int64_t *clusters,
+                                  const int64_t *starts, const int64_t *slots,
+                                  const double *centres, const double *halves, double *moves) {
+  for (int64_t n = 0; n < rows; n++, before += 12 * count, after += 12 * count) {
+    for (int64_t k = 0; k < asked; k++) {
+      double most = 0.0;
+      for (int64_t p = starts[clusters[k]]; p < starts[clusters[k] + 1]; p++) {
+        const double *centre = centres + 3 * p, *half = halves + 3 * p;
+        double squared = 0.0;
+        for (int i = 0; i < 3; i++) {
+          const double *one = before + 12 * slots[p] + 4 * i, *other = after + 12 * slots[p] + 4 * i;
+          double d[4];
+          for (int j = 0; j < 4; j++) d[j] = other[j] - one[j];
+          double way = fabs(d[0] * centre[0] + d[1] * centre[1] + d[2] * centre[2] + d[3]);
+          way += fabs(d[0]) * half[0] + fabs(d[1]) * half[1] + fabs(d[2]) * half[2];
+          squared += way * way;
+        }
+        most = hfx_larger(most, squared);
+      }
+      *moves++ = sqrt(most);
+    }
+  }
+}

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Skin of clusters: where its places are in a pose, and how far its units reach.
+// The arrays are those of engine/skin_table.py and engine/body/posing.py.
+
+#ifndef HFX_SKIN_H
+#define HFX_SKIN_H
+
+#include <stdint.h>
+
+// SkinTable. Places, units, quads, cells and samples are counted through all clusters.
+typedef struct {
+  const int64_t *starts, *place_counts, *unit_counts, *cell_starts;  // of clusters
+  const int64_t *cell_of, *steps, *quad_starts;                      // of places
+  const double *unit_shares, *vertex_shares, *reaches, *means;       // of places
+  const int64_t *around;                                             // of quads, (quads, 2)
+  const uint8_t *is_ringed;                                          // of places
+  const int64_t *sample_starts;                                      // of quads
+  const double *heights_m, *wholes;                                  // of quads
+  const double *bulge_m;                                             // of clusters
+  const double *samples;                                             // (4, room)
+  int64_t room;
+  int64_t is_simple;
+} hfx_table;
+
+// What bones do to a cluster, and what its units' neighbours are like at rest.
+typedef struct {
+  const int64_t *entry_bones;  // (E,) which of the cluster's bones
+  const double *factors;       // (E, 4) weight times homogeneous rest position
+  const int64_t *firsts;       // (places + 1,)
+  const int64_t *bones;        // (B,)
+  const double *moved;         // (B, 6) mean weight; box's centre, homogeneous, and radius
+  const double *distances;     // (units,) to the farthest neighbour
+  const double *differences;   // (units,) of weights, all bones together
+  int64_t bone_count;
+} hfx_cluster;
+
+// The matrices of some bones at each row, rest to target space.
+typedef struct {
+  const double *matrices;  // (rows, count, 3, 4)
+  const double *stretches; // (rows, count)
+  const int64_t *slots;    // which of them a bone has
+  int64_t count;
+} hfx_bones;
+
+#endif
