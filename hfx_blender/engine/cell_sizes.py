@@ -8,13 +8,15 @@ alone, so that no skin is posed to find out that its vertices tell enough of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from .body.posing import SkinnedModel
 from .motion import largest_stretch
+from .native.library import pointer
+from .native.skin import GroupPointers
 from .scene import PoseBlock
 from .skin_table import SkinTable
 
@@ -97,6 +99,8 @@ class CellSizes:
     ) -> None:
         self._table, self._surface, self._vertices = table, surface, vertices
         self._known: dict[int, _Groups] = {}
+        self._pointers: Any = None
+        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
 
     def means(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """No less than the mean distance of any cell's skin from its vertex.
@@ -147,6 +151,19 @@ class CellSizes:
         groups = [len(each.counts) for each in known]
         largest: F64 = np.maximum.reduceat(means, np.cumsum(groups) - groups, axis=1)
         return largest
+
+    def pointers(self, clusters: I64) -> Any:
+        """All clusters where the library finds them, these filled in."""
+        if self._pointers is None:
+            self._pointers = (GroupPointers * len(self._surface.clusters))()
+        for cluster in clusters.tolist():
+            if cluster not in self._kept:
+                known = self._of(cluster)
+                starts = np.concatenate([[0], np.cumsum(known.counts)])
+                others = known.distances, known.boxes, known.bones, known.shares, known.changes
+                self._kept[cluster] = kept = [starts, *map(np.ascontiguousarray, others)]
+                self._pointers[cluster] = GroupPointers(*map(pointer, kept), len(known.counts))
+        return self._pointers
 
     def _of(self, cluster: int) -> _Groups:
         if cluster not in self._known:

@@ -22,6 +22,9 @@ from .body.model import PerceptualModel
 from .body.posing import PosableModel, SkinnedModel
 from .cell_sizes import CellSizes
 from .indexing import ramp
+from .native import skin as native
+from .native.skin import PosedBones
+from .scene import PoseBlock
 from .skin_table import SkinTable
 from .tolerance import Tolerance
 
@@ -217,6 +220,19 @@ class BodySkin:
         if self.skin.outlines is self.skin.clusters:
             return self.surface
         return self._bind(self.skin.model, self.skin.clusters)
+
+    def posed_bones(self, pose: PoseBlock, rows: I64, to_target: F64) -> PosedBones | None:
+        """What bones do to the skin, to target space; None without bones, or the library."""
+        if not isinstance(self.surface, SkinnedModel) or not native.is_there():
+            return None
+        assert pose.bones is not None
+        return PosedBones(pose.bones, rows, to_target, self._used_bones)
+
+    @cached_property
+    def _used_bones(self) -> I64:
+        models = {self.surface, self.vertices} if self.is_grouped else {self.surface}
+        used = [each.used_bones for each in models if isinstance(each, SkinnedModel)]
+        return np.unique(np.concatenate(used))
 
     @cached_property
     def cell_sizes(self) -> CellSizes | None:

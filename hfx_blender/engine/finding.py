@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from .body.posing import SkinnedModel
 from .counters import Counters
 from .details import Details, tell_deepest
 from .narrow import Inside, covered
@@ -114,10 +115,12 @@ class Found:
         """The same by the library."""
         placed, table = self.placed, self.placed.skin.skin.table
         surface, target = placed.skin.surface, placed.target
-        how = placed.pose, placed.rows, placed.to_shape
-        posing = surface.native_posing(some, *how, table)
-        if posing is None:
-            points, _ = surface.posed(some, *how).skin(pairs.clusters, pairs.rows, table)
+        if placed.bones is not None:
+            assert isinstance(surface, SkinnedModel)
+            posing = native.Posing(surface.native_clusters(some, table), placed.bones)
+        else:
+            posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
+            points, _ = posed.skin(pairs.clusters, pairs.rows, table)
             posing = native.Posing(points=points)
         self.counters.vertices_posed += int(table.place_counts[pairs.clusters].sum())
         turning = [number for number in np.unique(pairs.steps).tolist() if number > 1]

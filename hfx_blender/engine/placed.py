@@ -11,8 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import swept
+from .body.posing import SkinnedModel
 from .coverage import BodySkin
 from .motion import turned_by
+from .native.skin import PosedBones
 from .scene import EffectBlock, PoseBlock
 from .target import Target
 from .volume.placement import world_bounds
@@ -119,7 +121,10 @@ class Placed:
         amplitude = self.skin.skin.tolerance.amplitude
         sizes = self.skin.cell_sizes
         if sizes is not None and amplitude > 0.0:
-            means = sizes.means(clusters, self.pose, self.rows[some], self.to_shape[some])
+            if self.bones is not None:
+                means = self.bones.cell_means(sizes.pointers(clusters), some, clusters)
+            else:
+                means = sizes.means(clusters, self.pose, self.rows[some], self.to_shape[some])
             slopes = self.target.slopes_of(some)
             even[np.ix_(some, clusters)] |= slopes[:, None] * means <= amplitude
         return even
@@ -185,6 +190,10 @@ class Placed:
 
     def _moves(self, clusters: I64, earlier: I64, later: I64) -> F64:
         """How far clusters can have moved against the volume, metres (n, k)."""
+        surface = self.skin.surface
+        if self.bones is not None and isinstance(surface, SkinnedModel):
+            linear = self.matrices[later, :3, :3]
+            return surface.moves_by(self.bones, clusters, (earlier, later), linear)
         to_metres = self.matrices[later].copy()
         to_metres[:, :3, 3] = 0.0
         return self.skin.surface.cluster_moves(
@@ -215,6 +224,11 @@ class Placed:
                 (self.matrices[:-1], self.matrices[1:]), (to_world[:-1], to_world[1:]), steps
             )
         return self._drifts[steps]
+
+    @cached_property
+    def bones(self) -> PosedBones | None:
+        """What bones do to the skin, rest to shape space; None where the library is not there."""
+        return self.skin.posed_bones(self.pose, self.rows, self.to_shape)
 
     @cached_property
     def _drifts(self) -> dict[int, swept.Drift]:

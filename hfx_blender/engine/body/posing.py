@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ..indexing import ramp
 from ..motion import largest_stretch
 from ..native import skin as native
-from ..native.contact import Posing
+from ..native.skin import PosedBones
 from ..products import stacked_product
 from ..scene import PoseBlock, SkinBinding
 from .clusters import clusters_of
@@ -63,11 +63,6 @@ class PosableModel(Protocol):
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
-
-    def native_posing(
-        self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64, table: Skin
-    ) -> Posing | None:
-        """How the library poses some clusters, ascending; None where it cannot."""
 
 
 class PosedClusters(Protocol):
@@ -158,6 +153,7 @@ class SkinnedModel:
         pair_clusters, pair_bones = np.divmod(pairs, self._still + 1)
         self._pair_ends = np.searchsorted(pair_clusters, np.arange(len(self.clusters) + 1))
         self._pair_starts = self._pair_ends[:-1]
+        self._pair_bones = pair_bones
         self._used_bones, self._pair_slots = np.unique(pair_bones, return_inverse=True)
         bone_low = np.full((len(self._used_bones), 3), np.inf)
         bone_high = -bone_low
@@ -237,6 +233,12 @@ class SkinnedModel:
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
+        if native.is_there():
+            each = np.arange(len(self._used_bones))
+            whole, boxes = each[[0, 0]], (self._bone_centres, self._bone_halves)
+            whole[1] = len(each)
+            low, high = native.cluster_bounds(matrices, whole, each, *boxes)
+            return low[:, 0], high[:, 0]
         linear = matrices[..., :3]
         centres = np.einsum("nbij,bj->nbi", linear, self._bone_centres) + matrices[..., 3]
         halves = np.einsum("nbij,bj->nbi", np.abs(linear), self._bone_halves)
@@ -262,15 +264,6 @@ class SkinnedModel:
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
     ) -> F64:
-        if native.is_there():
-            before, after = (
-                self.bone_matrices(pose, row, target, self._used_bones)
-                for row, target in zip(rows, to_target, strict=True)
-            )
-            boxes = self._pair_centres, self._pair_halves
-            return native.cluster_moves(
-                before, after, clusters, self._pair_ends, self._pair_slots, *boxes
-            )
         starts = self._pair_starts[clusters]
         counts = np.append(self._pair_starts, len(self._pair_slots))[clusters + 1] - starts
         firsts = np.cumsum(counts) - counts
@@ -288,10 +281,13 @@ class SkinnedModel:
         squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
         return np.sqrt(squared)
 
-    def native_posing(
-        self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64, table: Skin
-    ) -> Posing | None:
-        assert pose.bones is not None
+    @property
+    def used_bones(self) -> I64:
+        """Bones that move anything, ascending; the number of bones stands for what rests."""
+        return self._used_bones
+
+    def native_clusters(self, clusters: I64, table: Skin) -> native.Clusters:
+        """All clusters where the library finds them, these filled in."""
         for cluster in clusters.tolist():
             if cluster not in self._native:
                 self._native.add(
@@ -300,11 +296,15 @@ class SkinnedModel:
                     self.cluster_bones(cluster),
                     self.links(cluster, table),
                 )
-        is_used = np.zeros(self._still + 1, np.bool_)
-        is_used[np.concatenate([self.cluster_bones(c) for c in clusters.tolist()])] = True
-        used = self._native_bones(np.flatnonzero(is_used))
-        matrices, stretches = native.bone_matrices(pose.bones, rows, to_target, used)
-        return Posing(self._native, matrices, stretches, np.cumsum(is_used) - 1)
+        return self._native
+
+    def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
+        """As :meth:`cluster_moves` between ``rows`` of the bones, in the space that ``linear``
+        (n, 3, 3) leads to."""
+        boxes = self._pair_centres, self._pair_halves
+        return bones.cluster_moves(
+            *rows, linear, clusters, self._pair_ends, self._pair_bones, *boxes
+        )
 
     def links(self, cluster: int, table: Skin) -> _Links:
         """What a cluster's neighbours are like; see :class:`PosedClusters`."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..native.contact import Posing
 from ..scene import PoseBlock, SurfaceAnchors
 from .clusters import clusters_of
 from .model import PerceptualModel
@@ -90,12 +89,6 @@ class SurfaceModel:
         local = self._on_surface(vertices, pose.surface[row : row + 1])[0]
         moved: F64 = to_target[:3, :3] @ local.T + to_target[:3, 3:]
         return moved
-
-
-    def native_posing(
-        self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64, table: Skin
-    ) -> Posing | None:
-        return None
 
 
 @dataclass(frozen=True, eq=False)

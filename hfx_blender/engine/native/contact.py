@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.shape import Falloff, FalloffKind, Shape
 from .library import f64, i64, library, pointer
-from .skin import BonePointers, Clusters
+from .skin import Clusters, PosedBones
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -26,9 +26,9 @@ Weights = npt.NDArray[np.floating[Any]]
 _KINDS: Final[dict[type[Shape], int]] = {Cuboid: 0, Sphere: 1, Cylinder: 2, Capsule: 3}
 _STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
 
-_POINTER: Final = ctypes.c_void_p
-_INTEGER: Final = ctypes.c_int64
-_DOUBLE: Final = ctypes.c_double
+_POINTER: Final[Any] = ctypes.c_void_p
+_INTEGER: Final[Any] = ctypes.c_int64
+_DOUBLE: Final[Any] = ctypes.c_double
 
 
 def _structure(name: str, **types: Any) -> type[ctypes.Structure]:
@@ -145,9 +145,7 @@ class Posing:
     """How the places of pairs come about: by the matrices of bones, or they are known."""
 
     clusters: Clusters | None = None
-    matrices: F64 | None = None  # (n, B, 3, 4) rest to shape space
-    stretches: F64 | None = None  # (n, B)
-    slots: I64 | None = None  # which of these a bone has
+    bones: PosedBones | None = None  # rest to shape space, at the rows of the target
     points: F64 | None = None  # (3, N) the places of all pairs, shape space
 
 
@@ -222,16 +220,7 @@ def look_at_skin(
         ),
         ctypes.byref(_table(table)),
         None if posing.clusters is None else ctypes.byref(posing.clusters.table),
-        None
-        if posing.matrices is None
-        else ctypes.byref(
-            BonePointers(
-                pointer(posing.matrices),
-                pointer(posing.stretches),
-                pointer(posing.slots),
-                posing.matrices.shape[1],
-            )
-        ),
+        None if posing.bones is None else ctypes.byref(posing.bones.pointers),
         ctypes.byref(
             _Target(
                 *(pointer(each) for each in (kinds, halves, to_shape, to_world)),

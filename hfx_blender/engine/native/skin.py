@@ -15,8 +15,8 @@ from .library import f64, i64, library, pointer
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
-_POINTER: Final = ctypes.c_void_p
-_INTEGER: Final = ctypes.c_int64
+_POINTER: Final[Any] = ctypes.c_void_p
+_INTEGER: Final[Any] = ctypes.c_int64
 
 
 @cache
@@ -29,10 +29,13 @@ def _calls() -> ctypes.CDLL | None:
             [_INTEGER] * 2 + [_POINTER] + [_INTEGER] + [_POINTER] * 6
         )
         found.hfx_cluster_moves.argtypes = (
-            [_INTEGER] * 2 + [_POINTER] * 2 + [_INTEGER] + [_POINTER] * 6
+            [_POINTER, _INTEGER] + [_POINTER] * 3 + [_INTEGER] + [_POINTER] * 6
         )
-        for each in (found.hfx_bone_matrices, found.hfx_cluster_bounds, found.hfx_cluster_moves):
-            each.restype = None
+        found.hfx_cell_means.argtypes = (
+            [_POINTER] * 2 + [_INTEGER, _POINTER, _INTEGER] + [_POINTER] * 2
+        )
+        for name in ("bone_matrices", "cluster_bounds", "cluster_moves", "cell_means"):
+            getattr(found, f"hfx_{name}").restype = None
     return found
 
 
@@ -108,29 +111,6 @@ def cluster_bounds(
     return low, high
 
 
-def cluster_moves(
-    before: F64, after: F64, clusters: I64, starts: I64, slots: I64, centres: F64, halves: F64
-) -> F64:
-    """How far anything in some clusters can have moved, (n, k).
-
-    ``before`` and ``after`` are matrices (n, B, 3, 4); the rest as in :func:`cluster_bounds`.
-    """
-    calls = _calls()
-    assert calls is not None
-    rows, count = before.shape[:2]
-    clusters = i64(clusters)
-    moves = np.empty((rows, len(clusters)))
-    calls.hfx_cluster_moves(
-        rows,
-        count,
-        pointer(before),
-        pointer(after),
-        len(clusters),
-        *(pointer(each) for each in (clusters, starts, slots, centres, halves, moves)),
-    )
-    return moves
-
-
 class ClusterPointers(ctypes.Structure):
     """``hfx_cluster``."""
 
@@ -160,6 +140,121 @@ class BonePointers(ctypes.Structure):
         ("slots", _POINTER),
         ("count", _INTEGER),
     ]
+
+
+class GroupPointers(ctypes.Structure):
+    """``hfx_groups``."""
+
+    _fields_ = [
+        *(
+            (name, _POINTER)
+            for name in ("starts", "distances", "boxes", "bones", "shares", "changes")
+        ),
+        ("count", _INTEGER),
+    ]
+
+
+class PosedBones:
+    """What bones do to skin at some rows.
+
+    Parameters
+    ----------
+    posed : (T, B, 3, 4) float64
+        Rest space to posed armature space.
+    rows : (n,) int64
+        Of these.
+    to_target : (n, 4, 4) float64
+        From armature space.
+    bones : (k,) int64
+        Those that matter, ascending; B is one that rests.
+
+    Attributes
+    ----------
+    matrices : (n, k, 3, 4) float64
+        Rest to target space.
+    stretches : (n, k) float64
+        No less than what each matrix stretches any direction by.
+    slots : (B + 1,) int64
+        Where each bone is among the k.
+    """
+
+    def __init__(self, posed: F64, rows: I64, to_target: F64, bones: I64) -> None:
+        count = posed.shape[1]
+        resting = np.where(bones < count, bones, -1)
+        self.matrices, self.stretches = bone_matrices(posed, rows, to_target, resting)
+        self.slots = np.zeros(count + 1, np.int64)
+        self.slots[bones] = np.arange(len(bones))
+
+    @property
+    def pointers(self) -> BonePointers:
+        """``hfx_bones``."""
+        arrays = self.matrices, self.stretches, self.slots
+        return BonePointers(*map(pointer, arrays), self.matrices.shape[1])
+
+    def cluster_moves(
+        self,
+        before: I64,
+        after: I64,
+        linear: F64,
+        clusters: I64,
+        starts: I64,
+        bones: I64,
+        centres: F64,
+        halves: F64,
+    ) -> F64:
+        """How far anything in some clusters can have moved between rows.
+
+        Parameters
+        ----------
+        before, after : (m,) int64
+            Rows.
+        linear : (m, 3, 3) float64
+            From target space to that of the moves.
+        clusters : (k,) int64
+        starts : (C + 1,) int64
+            Each cluster's first pair: a bone, and the box of what it moves at rest.
+        bones : (P,) int64
+            Of pairs.
+        centres, halves : (P, 3) float64
+            Of these boxes.
+
+        Returns
+        -------
+        (m, k) float64
+        """
+        calls = _calls()
+        assert calls is not None
+        before, after, linear, clusters = i64(before), i64(after), f64(linear), i64(clusters)
+        moves = np.empty((len(before), len(clusters)))
+        calls.hfx_cluster_moves(
+            ctypes.byref(self.pointers),
+            len(before),
+            *map(pointer, (before, after, linear)),
+            len(clusters),
+            *map(pointer, (clusters, starts, bones, centres, halves, moves)),
+        )
+        return moves
+
+    def cell_means(self, groups: Any, rows: I64, clusters: I64) -> F64:
+        """See :meth:`..cell_sizes.CellSizes.means`, target space (m, k).
+
+        ``groups`` are GroupPointers of all clusters, filled in for these; ``rows`` (m,) are some
+        of these rows.
+        """
+        calls = _calls()
+        assert calls is not None
+        rows, clusters = i64(rows), i64(clusters)
+        means = np.empty((len(rows), len(clusters)))
+        calls.hfx_cell_means(
+            ctypes.byref(self.pointers),
+            groups,
+            len(rows),
+            pointer(rows),
+            len(clusters),
+            pointer(clusters),
+            pointer(means),
+        )
+        return means
 
 
 class Links(Protocol):

@@ -34,6 +34,16 @@ typedef struct {
   int64_t bone_count;
 } hfx_cluster;
 
+// What is known of groups of a cluster's cells at rest; see engine/cell_sizes.py.
+typedef struct {
+  const int64_t *starts;                   // (groups + 1,) pairs of a group and a bone
+  const double *distances;                 // (groups,)
+  const double *boxes;                     // (groups, 2, 3) middle and half edges
+  const int64_t *bones;                    // (pairs,)
+  const double *shares, *changes;          // (pairs,)
+  int64_t count;
+} hfx_groups;
+
 // The matrices of some bones at each row, rest to target space.
 typedef struct {
   const double *matrices;  // (rows, count, 3, 4)
