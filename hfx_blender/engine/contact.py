@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import compiled_contact
 from .active_rows import FARTHEST
 from .counters import Counters
 from .coverage import BodySkin
@@ -107,6 +108,12 @@ def find(
     everyone = np.ones(len(rows), np.bool_)
     heard = everyone if heard is None else heard
     follows = ~everyone if follows is None else follows
+    if not (with_details or with_impact) and compiled_contact.is_possible(effect, skin):
+        felt = compiled_contact.find(
+            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets
+        )
+        if felt is not None:
+            return Contacts(rows[felt[0]], *felt[1:], None)
     inverses, usable = inverse_placement(effect.matrices[rows])
     usable = usable & (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
     if not usable.all():

@@ -12,11 +12,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .body.posing import SkinnedModel
 from .counters import Counters
 from .details import Details, tell_deepest
 from .narrow import Inside, covered
 from .native import contact as native
+from .native.library import i64
 from .placed import Placed
 from .posed_skin import PosedSkin
 from .swept import crossings, passing
@@ -99,7 +99,8 @@ class Found:
         if self.details is None and native.is_possible(placed.target.shapes):
             later = followed[rows, clusters]
             steps = placed.followed_in_steps(later, clusters, rows)
-            self._look_natively(native.Pairs(clusters, rows, wide[rows, clusters], steps), some)
+            how = np.where(wide[rows, clusters], native.COVERED, native.NOT).astype(np.uint8)
+            self._look_natively(native.Pairs(i64(clusters), i64(rows), how, steps), some)
             return
         posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
         for part in _batches(clusters, table.place_counts):
@@ -115,20 +116,15 @@ class Found:
         """The same by the library."""
         placed, table = self.placed, self.placed.skin.skin.table
         surface, target = placed.skin.surface, placed.target
-        if placed.bones is not None:
-            assert isinstance(surface, SkinnedModel)
-            posing = native.Posing(surface.native_clusters(some, table), placed.bones)
-        else:
-            posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
-            points, _ = posed.skin(pairs.clusters, pairs.rows, table)
-            posing = native.Posing(points=points)
-        self.counters.vertices_posed += int(table.place_counts[pairs.clusters].sum())
+        posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
+        points, _ = posed.skin(pairs.clusters, pairs.rows, table)
+        self.counters.vertices_posed += points.shape[1]
         turning = [number for number in np.unique(pairs.steps).tolist() if number > 1]
         drifts = {number: placed.drift(number) for number in turning}
         native.look_at_skin(
             pairs,
             table,
-            posing,
+            native.Posing(points=points),
             native.Target(
                 target.shapes,
                 target.which,

@@ -112,16 +112,21 @@ def told_by_vertices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
     if target.falloff.is_flat or not target.is_convex or target.amplitude == 0.0:
         return np.zeros(len(slots), np.bool_)
     limit = target.amplitude / steepest(target.falloff)
-    every = slots if posed.table.is_simple else np.arange(len(posed.units))
-    distances = posed.farthest_of(every)
-    mine = np.arange(len(slots)) if posed.table.is_simple else slots
-    far = mine[distances[mine] > limit]
-    distances[far] = posed.distances_of(every[far])
-    told: Bool = distances[mine] <= limit
-    if not posed.table.is_simple:
-        weighted = distances * posed.table.unit_shares[posed.units]
-        of_cells = np.bincount(posed.contacts_of(every), weighted, posed.contact_count)
-        told |= of_cells[posed.contacts_of(slots)] <= limit
+    if posed.table.is_simple:
+        distances = posed.farthest_of(slots)
+        far = np.flatnonzero(distances > limit)
+        distances[far] = posed.distances_of(slots[far])
+        return np.asarray(distances <= limit)
+    contacts = posed.contacts_of(np.arange(len(posed.units)))
+    is_asked = np.zeros(posed.contact_count, np.bool_)
+    is_asked[contacts[slots]] = True
+    every = np.flatnonzero(is_asked[contacts])
+    distances = posed.distances_of(every)
+    weighted = distances * posed.table.unit_shares[posed.units[every]]
+    of_cells = np.bincount(contacts[every], weighted, posed.contact_count)
+    is_near = np.zeros(len(posed.units), np.bool_)
+    is_near[every] = distances <= limit
+    told: Bool = is_near[slots] | (of_cells[contacts[slots]] <= limit)
     return told
 
 

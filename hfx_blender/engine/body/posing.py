@@ -286,17 +286,26 @@ class SkinnedModel:
         """Bones that move anything, ascending; the number of bones stands for what rests."""
         return self._used_bones
 
-    def native_clusters(self, clusters: I64, table: Skin) -> native.Clusters:
-        """All clusters where the library finds them, these filled in."""
-        for cluster in clusters.tolist():
-            if cluster not in self._native:
-                self._native.add(
-                    cluster,
-                    self.cluster_entries(cluster),
-                    self.cluster_bones(cluster),
-                    self.links(cluster, table),
-                )
+    def native_clusters(self, clusters: I64, table: Skin | None = None) -> native.Clusters:
+        """All clusters where the library finds them, these filled in.
+
+        Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
+        """
+        for cluster in self._native.lacking(clusters.tolist(), with_links=table is not None):
+            self._native.add(
+                cluster,
+                self.cluster_entries(cluster),
+                self.cluster_bones(cluster),
+                self._moved(cluster),
+                None if table is None else self.links(cluster, table),
+            )
         return self._native
+
+    @property
+    def pairs(self) -> tuple[I64, I64, F64, F64]:
+        """Bones of clusters, and boxes of what each moves at rest: each cluster's first pair
+        (C + 1,), bones (P,), centres and half edges of boxes (P, 3)."""
+        return self._pair_ends, self._pair_bones, self._pair_centres, self._pair_halves
 
     def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
         """As :meth:`cluster_moves` between ``rows`` of the bones, in the space that ``linear``
@@ -324,12 +333,20 @@ class SkinnedModel:
         gaps = np.sqrt(np.square(rest[one] - rest[other]).sum(axis=1))
         distances = largest(gaps, one, units)
         differences = largest(np.abs(weights[one] - weights[other]), one, units)
+        return _Links(distances, np.ascontiguousarray(differences.T), self._moved(cluster))
+
+    def _moved(self, cluster: int) -> F64:
+        """What each bone moves of a cluster; see :class:`_Links`."""
+        ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
+        entries, _ = self._entries(ids)
+        columns = np.searchsorted(bones, self._bones[entries])
+        rest = self._rest[ids, :3]
         low, high = rest.min(axis=0), rest.max(axis=0)
         moved = np.zeros((len(bones), 6))
-        moved[:, 0] = weights.mean(axis=0)
+        moved[:, 0] = np.bincount(columns, self._values[entries], len(bones)) / len(ids)
         moved[:, 1:4], moved[:, 4] = 0.5 * (low + high), 1.0
         moved[:, 5] = 0.5 * float(np.linalg.norm(high - low))
-        return _Links(distances, np.ascontiguousarray(differences.T), moved)
+        return moved
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         entries, owners = self._entries(vertices)

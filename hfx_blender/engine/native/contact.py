@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact of skin with volumes that have a formula; ``contact.c``."""
+"""Contact of skin with volumes that have a formula; ``reach.c``, ``contact.c``, ``gather.c``."""
 
 from __future__ import annotations
 
@@ -19,9 +19,17 @@ from .library import f64, i64, library, pointer
 from .skin import Clusters, PosedBones
 
 F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
+U8 = npt.NDArray[np.uint8]
 Bool = npt.NDArray[np.bool_]
 Weights = npt.NDArray[np.floating[Any]]
+
+NOT: Final = 0
+COVERED: Final = 1
+BY_VERTEX: Final = 2
+WHOLE: Final = 3
+"""How the cells of a pair are looked at."""
 
 _KINDS: Final[dict[type[Shape], int]] = {Cuboid: 0, Sphere: 1, Cylinder: 2, Capsule: 3}
 _STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
@@ -60,10 +68,7 @@ _Table = _structure(
 )
 _Target = _structure(
     "hfx_target",
-    kinds=_POINTER,
-    halves=_POINTER,
-    to_shape=_POINTER,
-    to_world=_POINTER,
+    **dict.fromkeys(("kinds", "halves", "to_shape", "to_world"), _POINTER),
     is_flat=_INTEGER,
     is_smooth=_INTEGER,
     share=_DOUBLE,
@@ -75,25 +80,48 @@ _Drift = _structure(
 _Pairs = _structure(
     "hfx_pairs",
     count=_INTEGER,
-    clusters=_POINTER,
-    rows=_POINTER,
-    wide=_POINTER,
-    steps=_POINTER,
-    points=_POINTER,
+    **dict.fromkeys(("clusters", "rows", "how", "steps", "points"), _POINTER),
     total=_INTEGER,
 )
 _Found = _structure(
-    "hfx_found", weights=_POINTER, column_of=_POINTER, columns=_INTEGER, is_single=_INTEGER
+    "hfx_found",
+    weights=_POINTER,
+    column_of=_POINTER,
+    columns=_INTEGER,
+    is_single=_INTEGER,
+    posed=_INTEGER,
+)
+_BROAD_ARRAYS: Final = (
+    "matrices",
+    "boxes",
+    "low",
+    "high",
+    "at",
+    "follows",
+    "heard",
+    "turns",
+    "pair_starts",
+    "pair_bones",
+    "centres",
+    "halves",
+)
+_Broad = _structure(
+    "hfx_broad",
+    rows=_INTEGER,
+    clusters=_INTEGER,
+    **dict.fromkeys(_BROAD_ARRAYS, _POINTER),
+    edge_m=_DOUBLE,
+    is_split=_INTEGER,
 )
 
 
 class Table(Protocol):
     """The skin of a model; see :class:`..skin_table.SkinTable`."""
 
-    starts: I64
     place_counts: I64
     unit_counts: I64
     cell_starts: I64
+    cells: I32
     is_simple: bool
     most_samples: I64
 
@@ -105,14 +133,35 @@ class Table(Protocol):
 def _calls() -> ctypes.CDLL | None:
     found = library()
     if found is not None:
-        found.hfx_look_at_skin.argtypes = [_POINTER] * 9
-        found.hfx_look_at_skin.restype = None
+        found.hfx_look_at_skin.argtypes = [_POINTER] * 10
+        found.hfx_place.argtypes = [_INTEGER] + [_POINTER] * 3 + [_DOUBLE] + [_POINTER] * 3
+        found.hfx_overlaps.argtypes = [_POINTER] * 3
+        found.hfx_reach.argtypes = [_POINTER] * 6
+        found.hfx_columns.argtypes = [_INTEGER, _POINTER, _INTEGER, _POINTER, _INTEGER] + [
+            _POINTER
+        ] * 5
+        for real in ("single", "double"):
+            changes = getattr(found, f"hfx_changes_{real}")
+            gather = getattr(found, f"hfx_gather_{real}")
+            changes.argtypes = [_INTEGER] * 2 + [_POINTER] * 2 + [_INTEGER, _POINTER]
+            changes.restype = _INTEGER
+            gather.argtypes = [_INTEGER] * 2 + [_POINTER] * 6
+            gather.restype = None
+        found.hfx_place.restype = found.hfx_overlaps.restype = _INTEGER
+        found.hfx_columns.restype = _INTEGER
+        found.hfx_look_at_skin.restype = found.hfx_reach.restype = None
     return found
 
 
 def is_possible(shapes: Sequence[Shape]) -> bool:
     """Whether the library is there and knows all of some volumes."""
     return all(type(shape) in _KINDS for shape in shapes) and _calls() is not None
+
+
+def _library() -> ctypes.CDLL:
+    calls = _calls()
+    assert calls is not None
+    return calls
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,20 +173,57 @@ class Pairs:
 
     clusters: I64  # (p,)
     rows: I64  # (p,)
-    wide: Bool  # (p,) whether it is covered
+    how: U8  # (p,) NOT, COVERED, BY_VERTEX or WHOLE
     steps: I64  # (p,) in how many straight steps it is followed from the row before; 0: not
 
+    def pointers(self, points: F64 | None = None) -> ctypes.Structure:
+        """``hfx_pairs``; ``points`` (3, N) where the places of all pairs are known."""
+        arrays = self.clusters, self.rows, self.how, self.steps, points
+        total = 0 if points is None else points.shape[1]
+        return _Pairs(len(self.clusters), *map(pointer, arrays), total)
 
-@dataclass(frozen=True, eq=False)
+
 class Target:
-    """A volume and a body's place at some rows."""
+    """A volume and a body's place at some rows.
 
-    shapes: Sequence[Shape]
-    which: I64  # (n,) the shape of each row
-    falloff: Falloff
-    amplitude: float
-    to_shape: F64  # (n, 4, 4) from the world
-    to_world: F64  # (n, 4, 4) from the body's own space
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        That :func:`is_possible` knows.
+    which : (n,) int64
+        The shape of each row.
+    falloff : Falloff
+    amplitude : float
+        Change of weight that need not be sampled.
+    to_shape, to_world : (n, 4, 4) float64
+        From the world to shape space; from the body's own space to the world.
+    """
+
+    def __init__(
+        self,
+        shapes: Sequence[Shape],
+        which: I64,
+        falloff: Falloff,
+        amplitude: float,
+        to_shape: F64,
+        to_world: F64,
+    ) -> None:
+        self.count = len(which)
+        self.falloff = falloff
+        halves = [getattr(shape, "half_segment", 0.0) for shape in shapes]
+        self._arrays = (
+            i64([_KINDS[type(shape)] for shape in shapes])[which],
+            f64(halves)[which],
+            f64(to_shape),
+            f64(to_world),
+        )
+        self.pointers = _Target(
+            *map(pointer, self._arrays),
+            int(falloff.is_flat),
+            int(falloff.kind is FalloffKind.SMOOTH),
+            falloff.share,
+            amplitude,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +231,7 @@ class Posing:
     """How the places of pairs come about: by the matrices of bones, or they are known."""
 
     clusters: Clusters | None = None
+    own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
     bones: PosedBones | None = None  # rest to shape space, at the rows of the target
     points: F64 | None = None  # (3, N) the places of all pairs, shape space
 
@@ -161,6 +248,140 @@ def _table(table: Table) -> Any:
     return _TABLES[table][0]
 
 
+def place(
+    matrices: F64, to_world: F64, limits: F64, farthest: float
+) -> tuple[F64, F64, F64] | None:
+    """Where a volume is at some rows; None where not all of it can be used.
+
+    Parameters
+    ----------
+    matrices, to_world : (n, 4, 4) float64
+        Shape space to the world; the body's own space to the world.
+    limits : (n, 2, 3) float64
+        Lowest and highest corner in shape space.
+    farthest : float
+        No entry of a matrix is larger.
+
+    Returns
+    -------
+    inverses, to_shape : (n, 4, 4) float64
+        From the world, and from the body's own space, to shape space.
+    boxes : (n, 2, 3) float64
+        In the world.
+    """
+    inverses, to_shape = np.empty((2, *matrices.shape))
+    boxes = np.empty((len(matrices), 2, 3))
+    arrays = [f64(each) for each in (matrices, to_world, limits)]
+    found = inverses, to_shape, boxes
+    usable = _library().hfx_place(
+        len(matrices), *map(pointer, arrays), farthest, *map(pointer, found)
+    )
+    return found if usable else None
+
+
+class Broad:
+    """Which clusters a volume can reach, at which rows, and between.
+
+    Parameters
+    ----------
+    matrices : (n, 4, 4) float64
+        Shape space to the world.
+    boxes : (n, 2, 3) float64
+        World boxes of the volume.
+    low, high : (m, C, 3) float64
+        World boxes of the body's clusters.
+    at : (n,) int64
+        The row of these that each row is.
+    follows, heard : (n,) bool
+        See :func:`..contact.find`.
+    turns : (2, n) float64 or None
+        By how much volume and body turn since the row before, radians.
+    boxes_of_bones : tuple
+        See :attr:`..body.posing.SkinnedModel.pairs`.
+    edge_m : float
+        How far off the edge of a contact may be.
+    is_split : bool
+        Whether cells have samples.
+    """
+
+    def __init__(
+        self,
+        matrices: F64,
+        boxes: F64,
+        low: F64,
+        high: F64,
+        at: I64,
+        follows: Bool,
+        heard: Bool,
+        turns: F64 | None,
+        boxes_of_bones: tuple[I64, I64, F64, F64],
+        edge_m: float,
+        is_split: bool,
+    ) -> None:
+        self._arrays = (
+            f64(matrices),
+            f64(boxes),
+            f64(low),
+            f64(high),
+            i64(at),
+            np.ascontiguousarray(follows, np.uint8),
+            np.ascontiguousarray(heard, np.uint8),
+            None if turns is None else f64(turns),
+            *boxes_of_bones,
+        )
+        self._size = len(at), low.shape[1]
+        self._pointers = _Broad(
+            *self._size, *(pointer(each) for each in self._arrays), edge_m, int(is_split)
+        )
+        self._flags = np.empty(self._size, np.uint8)
+
+    def overlaps(self) -> I64:
+        """Clusters whose boxes the volume's meets anywhere; to be called first."""
+        is_met = np.empty(self._size[1], np.uint8)
+        _library().hfx_overlaps(ctypes.byref(self._pointers), pointer(self._flags), pointer(is_met))
+        return is_met.nonzero()[0]
+
+    def reach(self, target: Target, bones: PosedBones, groups: Any) -> Pairs:
+        """What is looked at.
+
+        ``groups`` are those of :meth:`..cell_sizes.CellSizes.pointers` for the clusters that are
+        met, or None where nothing falls off or amplitudes must be exact.
+        """
+        total = self._size[0] * self._size[1]
+        clusters, rows, steps = np.empty((3, total), np.int64)
+        how = np.empty(total, np.uint8)
+        pairs = Pairs(clusters, rows, how, steps)
+        found = pairs.pointers()
+        _library().hfx_reach(
+            ctypes.byref(self._pointers),
+            ctypes.byref(target.pointers),
+            ctypes.byref(bones.pointers),
+            groups,
+            pointer(self._flags),
+            ctypes.byref(found),
+        )
+        count: int = found.count
+        return Pairs(clusters[:count], rows[:count], how[:count], steps[:count])
+
+
+def columns_of(pairs: Pairs, table: Table) -> tuple[I32, I64]:
+    """Vertices of all pairs' clusters, ascending, and where each of the table's cells is among
+    them, which is only told of these clusters."""
+    count = len(table.cells)
+    is_needed, place_of = np.empty(len(table.unit_counts), np.uint8), np.empty(count, np.int64)
+    columns, column_of = np.empty(count, np.int32), np.empty(count, np.int64)
+    counted = table.cells, is_needed, place_of, columns, column_of
+    found = _library().hfx_columns(
+        len(pairs.clusters),
+        pointer(pairs.clusters),
+        len(table.unit_counts),
+        pointer(table.cell_starts),
+        count,
+        *(pointer(each) for each in counted),
+    )
+    return columns[:found], column_of
+
+
 def look_at_skin(
     pairs: Pairs,
     table: Table,
@@ -169,17 +390,16 @@ def look_at_skin(
     drifts: Mapping[int, tuple[F64, F64]],
     weights: Weights,
     column_of: I64,
-) -> None:
+) -> int:
     """Contact weights of cells, of what is inside and of what passed; see ``finding.Found``.
 
     Parameters
     ----------
     pairs : Pairs
     table : Table
-        Filled for their clusters.
+        Filled for the clusters that are covered or followed.
     posing : Posing
     target : Target
-        Of shapes that :func:`is_possible` knows.
     drifts : mapping
         How points drift, (steps + 1, n - 1, 4, 4) from before and after, by number of steps; see
         :class:`..swept.Drift`. Straight ways need none.
@@ -187,66 +407,66 @@ def look_at_skin(
         Changed in place: a pair's cells get theirs, what passed only raises them.
     column_of : (cells,) int64
         The column of each of the table's cells.
+
+    Returns
+    -------
+    int
+        How many places were posed.
     """
-    calls = _calls()
-    assert calls is not None
-    kept = []
-    clusters, rows = i64(pairs.clusters), i64(pairs.rows)
-    wide, steps = np.ascontiguousarray(pairs.wide, np.uint8), i64(pairs.steps)
     points = None if posing.points is None else f64(posing.points)
-    kinds = i64([_KINDS[type(shape)] for shape in target.shapes])[target.which]
-    halves = f64([getattr(shape, "half_segment", 0.0) for shape in target.shapes])[target.which]
-    to_shape, to_world = f64(target.to_shape), f64(target.to_world)
-    falloff = target.falloff
     each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
     for number, places in drifts.items():
         for way, matrices in zip(each_way, places, strict=True):
             way[number.bit_length() - 1] = f64(matrices)
-            kept.append(way[number.bit_length() - 1])
-    some = np.unique(clusters)
-    most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
+    some = np.unique(pairs.clusters)
+    most_bones = max(
+        0 if each is None else each.most_bones for each in (posing.clusters, posing.own)
+    )
     cells = table.cell_starts[some + 1] - table.cell_starts[some]
     sizes = 6 * table.place_counts[some] + table.unit_counts[some] + cells
-    room = np.empty(2 * (int(sizes.max()) + 16 * most_bones + 1))
+    room = np.empty(2 * int(sizes.max()) + 48 * most_bones + 2)
     events = np.empty((2 * int(table.most_samples[some].max()) + 2, 2))
-    assert weights.flags.c_contiguous
-    calls.hfx_look_at_skin(
-        ctypes.byref(
-            _Pairs(
-                len(clusters),
-                *(pointer(each) for each in (clusters, rows, wide, steps, points)),
-                0 if points is None else points.shape[1],
-            )
-        ),
+    pointers = [(_POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way]
+    found = _Found(
+        pointer(weights), pointer(column_of), weights.shape[1], weights.dtype == np.float32, 0
+    )
+    _library().hfx_look_at_skin(
+        ctypes.byref(pairs.pointers(points)),
         ctypes.byref(_table(table)),
-        None if posing.clusters is None else ctypes.byref(posing.clusters.table),
+        None if posing.clusters is None else posing.clusters.table,
+        None if posing.own is None else posing.own.table,
         None if posing.bones is None else ctypes.byref(posing.bones.pointers),
-        ctypes.byref(
-            _Target(
-                *(pointer(each) for each in (kinds, halves, to_shape, to_world)),
-                int(falloff.is_flat),
-                int(falloff.kind is FalloffKind.SMOOTH),
-                falloff.share,
-                target.amplitude,
-            )
-        ),
-        ctypes.byref(
-            _Drift(
-                *(
-                    (_POINTER * _STEP_KINDS)(*(0 if m is None else m.ctypes.data for m in way))
-                    for way in each_way
-                ),
-                max(len(target.which) - 1, 0),
-            )
-        ),
-        ctypes.byref(
-            _Found(
-                pointer(weights),
-                pointer(column_of),
-                weights.shape[1],
-                int(weights.dtype == np.float32),
-            )
-        ),
+        ctypes.byref(target.pointers),
+        ctypes.byref(_Drift(*pointers, max(target.count - 1, 0))),
+        ctypes.byref(found),
         pointer(room),
         pointer(events),
     )
+    posed: int = found.posed
+    return posed
+
+
+def gathered(
+    weights: Weights, columns: I32, heard: Bool, own_sets: bool
+) -> tuple[I64, I64, I64, I32, Weights]:
+    """What is felt, row by row; see :class:`..contact.Contacts`.
+
+    Returns
+    -------
+    rows, sets, offsets, vertices, weights
+    """
+    real = "single" if weights.dtype == np.float32 else "double"
+    kinds, heard_at = np.empty(len(weights), np.uint8), np.ascontiguousarray(heard, np.uint8)
+    calls = _library()
+    total = getattr(calls, f"hfx_changes_{real}")(
+        *weights.shape, pointer(weights), pointer(heard_at), int(own_sets), pointer(kinds)
+    )
+    rows = kinds.nonzero()[0]
+    sets = np.cumsum(kinds[rows] == 2) - 1
+    offsets = np.empty(int(sets[-1]) + 2 if len(rows) else 1, np.int64)
+    vertices, values = np.empty(total, np.int32), np.empty(total, weights.dtype)
+    getattr(calls, f"hfx_gather_{real}")(
+        *weights.shape,
+        *map(pointer, (weights, kinds, columns, offsets, vertices, values)),
+    )
+    return rows, sets, offsets, vertices, values

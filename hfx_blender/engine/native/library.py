@@ -23,9 +23,6 @@ INTERFACE: Final = 1
 SWITCH: Final = "HFX_NATIVE"
 """Environment variable: 0 leaves the library out."""
 
-MODULE: Final = "hfx_native"
-"""What a Blender extension brings it in: a wheel of its own."""
-
 NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(
     sys.platform, "hfx_native.so"
 )
@@ -38,27 +35,30 @@ def library() -> ctypes.CDLL | None:
 
 
 def state() -> str:
-    """Where the library was loaded from, or why it was not; for people."""
+    """``compiled``, or ``numpy`` and why; for people."""
     return _found()[1]
 
 
 def _found() -> tuple[ctypes.CDLL | None, str]:
     if os.environ.get(SWITCH) == "0":
-        return None, f"left out by {SWITCH}=0"
+        return None, f"numpy ({SWITCH}=0)"
     faults = []
     for path in _places():
         try:
-            return _load(path), str(path)
+            return _load(path), "compiled"
         except (OSError, AttributeError, ValueError) as error:
             faults.append(f"{path}: {error}")
-    return None, "; ".join(faults) or "none was built"
+    return None, f"numpy ({'; '.join(faults) or 'no library was built'})"
 
 
 def _places() -> Iterator[Path]:
-    """Files that are there: beside this one, then in the installed module of its own."""
+    """Files that are there: beside this one, then in the module that a Blender extension brings.
+
+    That one is named after the sources' digest; nothing of it is imported.
+    """
     folders = [Path(__file__).parent]
     try:
-        spec = importlib.util.find_spec(MODULE)
+        spec = importlib.util.find_spec(f"{sources.MARK}_{sources.digest()}")
         folders += map(Path, (spec and spec.submodule_search_locations) or ())
     except (ImportError, ValueError, AttributeError):
         pass  # something else of that name
@@ -105,12 +105,12 @@ def _is_cut_off(path: Path) -> bool:
 _SECTIONS: Final = ((40, 48), (58, 60), (60, 62))  # where the table at the end is, and how long
 
 
-def pointer(array: npt.NDArray[Any] | None) -> ctypes.c_void_p:
+def pointer(array: npt.NDArray[Any] | None) -> int | None:
     """Where an array begins. It must be contiguous, and live until the call is over."""
     if array is None:
-        return ctypes.c_void_p(None)
+        return None
     assert array.flags.c_contiguous
-    return ctypes.c_void_p(array.ctypes.data)
+    return array.ctypes.data
 
 
 def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:

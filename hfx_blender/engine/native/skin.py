@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import ctypes
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -185,7 +185,7 @@ class PosedBones:
         self.slots = np.zeros(count + 1, np.int64)
         self.slots[bones] = np.arange(len(bones))
 
-    @property
+    @cached_property
     def pointers(self) -> BonePointers:
         """``hfx_bones``."""
         arrays = self.matrices, self.stretches, self.slots
@@ -266,9 +266,6 @@ class Links(Protocol):
     @property
     def differences(self) -> F64: ...  # (B, U)
 
-    @property
-    def moved(self) -> F64: ...  # (B, 6)
-
 
 class Clusters:
     """What bones do to the clusters of one model, where the library finds it.
@@ -285,23 +282,36 @@ class Clusters:
         self.table: Any = (ClusterPointers * count)()
         self.most_bones = 0
         self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._is_linked: set[int] = set()
 
-    def __contains__(self, cluster: int) -> bool:
-        return cluster in self._kept
+    def lacking(self, clusters: list[int], *, with_links: bool) -> list[int]:
+        """Those that are not filled in, or without their neighbours."""
+        known = self._is_linked if with_links else self._kept
+        return [cluster for cluster in clusters if cluster not in known]
 
-    def add(self, cluster: int, entries: tuple[I64, F64, I64], bones: I64, links: Links) -> None:
-        """A cluster: weights one by one (see ``SkinnedModel.cluster_entries``) and its bones."""
+    def add(
+        self,
+        cluster: int,
+        entries: tuple[I64, F64, I64],
+        bones: I64,
+        moved: F64,
+        links: Links | None,
+    ) -> None:
+        """A cluster: weights one by one (see ``SkinnedModel.cluster_entries``), its bones and
+        what they move, its neighbours."""
         entry_bones, factors, firsts = entries
+        nothing = np.zeros(len(firsts))
         kept: list[npt.NDArray[Any]] = [
             i64(np.searchsorted(bones, entry_bones)),
             f64(factors),
             i64(np.append(firsts, len(entry_bones))),
             i64(bones),
-            f64(links.moved),
-            f64(links.distances),
-            f64(links.differences.sum(axis=0)),
+            f64(moved),
+            nothing if links is None else f64(links.distances),
+            nothing if links is None else f64(links.differences.sum(axis=0)),
         ]
         self._kept[cluster] = kept
-        addresses = [each.ctypes.data for each in kept]
-        self.table[cluster] = ClusterPointers(*addresses, len(bones))
+        if links is not None:
+            self._is_linked.add(cluster)
+        self.table[cluster] = ClusterPointers(*map(pointer, kept), len(bones))
         self.most_bones = max(self.most_bones, len(bones))

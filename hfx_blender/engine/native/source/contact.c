@@ -6,6 +6,7 @@
 #include <stddef.h>
 
 #include "analytic.h"
+#include "broad.h"
 #include "hfx_native.h"
 #include "skin.h"
 #include "skin_posing.h"
@@ -18,16 +19,6 @@
 
 static const double WHOLE = 1.0 - 1e-9;
 
-// A volume at some rows.
-typedef struct {
-  const int64_t *kinds;   // (rows,)
-  const double *halves;   // (rows,)
-  const double *to_shape; // (rows, 4, 4) from the world
-  const double *to_world; // (rows, 4, 4) from the body's own space
-  int64_t is_flat, is_smooth;
-  double share, amplitude;
-} hfx_target;
-
 // How points that rest in a body's frame move, in 2^k steps of each interval; see swept.Drift.
 typedef struct {
   const double *before[STEP_KINDS];  // (steps + 1, rows - 1, 4, 4)
@@ -35,21 +26,11 @@ typedef struct {
   int64_t intervals;
 } hfx_drift;
 
-// Pairs of a cluster, ascending, and a row, ascending within it.
-typedef struct {
-  int64_t count;
-  const int64_t *clusters, *rows;
-  const uint8_t *wide;   // covered
-  const int64_t *steps;  // followed from the pair before in so many steps; 0: not
-  const double *points;  // (3, total) all places, or NULL: bones pose them
-  int64_t total;
-} hfx_pairs;
-
 // Where weights go.
 typedef struct {
   void *weights;  // (rows, columns)
   const int64_t *column_of;  // of cells
-  int64_t columns, is_single;
+  int64_t columns, is_single, posed;  // `posed` is counted up: how many places were
 } hfx_found;
 
 typedef struct {
@@ -76,11 +57,13 @@ typedef struct {
   const hfx_bones *bones;
   const hfx_cluster *cluster;  // NULL where points are given
   double moved;                // no place has moved farther since the pair before
+  int is_same;                 // the volume has the shape that it had then
   hfx_shape shape;
   int64_t number, first;  // the cluster, its first place
   double stretch;         // of the row
   double turns[2][9];     // cross products to the world, and these back
   int has_turns;
+  int64_t posed;          // places
   double limit;           // mean distance within which vertices tell enough
   double steepest;
 } look;
@@ -95,10 +78,11 @@ static double weight_of(const look *at, const double p[3]) {
 }
 
 // A place, posed.
-static inline const double *place_of(const look *at, side *pair, int64_t place) {
+static inline const double *place_of(look *at, side *pair, int64_t place) {
   double *point = pair->points + 3 * place;
   if (pair->posed[place] == pair->pair) return point;
   pair->posed[place] = pair->pair;
+  at->posed++;
   if (at->cluster) {
     if (!pair->has_columns) hfx_find_columns(at->cluster, at->bones, pair->row, pair->columns);
     pair->has_columns = 1;
@@ -118,7 +102,7 @@ static inline double gap_bound(const look *at, const side *pair, int64_t unit) {
   return (pair->along * c->distances[unit] + pair->apart * c->differences[unit]) * SLACK;
 }
 
-static double gap_of(const look *at, side *pair, int64_t unit) {
+static double gap_of(look *at, side *pair, int64_t unit) {
   const double *own = place_of(at, pair, unit);
   if (!(pair->exact[unit] < 0.0)) return pair->exact[unit];
   const hfx_table *table = at->table;
@@ -134,13 +118,13 @@ static double gap_of(const look *at, side *pair, int64_t unit) {
   return pair->exact[unit] = sqrt(squared);
 }
 
-static inline double reach_of(const look *at, side *pair, int64_t unit) {
+static inline double reach_of(look *at, side *pair, int64_t unit) {
   return gap_of(at, pair, unit) * at->table->reaches[at->first + unit];
 }
 
 // See narrow.told_by_vertices: whether strength at the vertex of a unit is close enough. `cell`
 // is what is known of its cell: below 0 nothing yet, else whether that is told as a whole.
-static int is_told(const look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
+static int is_told(look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
   if (at->target->is_flat || at->target->amplitude == 0.0) return 0;
   const hfx_table *table = at->table;
   if (gap_of(at, pair, unit) * table->means[at->first + unit] <= at->limit) return 1;
@@ -199,7 +183,7 @@ typedef struct {
   double corners[3][3], edges[2][3], out[3];
 } triangle;
 
-static void corners_of(const look *at, side *pair, int64_t unit, int64_t quad,
+static void corners_of(look *at, side *pair, int64_t unit, int64_t quad,
                        double corners[3][3]) {
   for (int k = 0; k < 3; k++) {
     int64_t place = k ? at->table->around[2 * quad + k - 1] - at->first : unit;
@@ -396,12 +380,13 @@ static int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t f
   // (a + b - l) / 2.
   double bound = hfx_larger(gap_bound(at, before, unit), gap_bound(at, now, unit));
   bound *= 2.0 * table->reaches[place];
-  if (steps == 1) {
+  int is_straight = steps == 1 && at->is_same;
+  if (is_straight) {
     double least = before->least[unit] + now->least[unit];
     if (least - at->moved > bound + SPARE * (fabs(least) + at->moved)) return count;
   }
   const double *one = place_of(at, before, unit), *other = place_of(at, now, unit);
-  if (steps == 1) {
+  if (is_straight) {
     double clear = before->clear[unit] + now->clear[unit];
     double way[3] = {other[0] - one[0], other[1] - one[1], other[2] - one[2]};
     double length = sqrt(hfx_dot(way, way)), spare = SPARE * (fabs(clear) + length);
@@ -429,9 +414,9 @@ static int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t f
         continue;
     }
     // Samples of the start stand outwards as the skin did there.
-    look then = *at;
-    then.has_turns = 0;
-    find_edges(&then, interval, q, &a);
+    at->has_turns = 0;
+    find_edges(at, interval, q, &a);
+    at->has_turns = 0;
     find_edges(at, now->row, q, &b);
     for (int64_t s = table->sample_starts[q]; s < table->sample_starts[q] + samples; s++) {
       double start[3], end[3];
@@ -465,7 +450,6 @@ static double *take(double **room, int64_t count) {
 
 static void make_sides(side sides[2], double *room, int64_t places, int64_t units, int64_t cells,
                        int64_t bones) {
-  room = (double *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
   for (int k = 0; k < 2; k++) sides[k].columns = (hfx_two *)take(&room, 16 * bones);
   for (int k = 0; k < 2; k++) {
     side *each = sides + k;
@@ -484,15 +468,18 @@ static void make_sides(side sides[2], double *room, int64_t places, int64_t unit
 
 // Contact weights of pairs; what is less than what is there already is left out.
 //
-// `room` has space for 2 (16 bones + 6 places + units + cells) + 2 doubles of the largest cluster,
+// `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
+// `room` has space for 3 * 16 bones + 2 (6 places + units + cells) + 2 doubles of the largest cluster,
 // `events` for twice the most samples of a cell. 
 HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
-                                 const hfx_cluster *clusters, const hfx_bones *bones,
-                                 const hfx_target *target, const hfx_drift *drift,
-                                 const hfx_found *found, double *room, event *events) {
+                                 const hfx_cluster *clusters, const hfx_cluster *own,
+                                 const hfx_bones *bones, const hfx_target *target,
+                                 const hfx_drift *drift, hfx_found *found, double *room,
+                                 event *events) {
   look at = {.table = table, .target = target, .bones = bones};
   at.steepest = target->is_flat ? 0.0 : (target->is_smooth ? 1.5 : 1.0) / target->share;
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
+  hfx_two *own_columns = NULL;
   side sides[2], *now = &sides[0], *before = &sides[1];
   int64_t shift = 0;
   for (int64_t p = 0; p < pairs->count; p++) {
@@ -502,7 +489,10 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
     if (p == 0 || c != pairs->clusters[p - 1]) {
       at.number = c, at.first = table->starts[c];
       at.cluster = pairs->points ? NULL : clusters + c;
-      make_sides(sides, room, places, units, cells, at.cluster ? at.cluster->bone_count : 0);
+      int64_t of_own = own ? own[c].bone_count : 0;
+      own_columns = (hfx_two *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
+      make_sides(sides, (double *)own_columns + 16 * of_own, places, units, cells,
+                 at.cluster ? at.cluster->bone_count : 0);
     }
     side *swapped = before;
     before = now, now = swapped;
@@ -511,29 +501,39 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
     at.stretch = hfx_stretch(target->to_shape + 16 * row, 4);
     at.has_turns = 0;
     at.moved = INFINITY;
+    at.is_same = before->row == row - 1 && at.shape.kind == target->kinds[row - 1] &&
+                 at.shape.half == target->halves[row - 1];
     if (at.cluster) {
       hfx_gap_factors(at.cluster, bones, row, &now->along, &now->apart);
-      int is_same = before->row == row - 1 && steps < 2 && at.shape.kind == target->kinds[row - 1] &&
-                    at.shape.half == target->halves[row - 1];
-      if (is_same) at.moved = hfx_moved(at.cluster, bones, row - 1, row);
+      if (at.is_same && steps < 2) at.moved = hfx_moved(at.cluster, bones, row - 1, row);
     } else {
       for (int64_t k = 0; k < places; k++)
         for (int i = 0; i < 3; i++)
           now->points[3 * k + i] = pairs->points[i * pairs->total + shift + k];
     }
     shift += places;
-    int64_t to = 0;
+    int64_t to = 0, has_own = 0;
     for (int64_t k = 0; k < cells; k++) {
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
       while (to < units && table->cell_of[at.first + to] == first_cell + k) to++;
       int may = may_touch(&at, before, now, from, to);
-      if (may && pairs->wide[p]) {
-        double share = 0.0;
+      double share = 0.0;
+      if (pairs->how[p] == HFX_WHOLE) {
+        share = 1.0;
+      } else if (pairs->how[p] == HFX_BY_VERTEX && own) {
+        double vertex[3];
+        if (!has_own) hfx_find_columns(own + c, bones, row, own_columns);
+        has_own = 1, at.posed++;
+        hfx_pose(own + c, own_columns, k, vertex);
+        share = weight_of(&at, vertex);
+      } else if (may && pairs->how[p] == HFX_BY_VERTEX) {
+        share = weight_of(&at, place_of(&at, now, k));
+      } else if (may && pairs->how[p] == HFX_COVERED) {
         int told = -1;
         for (int64_t u = from; u < to; u++) share += cover(&at, now, u, from, to, &told);
         if (share > WHOLE) share = 1.0;
-        if (share != 0.0) store(found, column, share);
       }
+      if (share != 0.0) store(found, column, share);
       now->weights[k] = loaded(found, column);
       if (!may || !steps || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;
       int told[2] = {-1, -1};
@@ -544,4 +544,5 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       if (peak > now->weights[k]) store(found, column, peak);
     }
   }
+  found->posed += at.posed;
 }

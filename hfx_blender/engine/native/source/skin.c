@@ -60,44 +60,10 @@ HFX_EXPORT void hfx_cluster_moves(const hfx_bones *bones, int64_t intervals, con
                                   const int64_t *clusters, const int64_t *starts,
                                   const int64_t *pair_bones, const double *centres,
                                   const double *halves, double *moves) {
-  for (int64_t n = 0; n < intervals; n++, linear += 9) {
-    const double *earlier = bones->matrices + 12 * before[n] * bones->count;
-    const double *later = bones->matrices + 12 * after[n] * bones->count;
-    for (int64_t k = 0; k < asked; k++) {
-      double most = 0.0;
-      for (int64_t p = starts[clusters[k]]; p < starts[clusters[k] + 1]; p++) {
-        const double *centre = centres + 3 * p, *half = halves + 3 * p;
-        int64_t slot = 12 * bones->slots[pair_bones[p]];
-        double d[12], squared = 0.0;
-        for (int i = 0; i < 12; i++) d[i] = later[slot + i] - earlier[slot + i];
-        for (int i = 0; i < 3; i++) {
-          const double *turn = linear + 3 * i;
-          double m[4];
-          for (int j = 0; j < 4; j++) m[j] = turn[0] * d[j] + turn[1] * d[4 + j] + turn[2] * d[8 + j];
-          double way = fabs(m[0] * centre[0] + m[1] * centre[1] + m[2] * centre[2] + m[3]);
-          way += fabs(m[0]) * half[0] + fabs(m[1]) * half[1] + fabs(m[2]) * half[2];
-          squared += way * way;
-        }
-        most = hfx_larger(most, squared);
-      }
-      *moves++ = sqrt(most);
-    }
-  }
-}
-
-// How far a bone takes the cells of a group from where all together do: by rows of its matrix,
-// less the mean of all, which is taken off here.
-static double apart(const double *matrix, const double *mean, const double *middle,
-                    const double *half) {
-  double squared = 0.0;
-  for (int i = 0; i < 3; i++) {
-    double d[4];
-    for (int j = 0; j < 4; j++) d[j] = matrix[4 * i + j] - mean[4 * i + j];
-    double way = fabs(d[0] * middle[0] + d[1] * middle[1] + d[2] * middle[2] + d[3]);
-    way += fabs(d[0]) * half[0] + fabs(d[1]) * half[1] + fabs(d[2]) * half[2];
-    squared += way * way;
-  }
-  return sqrt(squared);
+  for (int64_t n = 0; n < intervals; n++, linear += 9)
+    for (int64_t k = 0; k < asked; k++)
+      *moves++ = hfx_box_moves(bones, before[n], after[n], linear, 3, starts[clusters[k]],
+                               starts[clusters[k] + 1], pair_bones, centres, halves);
 }
 
 // See CellSizes.means: no less than the mean distance of any cell's skin from its vertex, at some
@@ -105,31 +71,7 @@ static double apart(const double *matrix, const double *mean, const double *midd
 HFX_EXPORT void hfx_cell_means(const hfx_bones *bones, const hfx_groups *groups, int64_t rows,
                                const int64_t *row, int64_t asked, const int64_t *clusters,
                                double *means) {
-  for (int64_t n = 0; n < rows; n++) {
-    const double *matrices = bones->matrices + 12 * row[n] * bones->count;
-    const double *stretches = bones->stretches + row[n] * bones->count;
-    for (int64_t k = 0; k < asked; k++) {
-      const hfx_groups *known = groups + clusters[k];
-      double most = 0.0;
-      for (int64_t g = 0; g < known->count; g++) {
-        int64_t first = known->starts[g], last = known->starts[g + 1];
-        double stretch = 0.0, bent = 0.0, mean[12] = {0.0};
-        for (int64_t p = first; p < last; p++) {
-          int64_t slot = bones->slots[known->bones[p]];
-          stretch = hfx_larger(stretch, stretches[slot]);
-          if (last - first > 1)
-            for (int i = 0; i < 12; i++) mean[i] += known->shares[p] * matrices[12 * slot + i];
-        }
-        if (last - first > 1)
-          for (int64_t p = first; p < last; p++) {
-            if (known->changes[p] == 0.0) continue;
-            int64_t slot = bones->slots[known->bones[p]];
-            bent += known->changes[p] *
-                    apart(matrices + 12 * slot, mean, known->boxes + 6 * g, known->boxes + 6 * g + 3);
-          }
-        most = hfx_larger(most, stretch * known->distances[g] + bent);
-      }
-      *means++ = most;
-    }
-  }
+  for (int64_t n = 0; n < rows; n++)
+    for (int64_t k = 0; k < asked; k++)
+      *means++ = hfx_cell_mean(bones, groups + clusters[k], row[n]);
 }

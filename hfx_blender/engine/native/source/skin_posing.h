@@ -105,4 +105,69 @@ static inline void hfx_gap_factors(const hfx_cluster *cluster, const hfx_bones *
   }
 }
 
+// How far anything in boxes that bones move can have moved from one row to another. A pair is a
+// bone and a box; `linear`, whose rows are `width` apart, leads from the space of the matrices to
+// that of moves.
+static inline double hfx_box_moves(const hfx_bones *bones, int64_t before, int64_t after,
+                                   const double *linear, int width, int64_t first, int64_t last,
+                                   const int64_t *pair_bones, const double *centres,
+                                   const double *halves) {
+  const double *earlier = bones->matrices + 12 * before * bones->count;
+  const double *later = bones->matrices + 12 * after * bones->count;
+  double most = 0.0;
+  for (int64_t p = first; p < last; p++) {
+    const double *centre = centres + 3 * p, *half = halves + 3 * p;
+    int64_t slot = 12 * bones->slots[pair_bones[p]];
+    double d[12], squared = 0.0;
+    for (int i = 0; i < 12; i++) d[i] = later[slot + i] - earlier[slot + i];
+    for (int i = 0; i < 3; i++) {
+      const double *turn = linear + width * i;
+      double m[4];
+      for (int j = 0; j < 4; j++) m[j] = turn[0] * d[j] + turn[1] * d[4 + j] + turn[2] * d[8 + j];
+      double way = fabs(m[0] * centre[0] + m[1] * centre[1] + m[2] * centre[2] + m[3]);
+      way += fabs(m[0]) * half[0] + fabs(m[1]) * half[1] + fabs(m[2]) * half[2];
+      squared += way * way;
+    }
+    most = hfx_larger(most, squared);
+  }
+  return sqrt(most);
+}
+
+// How far a bone takes the cells of a group from where all together do, whose matrix is `mean`.
+static inline double hfx_apart(const double *matrix, const double *mean, const double *box) {
+  double squared = 0.0;
+  for (int i = 0; i < 3; i++) {
+    double d[4];
+    for (int j = 0; j < 4; j++) d[j] = matrix[4 * i + j] - mean[4 * i + j];
+    double way = fabs(d[0] * box[0] + d[1] * box[1] + d[2] * box[2] + d[3]);
+    way += fabs(d[0]) * box[3] + fabs(d[1]) * box[4] + fabs(d[2]) * box[5];
+    squared += way * way;
+  }
+  return sqrt(squared);
+}
+
+// See CellSizes.means: no less than the mean distance of any cell's skin from its vertex at a row.
+static inline double hfx_cell_mean(const hfx_bones *bones, const hfx_groups *known, int64_t row) {
+  const double *matrices = bones->matrices + 12 * row * bones->count;
+  const double *stretches = bones->stretches + row * bones->count;
+  double most = 0.0;
+  for (int64_t g = 0; g < known->count; g++) {
+    int64_t first = known->starts[g], last = known->starts[g + 1];
+    double stretch = 0.0, bent = 0.0, mean[12] = {0.0};
+    for (int64_t p = first; p < last; p++) {
+      int64_t slot = bones->slots[known->bones[p]];
+      stretch = hfx_larger(stretch, stretches[slot]);
+      if (last - first > 1)
+        for (int i = 0; i < 12; i++) mean[i] += known->shares[p] * matrices[12 * slot + i];
+    }
+    for (int64_t p = first; p < last && last - first > 1; p++) {
+      int64_t slot = bones->slots[known->bones[p]];
+      if (known->changes[p] != 0.0)
+        bent += known->changes[p] * hfx_apart(matrices + 12 * slot, mean, known->boxes + 6 * g);
+    }
+    most = hfx_larger(most, stretch * known->distances[g] + bent);
+  }
+  return most;
+}
+
 #endif

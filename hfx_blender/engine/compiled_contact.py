@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bodies that bones move against volumes with a formula, by the compiled library.
+
+The same as :func:`.contact.find` does in numpy, step by step; what it cannot do is left to that.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from .active_rows import FARTHEST
+from .body.posing import SkinnedModel
+from .counters import Counters
+from .coverage import BodySkin
+from .motion import turned_by
+from .native import contact as native
+from .native.skin import PosedBones
+from .scene import EffectBlock, PoseBlock
+from .swept import Drift
+from .volume.shape import Falloff
+
+if TYPE_CHECKING:
+    from .placed import ReachableBounds
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+Found = tuple[I64, I64, I64, I32, native.Weights]
+"""Rows, sets, offsets, vertices and weights; see :class:`.contact.Contacts`."""
+
+
+def is_possible(effect: EffectBlock, skin: BodySkin) -> bool:
+    """Whether the library is there and knows this volume and what moves the body."""
+    return isinstance(skin.surface, SkinnedModel) and native.is_possible(effect.shapes)
+
+
+def find(
+    effect: EffectBlock,
+    falloff: Falloff,
+    rows: I64,
+    skin: BodySkin,
+    pose: PoseBlock,
+    bounds: ReachableBounds,
+    counters: Counters,
+    follows: Bool,
+    heard: Bool,
+    own_sets: bool,
+) -> Found | None:
+    """Vertices whose skin is inside; None where the volume cannot be used at some row.
+
+    As :func:`.contact.find`; rows are places among ``rows``.
+    """
+    assert effect.matrices is not None and isinstance(skin.surface, SkinnedModel)
+    matrices, to_world = effect.matrices[rows], pose.to_world[rows]
+    which = np.zeros(len(rows), np.int64)
+    if effect.shape_index is not None:
+        which = effect.shape_index[rows].astype(np.int64)
+    limits = np.array([shape.bounds for shape in effect.shapes])[which]
+    placed = native.place(matrices, to_world, limits, FARTHEST)
+    if placed is None:
+        return None
+    inverses, to_shape, boxes = placed
+    tolerance, table = skin.skin.tolerance, skin.skin.table
+    target = native.Target(effect.shapes, which, falloff, tolerance.amplitude, inverses, to_world)
+    broad = native.Broad(
+        matrices,
+        boxes,
+        bounds.low,
+        bounds.high,
+        np.searchsorted(bounds.rows, rows),
+        follows,
+        heard,
+        _turns(matrices, to_world) if follows.any() else None,
+        skin.surface.pairs,
+        skin.skin.edge_m,
+        skin.skin.is_split,
+    )
+    counters.volume_tests += int(np.count_nonzero(heard))
+    counters.clusters_tested += int(np.count_nonzero(heard)) * bounds.low.shape[1]
+    met = broad.overlaps()
+    if not len(met) and not follows.any():
+        return _nothing()
+    bones = skin.posed_bones(pose, rows, to_shape)
+    assert bones is not None
+    groups = None
+    if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
+        assert skin.cell_sizes is not None
+        groups = skin.cell_sizes.pointers(met)
+    pairs = broad.reach(target, bones, groups)
+    if not len(pairs.clusters):
+        return _nothing()
+    posing = _posing(skin, pairs, bones)
+    columns, column_of = native.columns_of(pairs, table)
+    # Shares of a cell without falloff, in half the memory.
+    precision = np.float32 if falloff.is_flat else np.float64
+    weights: native.Weights = np.zeros((len(rows), len(columns)), precision)
+    drifts = {}
+    for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
+        ways = (matrices[:-1], matrices[1:]), (to_world[:-1], to_world[1:])
+        drift = Drift.of(*ways, number)
+        drifts[number] = drift.from_before, drift.from_after
+    counters.vertices_posed += native.look_at_skin(
+        pairs, table, posing, target, drifts, weights, column_of
+    )
+    return native.gathered(weights, columns, heard, own_sets)
+
+
+def _posing(skin: BodySkin, pairs: native.Pairs, bones: PosedBones) -> native.Posing:
+    """How places come about; skin that is covered or followed is filled in."""
+    assert isinstance(skin.surface, SkinnedModel)
+    table = skin.skin.table
+    is_wide = (pairs.how == native.COVERED) | (pairs.steps > 0)
+    wide = np.unique(pairs.clusters[is_wide])
+    if len(wide):
+        table.need(wide)
+    clusters = skin.surface.native_clusters(np.unique(pairs.clusters))
+    skin.surface.native_clusters(wide, table)
+    own = None
+    if skin.is_grouped:
+        assert isinstance(skin.vertices, SkinnedModel)
+        by_vertex = pairs.how == native.BY_VERTEX
+        own = skin.vertices.native_clusters(np.unique(pairs.clusters[by_vertex]))
+    return native.Posing(clusters, own, bones)
+
+
+def _turns(matrices: F64, to_world: F64) -> F64 | None:
+    """By how much the volume, and the body, turns since the row before, radians (2, n)."""
+    turns = np.zeros((2, len(matrices)))
+    for turn, each in zip(turns, (matrices, to_world), strict=True):
+        turn[1:] = turned_by(each[:-1], each[1:])
+    return turns if turns.any() else None
+
+
+def _nothing() -> Found:
+    none = np.zeros(0, np.int64)
+    return none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0)

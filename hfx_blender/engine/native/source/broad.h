@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A volume at some rows, and which clusters of skin it may touch there.
+
+#ifndef HFX_BROAD_H
+#define HFX_BROAD_H
+
+#include <stdint.h>
+
+// A volume at some rows.
+typedef struct {
+  const int64_t *kinds;   // (rows,)
+  const double *halves;   // (rows,)
+  const double *to_shape; // (rows, 4, 4) from the world
+  const double *to_world; // (rows, 4, 4) from the body's own space
+  int64_t is_flat, is_smooth;
+  double share, amplitude;
+} hfx_target;
+
+// How the cells of a pair are looked at.
+enum { HFX_NOT, HFX_COVERED, HFX_BY_VERTEX, HFX_WHOLE };
+
+// Pairs of a cluster, ascending, and a row, ascending within it.
+typedef struct {
+  int64_t count;
+  int64_t *clusters, *rows;
+  uint8_t *how;
+  int64_t *steps;        // followed from the pair before in so many steps; 0: not
+  const double *points;  // (3, total) all places, or NULL: bones pose them
+  int64_t total;
+} hfx_pairs;
+
+#endif

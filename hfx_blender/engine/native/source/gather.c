@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// From pairs to contacts: which vertices have weights, and their lists row by row.
+
+#include <stdint.h>
+
+#include "hfx_native.h"
+
+// Vertices of the clusters that occur in pairs, ascending, and where each cell's is among them.
+// The number of them. `is_needed` (clusters,) and `place` (vertices,) are room.
+HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t cluster_count,
+                               const int64_t *cell_starts, int64_t cell_count,
+                               const int32_t *vertex_of, uint8_t *is_needed, int64_t *place,
+                               int32_t *columns, int64_t *column_of) {
+  for (int64_t c = 0; c < cluster_count; c++) is_needed[c] = 0;
+  for (int64_t v = 0; v < cell_count; v++) place[v] = -1;
+  for (int64_t p = 0; p < pairs; p++) is_needed[clusters[p]] = 1;
+  for (int64_t c = 0; c < cluster_count; c++)
+    for (int64_t k = cell_starts[c]; is_needed[c] && k < cell_starts[c + 1]; k++)
+      place[vertex_of[k]] = 0;
+  int64_t count = 0;
+  for (int64_t v = 0; v < cell_count; v++)
+    if (place[v] == 0) place[v] = count, columns[count++] = (int32_t)v;
+  for (int64_t c = 0; c < cluster_count; c++)
+    for (int64_t k = cell_starts[c]; is_needed[c] && k < cell_starts[c + 1]; k++)
+      column_of[k] = place[vertex_of[k]];
+  return count;
+}
+
+// Which rows have any weight, and which of these have others than the row before: 0, 1, 2. How
+// many weights those have. `own_sets`: all of them are taken to be others.
+#define GATHERING(name, real)                                                                    \
+  HFX_EXPORT int64_t hfx_changes_##name(int64_t rows, int64_t columns, const real *weights,     \
+                                        const uint8_t *heard, int64_t own_sets, uint8_t *kinds) { \
+    const real *before = 0;                                                                      \
+    int64_t total = 0;                                                                           \
+    for (int64_t n = 0; n < rows; n++, weights += columns) {                                     \
+      int64_t count = 0, changed = 0;                                                            \
+      kinds[n] = 0;                                                                              \
+      if (!heard[n]) continue;                                                                   \
+      for (int64_t k = 0; k < columns; k++) count += weights[k] != 0;                            \
+      if (!count) continue;                                                                      \
+      for (int64_t k = 0; before && k < columns; k++) changed |= weights[k] != before[k];        \
+      kinds[n] = !before || own_sets || changed ? 2 : 1;                                         \
+      if (kinds[n] == 2) total += count;                                                         \
+      before = weights;                                                                          \
+    }                                                                                            \
+    return total;                                                                                \
+  }                                                                                              \
+  HFX_EXPORT void hfx_gather_##name(int64_t rows, int64_t columns, const real *weights,         \
+                                    const uint8_t *kinds, const int32_t *vertices,               \
+                                    int64_t *offsets, int32_t *found, real *values) {            \
+    int64_t total = 0;                                                                           \
+    *offsets++ = 0;                                                                              \
+    for (int64_t n = 0; n < rows; n++, weights += columns) {                                     \
+      if (kinds[n] != 2) continue;                                                               \
+      for (int64_t k = 0; k < columns; k++)                                                      \
+        if (weights[k] != 0) found[total] = vertices[k], values[total++] = weights[k];           \
+      *offsets++ = total;                                                                        \
+    }                                                                                            \
+  }
+
+GATHERING(single, float)
+GATHERING(double, double)

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The C sources that lie beside this file, and their digest; needs nothing but Python's own."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Final
+
+FOLDER: Final = Path(__file__).with_name("source")
+MARK: Final = "hfx_native"
+"""The first word of what a library says that it was built of; the digest is the second. The module
+of a wheel is named after both."""
+
+
+def files(folder: Path = FOLDER) -> list[Path]:
+    """All that a library is made of, sorted: sources, headers, the compiler's options."""
+    return sorted(path for end in ("*.c", "*.h", "flags.txt") for path in folder.glob(end))
+
+
+def digest(folder: Path = FOLDER) -> str | None:
+    """16 hexadecimal digits of what the sources say; None where there are none."""
+    found = hashlib.sha256()
+    paths = files(folder)
+    for path in paths:
+        text = path.read_bytes().replace(b"\r\n", b"\n")  # git's line ends on Windows
+        found.update(b"%s\0%d\0%s" % (path.name.encode(), len(text), text))
+    return found.hexdigest()[:16] if paths else None

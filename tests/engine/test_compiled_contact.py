@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the compiled library feels is what numpy feels."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from both_ways import in_numpy, needs_library
+from distorted_scenes import FALLOFFS, DistortedScene, load, turn
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from hfx_blender.engine import compiled_contact
+from hfx_blender.engine.active_rows import FARTHEST
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.engine.native import contact as native
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.tolerance import PAPER, PREVIEW, STANDARD, Tolerance
+from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from hfx_blender.engine.volume.placement import inverse_placement, world_bounds
+
+pytestmark = needs_library
+
+ROWS = 6
+FINE = Tolerance("fine", 0.001, 0.25, 0.002, 0.0)  # strength is never taken to be even
+TOLERANCES = (PREVIEW, STANDARD, PAPER, FINE)
+SHAPES = (Cuboid(), Sphere(), Cylinder(), Capsule(1.5))
+
+
+def moving_scene(model, seed: int, strength: float, speed: float):
+    """A body that goes from one distorted pose to another, and volumes that fly and turn."""
+    rng = np.random.default_rng(seed)
+    ends = [DistortedScene.drawn(model, seed + k, strength) for k in range(2)]
+    shares = np.linspace(0.0, speed, ROWS)[:, None, None, None]
+    bones = (1.0 - shares) * ends[0].bones + shares * ends[1].bones
+    to_world = np.repeat(ends[0].to_world[None], ROWS, 0)
+    if rng.random() < 0.5:  # the body turns and moves
+        for k in range(ROWS):
+            to_world[k, :3, :3] = turn(np.random.default_rng(seed), 0.05 * k) @ to_world[k, :3, :3]
+            to_world[k, :3, 3] += 0.02 * k
+    effects, blocks = [], []
+    count = len(MODALITIES[model.modality].parameters)
+    for k, (falloff, volume) in enumerate(zip(FALLOFFS, ends[0].volumes, strict=True)):
+        flight, spin = 0.3 * speed * rng.normal(size=3), 0.4 * speed * float(rng.random() < 0.5)
+        axis = int(rng.integers(1 << 31))
+        matrices = np.repeat(volume.grown(0.0)[1][None], ROWS, 0)
+        matrices[:, :3, :3] *= np.exp(0.5 * rng.normal(size=3))
+        for row in range(ROWS):
+            about = turn(np.random.default_rng(axis), spin * row)
+            matrices[row, :3, :3] = about @ matrices[row, :3, :3]
+            matrices[row, :3, 3] += row * flight
+        which = rng.integers(len(SHAPES), size=ROWS) if k % 2 else np.full(ROWS, k // 2)
+        levels, parameters = np.ones(ROWS), np.full((ROWS, count), 20.0)
+        blocks.append(EffectBlock(levels, parameters, matrices, SHAPES, which))
+        area = HapticVolume(falloff)
+        effects.append(EffectDescription(f"v{k}", f"v{k}", model.modality, model.id, area))
+    time = TimeBase(Fraction(100), Fraction(100), 0, 0, 199)
+    body = BodyDescription("anna", "Anna", SkinBinding(model.bone_names))
+    scene = SceneDescription(time, (body,), tuple(effects))
+    poses = (PoseBlock(np.ones(ROWS, bool), to_world, bones),)
+    return scene, AnimationBlock(np.arange(ROWS), tuple(blocks), poses)
+
+
+def told(scene, block, tolerance):
+    """Everything that is felt, and what the engine counted of volumes."""
+    engine = Engine(scene, models=load, tolerance=tolerance)
+    runs = engine.evaluate(block)
+    rows = {
+        run.stream.effect_id: [
+            (round(100.0 * sample.time_s), sample.vertices.tolist(), sample.weights.tolist())
+            for sample in run
+        ]
+        for run in runs
+    }
+    return rows, (engine.counters.volume_tests, engine.counters.clusters_tested)
+
+
+@pytest.mark.parametrize("modality", ["temperature", "pressure"])
+@pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
+@settings(max_examples=3, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@given(
+    seed=st.integers(0, 2**31), strength=st.floats(0.0, 0.6), speed=st.sampled_from([0.0, 0.1, 1.0])
+)
+def test_both_feel_the_same(modality, tolerance, seed, strength, speed):
+    scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
+    found, counted = told(scene, block, tolerance)
+    with in_numpy():
+        expected, counted_in_numpy = told(scene, block, tolerance)
+    assert counted == counted_in_numpy
+    assert found.keys() == expected.keys()
+    for name, rows in found.items():
+        for one, other in zip(rows, expected[name], strict=True):
+            assert one[:2] == other[:2], f"{name} at {one[0]}"
+            np.testing.assert_allclose(one[2], other[2], rtol=0, atol=2e-7)
+
+
+def test_the_library_was_asked(monkeypatch):
+    """Else the test above compares numpy with itself."""
+    scene, block = moving_scene(load("hfx-pressure-1"), 3, 0.3, 0.1)
+    asked = []
+    find = compiled_contact.find
+    monkeypatch.setattr(compiled_contact, "find", lambda *a: asked.append(1) or find(*a))
+    told(scene, block, STANDARD)
+    assert asked
+    asked.clear()
+    with in_numpy():
+        told(scene, block, STANDARD)
+    assert not asked
+
+
+numbers = st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1e-9, 1e9, 1e12, 1e13, np.nan, np.inf])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(numbers, min_size=12, max_size=12),
+    st.sampled_from([1e-6, 1.0, 1e6]),
+    st.sampled_from(SHAPES),
+)
+def test_places_are_those_of_numpy(entries, scale, shape):
+    matrix = np.eye(4)
+    matrix[:3] = np.reshape(entries, (3, 4))
+    matrix[:3, :3] *= scale
+    body = np.eye(4)
+    body[:3, 3] = 1.0, 2.0, 3.0
+    with np.errstate(all="ignore"):
+        inverse, usable = inverse_placement(matrix[None])
+        usable = usable & (np.abs(matrix) <= FARTHEST).all()
+    found = native.place(matrix[None], body[None], shape.bounds[None], FARTHEST)
+    assert (found is not None) == bool(usable[0])
+    if found is not None:
+        size = np.abs(inverse).max()
+        np.testing.assert_allclose(found[0], inverse, rtol=1e-9, atol=1e-12 * size)
+        expected = inverse @ body
+        np.testing.assert_allclose(found[1], expected, rtol=1e-9, atol=1e-11 * size)
+        boxes = world_bounds(shape, matrix[None])
+        np.testing.assert_allclose(found[2], boxes, rtol=1e-12, atol=1e-12 * np.abs(boxes).max())
