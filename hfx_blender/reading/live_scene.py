@@ -90,30 +90,31 @@ class LiveScene:
 
     def runs(self) -> list[SampleRun]:
         """What is felt now: at most one sample for each effect and body."""
-        if self._is_silent():
+        asked = self._may_be_on()
+        if asked is None:
             return []
-        count = range(len(self.objects.effects))
-        row = self._reading.read(0, self._now, count, ())
+        row = self._reading.read(0, self._now, asked, ())
+        effects = [row.effects.get(k, EffectRow()) for k in range(len(self.objects.effects))]
         many, stays = self._instances.rows()
-        felt = any(row.effects[k].level > 0.0 for k in self._volumes)
+        felt = any(effects[k].level > 0.0 for k in self._volumes)
         if self.record or felt or any(each.level > 0.0 for each in many):
             self._reading.add_poses(row, self._now, range(len(self.objects.bodies)))
         self._index += self._has_surfaces or self._answers
-        block = self._block([row.effects[k] for k in count] + many, row.poses, stays)
+        block = self._block(effects + many, row.poses, stays)
         runs = self.engine.evaluate(block)
         # Whoever shows this moment knows of no other.
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
 
-    def _is_silent(self) -> bool:
-        """Whether plainly nothing is on, so that nothing has to be read."""
+    def _may_be_on(self) -> Sequence[int] | None:
+        """Effects that have to be read: the others are plainly off. None where all there is, is."""
+        every = range(len(self.objects.effects))
         if self._answers or self._has_surfaces or self._instances.descriptions:
-            return False
+            return every
         graph = self.objects.layer.depsgraph
-        for obj, state in zip(self.objects.effects, self.objects.activations, strict=True):
-            # Not "> 0": what is no number has to be found and told.
-            if not state.level(obj.evaluated_get(graph).hfx) <= 0.0:
-                return False
-        return True
+        pairs = zip(self.objects.effects, self.objects.activations, strict=True)
+        # Not "> 0": what is no number has to be found and told.
+        levels = [state.level(obj.evaluated_get(graph).hfx) for obj, state in pairs]
+        return [k for k, level in enumerate(levels) if not level <= 0.0] or None
 
     def _block(
         self, effects: list[EffectRow], poses: dict[int, PoseRow], stays: list[bool]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from both_ways import in_numpy, needs_library
 from distorted_scenes import FALLOFFS, DistortedScene, load, turn
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine import compiled_contact
@@ -94,6 +94,7 @@ def told(scene, block, tolerance):
 @given(
     seed=st.integers(0, 2**31), strength=st.floats(0.0, 0.6), speed=st.sampled_from([0.0, 0.1, 1.0])
 )
+@example(seed=300017, strength=0.08168121312481758, speed=0.4)  # passes, and ends far away
 def test_both_feel_the_same(modality, tolerance, seed, strength, speed):
     scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
     found, counted = told(scene, block, tolerance)

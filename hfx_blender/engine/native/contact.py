@@ -364,22 +364,36 @@ class Broad:
         return Pairs(clusters[:count], rows[:count], how[:count], steps[:count])
 
 
+_MOST_COLUMNS: Final = 32
+_COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
+
+
 def columns_of(pairs: Pairs, table: Table) -> tuple[I32, I64]:
     """Vertices of all pairs' clusters, ascending, and where each of the table's cells is among
-    them, which is only told of these clusters."""
+    them, which is only told of these clusters. Not to be changed: they are kept."""
+    clusters = np.unique(pairs.clusters)
+    known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
+    if key not in known:
+        if len(known) >= _MOST_COLUMNS:
+            known.clear()
+        known[key] = _made_columns(clusters, table)
+    return known[key]
+
+
+def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
     count = len(table.cells)
     is_needed, place_of = np.empty(len(table.unit_counts), np.uint8), np.empty(count, np.int64)
     columns, column_of = np.empty(count, np.int32), np.empty(count, np.int64)
     counted = table.cells, is_needed, place_of, columns, column_of
     found = _library().hfx_columns(
-        len(pairs.clusters),
-        pointer(pairs.clusters),
+        len(clusters),
+        pointer(clusters),
         len(table.unit_counts),
         pointer(table.cell_starts),
         count,
         *(pointer(each) for each in counted),
     )
-    return columns[:found], column_of
+    return columns[:found].copy(), column_of
 
 
 def look_at_skin(

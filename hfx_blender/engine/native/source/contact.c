@@ -47,7 +47,7 @@ typedef struct {
   double *least;         // (units,) clearance is no less
   double *weights;       // (cells,) before what passed
   hfx_two *columns;      // see hfx_find_columns
-  double along, apart;   // see hfx_gap_factors
+  hfx_spread spread;
   int64_t row, pair, has_columns;
 } side;
 
@@ -99,7 +99,7 @@ static inline const double *place_of(look *at, side *pair, int64_t place) {
 static inline double gap_bound(const look *at, const side *pair, int64_t unit) {
   if (!at->cluster) return 1e300;  // nothing is known; times 0 it is 0
   const hfx_cluster *c = at->cluster;
-  return (pair->along * c->distances[unit] + pair->apart * c->differences[unit]) * SLACK;
+  return (pair->spread.along * c->distances[unit] + pair->spread.apart * c->differences[unit]) * SLACK;
 }
 
 static double gap_of(look *at, side *pair, int64_t unit) {
@@ -429,14 +429,20 @@ static int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t f
   return count;
 }
 
-// Whether a cell may be inside at a pair, or have passed since the one before it.
-static int may_touch(const look *at, const side *before, side *now, int64_t from, int64_t to) {
+enum { INSIDE = 1, PASSED = 2 };
+
+// What a cell may be: inside at a pair, or have passed on the way from the one before it. `least`
+// is the clearance that no place of the cluster is below at the pair.
+static int may_be(const look *at, const side *before, side *now, int64_t from, int64_t to,
+                  double least) {
   const double *reaches = at->table->reaches + at->first;
   int may = 0;
   for (int64_t u = from; u < to; u++) {
     double bound = hfx_larger(gap_bound(at, before, u), gap_bound(at, now, u)) * reaches[u];
-    now->least[u] = before->least[u] - at->moved;
-    may |= !(now->least[u] > bound + SPARE * (fabs(before->least[u]) + at->moved));
+    double since = before->least[u] - at->moved - SPARE * (fabs(before->least[u]) + at->moved);
+    now->least[u] = since > least ? since : least;
+    if (!(since > bound)) may |= PASSED;
+    if (!(now->least[u] > bound)) may |= INSIDE;
   }
   return may;
 }
@@ -460,7 +466,7 @@ static void make_sides(side sides[2], double *room, int64_t places, int64_t unit
     each->least = take(&room, units);
     each->weights = take(&room, cells);
     each->row = each->pair = -2;  // before no row
-    each->along = each->apart = 0.0;
+    each->spread.along = each->spread.apart = 0.0;
     for (int64_t p = 0; p < places; p++) each->posed[p] = -1;
     for (int64_t u = 0; u < units; u++) each->least[u] = -INFINITY;
   }
@@ -500,11 +506,14 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
     at.shape.kind = target->kinds[row], at.shape.half = target->halves[row];
     at.stretch = hfx_stretch(target->to_shape + 16 * row, 4);
     at.has_turns = 0;
+    double least = -INFINITY;
     at.moved = INFINITY;
     at.is_same = before->row == row - 1 && at.shape.kind == target->kinds[row - 1] &&
                  at.shape.half == target->halves[row - 1];
     if (at.cluster) {
-      hfx_gap_factors(at.cluster, bones, row, &now->along, &now->apart);
+      now->spread = hfx_spread_of(at.cluster, bones, row);
+      double share = hfx_share(at.shape, now->spread.middle), radius = now->spread.radius;
+      least = share - 1.0 - radius - SPARE * (share + radius);
       if (at.is_same && steps < 2) at.moved = hfx_moved(at.cluster, bones, row - 1, row);
     } else {
       for (int64_t k = 0; k < places; k++)
@@ -516,7 +525,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
     for (int64_t k = 0; k < cells; k++) {
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
       while (to < units && table->cell_of[at.first + to] == first_cell + k) to++;
-      int may = may_touch(&at, before, now, from, to);
+      int may = may_be(&at, before, now, from, to, least);
       double share = 0.0;
       if (pairs->how[p] == HFX_WHOLE) {
         share = 1.0;
@@ -526,16 +535,16 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
         has_own = 1, at.posed++;
         hfx_pose(own + c, own_columns, k, vertex);
         share = weight_of(&at, vertex);
-      } else if (may && pairs->how[p] == HFX_BY_VERTEX) {
+      } else if ((may & INSIDE) && pairs->how[p] == HFX_BY_VERTEX) {
         share = weight_of(&at, place_of(&at, now, k));
-      } else if (may && pairs->how[p] == HFX_COVERED) {
+      } else if ((may & INSIDE) && pairs->how[p] == HFX_COVERED) {
         int told = -1;
         for (int64_t u = from; u < to; u++) share += cover(&at, now, u, from, to, &told);
         if (share > WHOLE) share = 1.0;
       }
       if (share != 0.0) store(found, column, share);
       now->weights[k] = loaded(found, column);
-      if (!may || !steps || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;
+      if (!(may & PASSED) || !steps || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;
       int told[2] = {-1, -1};
       int64_t count = 0;
       for (int64_t u = from; u < to; u++)

@@ -77,32 +77,44 @@ static inline double hfx_moved(const hfx_cluster *cluster, const hfx_bones *bone
   return most;
 }
 
-// Bounds of how far a cluster's units can be from their neighbours at a row: `along` times their
-// distance at rest plus `apart` times how far their weights differ. See _SkinnedClusters.skin.
-static inline void hfx_gap_factors(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
-                                   double *along, double *apart) {
-  double middle[12] = {0.0};
-  *along = *apart = 0.0;
+// What is known of a posed cluster without posing any of it.
+typedef struct {
+  double along, apart;       // units are no farther from their neighbours than `along` times their
+                             // distance at rest plus `apart` times how far their weights differ
+  double middle[3], radius;  // a ball that holds all of it
+} hfx_spread;
+
+// See _SkinnedClusters.skin. A place x that bones M_b move with weights w_b is at the sum of all
+// w_b M_b x: of such a sum only how the M_b differ from their mean, and how that stretches, matters.
+static inline hfx_spread hfx_spread_of(const hfx_cluster *cluster, const hfx_bones *bones,
+                                       int64_t row) {
+  hfx_spread spread = {0.0, 0.0, {0.0, 0.0, 0.0}, 0.0};
+  double mean[12] = {0.0};
   for (int64_t b = 0; b < cluster->bone_count; b++) {
     int64_t at = row * bones->count + bones->slots[cluster->bones[b]];
     const double *m = bones->matrices + 12 * at;
-    *along = hfx_larger(*along, bones->stretches[at]);
-    for (int i = 0; i < 12; i++) middle[i] += m[i] * cluster->moved[6 * b];
+    spread.along = hfx_larger(spread.along, bones->stretches[at]);
+    for (int i = 0; i < 12; i++) mean[i] += m[i] * cluster->moved[6 * b];
   }
-  if (cluster->bone_count < 2) return;
-  for (int64_t b = 0; b < cluster->bone_count; b++) {
+  for (int64_t b = 0; b < cluster->bone_count && cluster->bone_count > 1; b++) {
     const double *m = bones->matrices + 12 * (row * bones->count + bones->slots[cluster->bones[b]]);
     const double *moved = cluster->moved + 6 * b;
     double way = 0.0, turned = 0.0;
     for (int i = 0; i < 3; i++) {
       double d[4];
-      for (int j = 0; j < 4; j++) d[j] = m[4 * i + j] - middle[4 * i + j];
+      for (int j = 0; j < 4; j++) d[j] = m[4 * i + j] - mean[4 * i + j];
       double each = d[0] * moved[1] + d[1] * moved[2] + d[2] * moved[3] + d[3] * moved[4];
       way += each * each;
       turned += d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     }
-    *apart = hfx_larger(*apart, sqrt(way) + sqrt(turned) * moved[5]);
+    spread.apart = hfx_larger(spread.apart, sqrt(way) + sqrt(turned) * moved[5]);
   }
+  const double *centre = cluster->moved + 1;
+  for (int i = 0; i < 3; i++)
+    spread.middle[i] = mean[4 * i] * centre[0] + mean[4 * i + 1] * centre[1] +
+                       mean[4 * i + 2] * centre[2] + mean[4 * i + 3];
+  spread.radius = spread.apart + spread.along * cluster->moved[5];
+  return spread;
 }
 
 // How far anything in boxes that bones move can have moved from one row to another. A pair is a
