@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from both_ways import in_numpy
 from coverage_synthetic import ball, evaluated, moved_along, placed, rigid, sheet
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -140,17 +143,25 @@ def test_falloff_counts_where_a_passage_is_deepest() -> None:
 # Slow motion, and time
 
 
-def test_slow_motion_is_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("way", [nullcontext, in_numpy])
+def test_slow_motion_is_not_looked_at(
+    monkeypatch: pytest.MonkeyPatch, way: Callable[[], AbstractContextManager[None]]
+) -> None:
     from hfx_blender.engine import finding
+    from hfx_blender.engine.native import contact
 
     calls: list[int] = []
-    real = finding.crossings
+    real, compiled = finding.crossings, contact.look_at_skin
     monkeypatch.setattr(finding, "crossings", lambda *a: calls.append(1) or real(*a))
-    slow = moved_along(placed(0.1, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.1), 21)  # 0.5 m/s
-    weights, _, _ = evaluated(sheet(), Sphere(), slow)
-    assert weights.any() and not calls
-    evaluated(sheet(), Sphere(), slow[::4])
-    assert calls
+    monkeypatch.setattr(
+        contact, "look_at_skin", lambda *a: calls.extend(a[0].steps[a[0].steps > 0]) or compiled(*a)
+    )
+    with way():
+        slow = moved_along(placed(0.1, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.1), 21)  # 0.5 m/s
+        weights, _, _ = evaluated(sheet(), Sphere(), slow)
+        assert weights.any() and not calls
+        evaluated(sheet(), Sphere(), slow[::4])
+        assert calls
 
 
 @pytest.mark.parametrize("way", [0.05, 0.6, 4.0])
