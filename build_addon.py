@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build the Blender extension: ``python build_addon.py`` makes the zip for this computer.
 
-A zip holds the package, the body models, the device configurations and the wheels of what the
-package imports and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
+A zip holds the package, the body models, the device configurations, the library of engine/native
+compiled for the platform, and the wheels of what the package imports and Blender lacks, for every
+Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
 Blender unpacks the wheels that fit. One zip for all platforms would be five times as large.
 """
 
@@ -17,7 +18,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import addon_wheels
+import native_build
+import native_wheel
 from addon_wheels import PLATFORMS, PYTHONS, WheelError
+from native_build import BuildError
 
 ROOT = Path(__file__).resolve().parent
 PACKAGE = ROOT / "hfx_blender"
@@ -26,7 +30,7 @@ DATA = ("body_models", "device_configs", "effect_library")
 LICENCE = ROOT / "LICENSE"
 WHEELS = ROOT / "build" / "wheels"
 _LEFT_OUT = {"__pycache__", MANIFEST}
-_STRAY = {".tmp", ".bak", ".orig", ".pyc", ".blend1"}
+_STRAY = {".tmp", ".bak", ".orig", ".pyc", ".blend1", ".new", ".so", ".dll", ".dylib"}
 _TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content
 
 
@@ -91,13 +95,27 @@ def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = 
     return target
 
 
-def build_for(name: str, pythons: Sequence[str], folder: Path, cache: Path) -> Path:
+def build_for(
+    name: str, pythons: Sequence[str], folder: Path, cache: Path, zig: Path | None = None
+) -> Path:
     """Build the zip for one platform with wheels for some Pythons.
+
+    Parameters
+    ----------
+    name : str
+        Blender's name of the platform.
+    pythons : sequence of str
+    folder, cache : Path
+        Of the zip, and of wheels that were fetched.
+    zig : Path, optional
+        The compiler; without it the zip has no compiled library.
 
     Raises
     ------
     WheelError
         A wheel cannot be had or is not what was pinned.
+    BuildError
+        The library cannot be compiled.
     """
     lock = addon_wheels.read_lock()
     wanted = addon_wheels.imported(PACKAGE)
@@ -108,6 +126,9 @@ def build_for(name: str, pythons: Sequence[str], folder: Path, cache: Path) -> P
             _say(f"{name}, Python {python}: there is no wheel of {distribution}, built without")
         for wheel in found.values():
             chosen[wheel] = addon_wheels.fetch(wheel, lock[wheel], cache)
+    if zig is not None:
+        own = native_wheel.make(native_build.TARGETS[name], cache, zig)
+        chosen[own.name] = own
     tag = name.replace("-", "_")
     if tuple(pythons) != addon_wheels.default_pythons(name):
         tag += "-py" + "_".join(python.replace(".", "") for python in pythons)
@@ -146,7 +167,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-wheels",
         action="store_true",
-        help="a small zip for every platform, without fitting avatars of your own",
+        help="a small zip for every platform, slower and without fitting avatars of your own",
+    )
+    parser.add_argument(
+        "--without-native",
+        action="store_true",
+        help="leave out the compiled library: what is felt is worked out in numpy, slower",
     )
     parser.add_argument(
         "--wheels", type=Path, default=WHEELS, metavar="DIR", help="where fetched wheels are kept"
@@ -171,17 +197,25 @@ def main() -> int:
         if arguments.no_wheels:
             built = [build(arguments.output, "no_wheels")]
         else:
+            zig = None if arguments.without_native else native_build.fetched_compiler(_say)
             built = [
                 build_for(
                     name,
                     tuple(sorted(set(arguments.python or addon_wheels.default_pythons(name)))),
                     arguments.output,
                     arguments.wheels,
+                    zig,
                 )
                 for name in names
             ]
     except WheelError as error:
         sys.stderr.write(f"{error}\nTo build without wheels: {Path(__file__).name} --no-wheels\n")
+        return 3
+    except BuildError as error:
+        sys.stderr.write(
+            f"The library of engine/native cannot be compiled: {error}\n"
+            f"To build without it: {Path(__file__).name} --without-native\n"
+        )
         return 3
     for target in built:
         _say(f"{target} ({target.stat().st_size / 1e6:.1f} MB)")

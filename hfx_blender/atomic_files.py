@@ -5,20 +5,69 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from .errors import OutputError
 
+_passing: set[Path] = set()
+"""Folders that nothing stays in: what is written there is forced to the disk by who moves it."""
+
+_AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in one go
+
+
+@contextmanager
+def passing(folder: Path) -> Iterator[None]:
+    """Write into a folder that is gone afterwards; :func:`move` what is to stay."""
+    _passing.add(folder)
+    try:
+        yield
+    finally:
+        _passing.discard(folder)
+
+
+def move(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
+    """Move finished files into a folder, in this order, when all of them are on the disk.
+
+    Raises
+    ------
+    OutputError
+        One of them cannot be written to the disk; none was moved.
+    OSError
+        One of them cannot be moved.
+    """
+    stays = folder not in _passing
+    if stays and files:
+        with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
+            list(pool.map(_sync_file, files))
+    moved = tuple(path.replace(folder / path.name) for path in files)
+    if stays:
+        _sync_folder(folder)
+    return moved
+
+
+def _sync_file(path: Path) -> None:
+    try:
+        with open(path, "r+b") as file:
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> OutputError:
+    return OutputError(f"{path}: cannot be written ({error.strerror or error}).")
+
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that replaces ``path`` when the ``with`` block ends well.
 
-    The bytes go to ``path`` + ``.tmp``, are forced to the disk and moved into place. After any
-    exception, Ctrl-C included, there is no ``.tmp`` and what ``path`` held before is untouched.
+    The bytes go to ``path`` + ``.tmp``, are forced to the disk (but for a folder that is
+    :func:`passing`) and moved into place. After any exception, Ctrl-C included, there is no
+    ``.tmp`` and what ``path`` held before is untouched.
 
     Raises
     ------
@@ -35,15 +84,17 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         with open(temporary, "w+b") as file:
             yield file
             file.flush()
-            os.fsync(file.fileno())
+            if path.parent not in _passing:
+                os.fsync(file.fileno())
         os.replace(temporary, path)
-        _sync_folder(path.parent)
+        if path.parent not in _passing:
+            _sync_folder(path.parent)
     except OSError as error:
         _remove(temporary)
         ours = {str(path), str(temporary), str(path.parent)}
         if error.filename is not None and str(error.filename) not in ours:
             raise
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error}).") from error
+        raise _unwritable(path, error) from error
     except BaseException:
         _remove(temporary)
         raise

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from math import ceil
@@ -16,14 +16,19 @@ from . import __version__
 from .engine.body.model import load_model
 from .engine.counters import Counters
 from .engine.evaluate import Engine
+from .engine.joining import joined
 from .engine.parallel.evaluating import evaluated
+from .engine.parallel.overlapping import in_turn, overlapped
 from .engine.rendering.device import DeviceConfig
 from .engine.rendering.devices import Played, renderers_of
-from .engine.scene import AnimationBlock, HapticSurface
+from .engine.samples import SampleRun
+from .engine.scene import AnimationBlock, HapticSurface, SceneDescription
 from .engine.track import TrackHeader, TrackWriter, as_kept
+from .engine.track.layout import SAMPLES_PER_CHUNK
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 
 Watch = Callable[[AnimationBlock], None]
+Felt = tuple[AnimationBlock, list[SampleRun]]
 
 
 @dataclass(frozen=True)
@@ -107,47 +112,92 @@ def record_track(
     """Evaluate a scene block by block, record it, and render it for the devices on the way.
 
     After each block the share that is done is yielded: whoever stops there leaves no file.
-    The devices get exactly what the track keeps: rendering the track later gives the same.
+    Blocks are read here; where scenes are stepped, they are worked on in another thread meanwhile.
+    The devices get exactly what the track keeps, a chunk of it at a time: rendering the track
+    later gives the same.
     Several ``processes`` evaluate it where that pays, with the same result. With ``part``, only
     samples ``first <= index < stop`` are recorded, whole chunks of the track. What rings on from
     before is evaluated first, and forgotten; what devices carry on from one sample to the next
     is for the whole track.
     """
-    scene = reader.description
-    models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
-    header = TrackHeader.of(
-        scene,
-        models,
-        settings={
-            "record": sorted(record),
-            "tolerance": reader.tolerance.name,
-            **reader.play_space_setting(),
-        },
-        tools={"hfx": __version__, "blender": bpy.app.version_string},
-    )
-    renderers = renderers_of(header, devices)
+    settings = {
+        "record": sorted(record),
+        "tolerance": reader.tolerance.name,
+        **reader.play_space_setting(),
+    }
+    tools = {"hfx": __version__, "blender": bpy.app.version_string}
     first, stop = part or (0, reader.time.sample_count)
     wanted = reader.sample_indices
     count = max(int(((wanted >= first) & (wanted < stop)).sum()), 1)
-    done = 0
+    read = done = 0  # samples, each of which counts half when it is read
     start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks(part and (start, stop))
-    felt_blocks = evaluated(engine, blocks, samples=count, processes=processes)
-    with (
-        closing(blocks),  # scenes are as they were even if nobody goes on after a step
-        closing(felt_blocks),
-        TrackWriter(path, header, full_precision=full_precision) as writer,
-    ):
-        for block, felt in felt_blocks:
-            if block.indices[-1] < first:
-                engine.counters.clear()
-                continue
-            runs = [as_kept(run, full_precision=full_precision) for run in felt]
-            writer.append(runs)
-            for _, renderer in renderers:
-                renderer.add(runs)
-            if watch is not None:
-                watch(block)
-            done += len(block.indices) - block.history
-            yield done / count
-    return [(device, renderer.raster()) for device, renderer in renderers]
+    played: list[Played] = []
+
+    def counted() -> Iterator[AnimationBlock]:
+        nonlocal read
+        for block in blocks:
+            if block.indices[-1] >= first:
+                read += len(block.indices) - block.history
+            yield block
+
+    def work(given: Iterator[AnimationBlock]) -> Generator[list[AnimationBlock], None, None]:
+        found = evaluated(engine, given, samples=count, processes=processes)
+        with closing(found):
+            header = _header(reader.description, settings, tools)
+            renderers = renderers_of(header, devices)
+            with TrackWriter(path, header, full_precision=full_precision) as writer:
+                for some in _chunks(_heard(found, first, engine.counters)):
+                    runs = joined((felt for _, felt in some), header.streams)
+                    runs = [as_kept(run, full_precision=full_precision) for run in runs]
+                    writer.append(runs)
+                    for _, renderer in renderers:
+                        renderer.add(runs)
+                    yield [block for block, _ in some]
+        played.extend((device, renderer.raster()) for device, renderer in renderers)
+
+    # Two threads pay where Blender steps a scene, and lets the other one run meanwhile.
+    together = overlapped if reader.is_stepped else in_turn
+    # Scenes are as they were even if nobody goes on after a step.
+    with closing(blocks), closing(together(counted(), work)) as worked:
+        for done_now in worked:
+            for block in (block for some in done_now for block in some):
+                if watch is not None:
+                    watch(block)
+                done += len(block.indices) - block.history
+            yield (read + done) / (2 * count)
+    return played
+
+
+def _header(
+    scene: SceneDescription, settings: Mapping[str, Any], tools: Mapping[str, str]
+) -> TrackHeader:
+    models = {effect.model_id: load_model(effect.model_id) for effect in scene.effects}
+    return TrackHeader.of(scene, models, settings=settings, tools=tools)
+
+
+def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Felt]:
+    """What comes from a sample on; what was counted before it is forgotten."""
+    for block, felt in found:
+        if block.indices[-1] < first:
+            counters.clear()
+        else:
+            yield block, felt
+
+
+def _chunks(found: Iterator[Felt]) -> Iterator[list[Felt]]:
+    """The blocks of each chunk of the track together; none as long as it may go on."""
+    some: list[Felt] = []
+    for pair in found:
+        if some and _chunk(some[-1]) != _chunk(pair):
+            yield some
+            some = [pair]
+        else:
+            some.append(pair)
+            yield []
+    if some:
+        yield some
+
+
+def _chunk(pair: Felt) -> int:
+    return int(pair[0].indices[-1]) // SAMPLES_PER_CHUNK

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from .atomic_files import move, passing
 from .errors import OutputError
 
 placing = threading.Lock()
@@ -52,7 +53,8 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{folder}: cannot be written to ({reason}).") from error
     try:
-        yield stage
+        with passing(stage):
+            yield stage
     except BrokenPipeError:  # of our own output: nobody reads it any more
         raise
     except OSError as error:
@@ -80,4 +82,4 @@ def place(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
                 f"{folder / path.name}: cannot be written (there is a folder of that name)."
             )
     with placing:
-        return tuple(path.replace(folder / path.name) for path in files)
+        return move(files, folder)

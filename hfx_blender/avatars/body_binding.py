@@ -8,7 +8,7 @@ the perceptual vertices ride on that surface.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import bpy
@@ -36,7 +36,7 @@ _HARMLESS_MODIFIERS = {
 """Modifiers that leave the skin where the armature puts it (subdivision only smooths it)."""
 
 
-def binding_of(body: bpy.types.Object, model_ids: Iterable[str]) -> SkinBinding | SurfaceBinding:
+def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBinding | SurfaceBinding:
     """How a body is bound, for the models that the scene's effects need.
 
     Raises
@@ -45,9 +45,8 @@ def binding_of(body: bpy.types.Object, model_ids: Iterable[str]) -> SkinBinding 
         The armature is neither the canonical one nor fitted, or the avatar cannot be followed.
     """
     fitted: dict[str, FittedModel] = {}
-    needed = _with_skins(model_ids)
     if retargeting.is_fitted(body):
-        found = (retargeting.fitted_model(body, model_id) for model_id in needed)
+        found = (retargeting.fitted_model(body, each) for each in _with_skins(model_ids))
         fitted = {model.model_id: model for model in found}
     else:
         difference = from_canonical(body)
@@ -61,13 +60,13 @@ def binding_of(body: bpy.types.Object, model_ids: Iterable[str]) -> SkinBinding 
             model_id: _fitted_anchors(body, fitted[model_id])
             if model_id in fitted
             else _anchors(body, load_model(model_id))
-            for model_id in needed
+            for model_id in _with_skins(model_ids)
         },
         reason,
     )
 
 
-def _with_skins(model_ids: Iterable[str]) -> list[str]:
+def _with_skins(model_ids: Collection[str]) -> list[str]:
     """These models and those that sample their skin: a cell of temperature is made of others."""
     models = [load_model(model_id) for model_id in model_ids]
     fine = [cell_of_skin(model)[0] for model in models if model.modality == "temperature"]

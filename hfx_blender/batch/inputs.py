@@ -12,13 +12,14 @@ from typing import Any
 from .. import __version__
 from ..devices.configuration import find_file
 from ..engine.body.model import load_model
+from ..engine.native.library import library
 from ..errors import HfxError
 from ..file_hash import sha256_of
 from .units import Unit
 
 
-def tools() -> dict[str, str]:
-    """Versions whose change may change the results."""
+def tools() -> dict[str, str | bool]:
+    """Versions whose change may change the results; whether the compiled library is there."""
     bpy = sys.modules.get("bpy")
     if bpy is not None:
         blender = ".".join(map(str, bpy.app.version))
@@ -27,7 +28,7 @@ def tools() -> dict[str, str]:
             blender = ".".join(metadata.version("bpy").split(".")[:3])
         except metadata.PackageNotFoundError:
             blender = "unknown"
-    return {"hfx": __version__, "blender": blender}
+    return {"hfx": __version__, "blender": blender, "native": library() is not None}
 
 
 def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict[str, Any]:

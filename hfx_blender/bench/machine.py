@@ -14,6 +14,7 @@ from typing import Any
 
 from .. import __version__
 from ..atomic_files import atomic_file
+from ..engine.native import library
 from ..errors import InputError
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "embreex", "libigl")
@@ -30,6 +31,7 @@ def describe() -> dict[str, Any]:
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
         "blender": _blender(),
+        "engine": library.state(),
         **{name: _version(name) for name in _PACKAGES},
     }
 
@@ -38,8 +40,9 @@ def as_line(found: dict[str, Any]) -> str:
     """The same for a terminal or a caption, in one line."""
     blender = f", Blender {found['blender']}" if found["blender"] else ""
     load = "" if found["load"] is None else f", load {found['load']:.0f}"
+    engine = f", engine: {found['engine']}" if "engine" in found else ""  # in older histories
     return (
-        f"hfx {found['hfx']}{blender}, Python {found['python']}, numpy {found['numpy']}, "
+        f"hfx {found['hfx']}{blender}, Python {found['python']}, numpy {found['numpy']}{engine}, "
         f"{found['processors']} x {found['processor']}, {found['system']}, "
         f"{found['date'][:10]}{load}"
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes: how fast inside a mesh is told, and how exactly inside every shape.
+"""Volumes: how fast a mesh tells what skin asks it, and how exactly inside every shape is told.
 
 Speed is compared with ``trimesh`` and its embree rays, exactness with libigl's winding number
 and, for the shapes with a formula, with whole-number arithmetic. What is not installed is left
@@ -19,6 +19,7 @@ from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..engine.volume.mesh import MeshVolume
 from ..engine.volume.placement import inverse_placement
 from ..engine.volume.shape import Shape
+from ..engine.volume.sweep import clearance, passage
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -86,6 +87,17 @@ def as_text(result: dict[str, Any]) -> str:
         )
     if not result["meshes"][0]["trimesh_ms"]:
         lines.append("  (trimesh's fast rays, the package 'embreex', are not installed)")
+    asked = [row for row in result["meshes"] if "depth_ms" in row]  # not in older histories
+    if asked:
+        lines.append(
+            "The same points: how deep, a bound of the distance, when inside on a way of "
+            f"{result['near']:.0%}:"
+        )
+    lines += [
+        f"  {row['shape']:24} {row['depth_ms']:6.2f} ms {row['clearance_ms']:7.2f} ms "
+        f"{row['passage_ms']:7.2f} ms"
+        for row in asked
+    ]
     lines.append("Shapes with a formula, against arithmetic in whole numbers:")
     lines += [
         f"  {row['shape']:10} {row['matrix']:10} {_verdict(row)}" for row in result["formulas"]
@@ -149,11 +161,30 @@ def _mesh(
         "trimesh_ms": 1e3 * min(theirs_s) if theirs_s else None,
         "ratio": min(theirs_s) / min(ours_s) if theirs_s else None,
         "trimesh_differs": differ,
+        **_asked_more(volume, columns, rounds, rng),
         **_against_winding(volume, vertices, triangles, count, rng),
     }
 
 
-def _timed(work: Callable[[], Bool]) -> tuple[Bool, float]:
+def _asked_more(
+    volume: MeshVolume, points: F64, rounds: int, rng: np.random.Generator
+) -> dict[str, float]:
+    """What else skin asks of a mesh, once its tree is made; the best of some rounds."""
+    reach = NEAR * float(np.ptp(points, axis=1).max())
+    ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
+    questions: dict[str, Callable[[], Any]] = {
+        "depth_ms": lambda: volume.depth_m(points, np.eye(4)),
+        "clearance_ms": lambda: clearance(volume, points),
+        "passage_ms": lambda: passage(volume, points, ends),
+    }
+    found = {}
+    for name, question in questions.items():
+        question()
+        found[name] = 1e3 * min(_timed(question)[1] for _ in range(rounds))
+    return found
+
+
+def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
     start = time.perf_counter()
     result = work()
     return result, time.perf_counter() - start

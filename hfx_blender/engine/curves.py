@@ -45,8 +45,12 @@ class KeyedCurves:
     left: F64 | None = None  # (C, K, 2)
     right: F64 | None = None  # (C, K, 2)
 
-    def sample(self, frames: F64) -> F64:
-        """Values at some frames (T,) as (T, C)."""
+    def sample(self, frames: F64, *, single: bool = False) -> F64:
+        """Values at some frames (T,) as (T, C).
+
+        ``single`` computes straight lines in 32 bits and in the order of Blender's own sums, so
+        that their values are Blender's bit by bit.
+        """
         last = len(self.frames) - 1
         if last == 0:
             return np.repeat(self.values.T, len(frames), axis=0)
@@ -60,7 +64,14 @@ class KeyedCurves:
         # The last key itself belongs to no segment.
         linear = np.where(kind == Interpolation.CONSTANT, 0.0, share)
         linear = np.where(inside >= self.frames[-1] - _KEY_WIDTH, 1.0, linear)[:, None]
-        sampled: F64 = (1.0 - linear) * self.values.T[segment] + linear * self.values.T[segment + 1]
+        first, second = self.values.T[segment], self.values.T[segment + 1]
+        sampled: F64 = (1.0 - linear) * first + linear * second
+        if single:
+            between = (kind == Interpolation.LINEAR) & (linear[:, 0] < 1.0)
+            rows = np.flatnonzero(between & (inside - start > _KEY_WIDTH))
+            sampled[rows] = _on_lines(
+                inside[rows] - start[rows], length[rows], first[rows], second[rows]
+            )
         curved = np.flatnonzero((kind == Interpolation.BEZIER) & (share > 0.0) & (share < 1.0))
         if len(curved):
             sampled[curved] = self._on_bezier(segment[curved], inside[curved])
@@ -79,6 +90,14 @@ class KeyedCurves:
         v = 1.0 - u
         value: F64 = v**3 * y0 + 3 * v**2 * u * y1 + 3 * v * u**2 * y2 + u**3 * y3
         return value
+
+
+def _on_lines(time: F64, length: F64, first: F64, second: F64) -> F64:
+    """Values (n, C) at times (n,) into segments of some lengths, in 32 bits."""
+    at, duration = (each.astype(np.float32)[:, None] for each in (time, length))
+    begin = first.astype(np.float32)
+    found: F64 = ((second.astype(np.float32) - begin) * at / duration + begin).astype(np.float64)
+    return found
 
 
 def _shortened(x: F64, y: F64, handle: F64, length: F64) -> tuple[F64, F64]:

@@ -81,13 +81,20 @@ class Target:
     def clearances(self, points: F64, rows: I64) -> F64:
         """See :func:`clearance`, (N,)."""
         if len(self.shapes) == 1:
-            return clearance(self.shapes[0], points)
+            return self._clearance(self.shapes[0], points)
         found = np.zeros(points.shape[1])
         which = self.which[rows]
         for k in np.unique(which):
             mine = np.flatnonzero(which == k)
-            found[mine] = clearance(self.shapes[k], points[:, mine])
+            found[mine] = self._clearance(self.shapes[k], points[:, mine])
         return found
+
+    def _clearance(self, shape: Shape, points: F64) -> F64:
+        clear = clearance(shape, points)
+        if isinstance(shape, MeshVolume) and not self.falloff.is_flat:
+            # How steeply strength rises depends on the mesh: inside samples have to tell.
+            np.maximum(clear, 0.0, out=clear)
+        return clear
 
     def passages(self, starts: F64, ends: F64, rows: I64) -> tuple[F64, F64]:
         """See :func:`passage`, (N,) each."""

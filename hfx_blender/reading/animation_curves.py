@@ -40,11 +40,11 @@ class _Curves:
     keyed: list[tuple[KeyedCurves, list[int]]] = field(default_factory=list)  # and their columns
     other: list[tuple[bpy.types.FCurve, int]] = field(default_factory=list)
 
-    def sample(self, frames: F64) -> F64:
-        """Values (T, C) at an action's own frames."""
+    def sample(self, frames: F64, single: bool) -> F64:
+        """Values (T, C) at an action's own frames; see :meth:`KeyedCurves.sample`."""
         values = np.zeros((len(frames), len(self.channels)))
         for curves, columns in self.keyed:
-            values[:, columns] = curves.sample(frames)
+            values[:, columns] = curves.sample(frames, single=single)
         for curve, column in self.other:
             values[:, column] = [curve.evaluate(frame) for frame in frames.tolist()]
         return values
@@ -155,11 +155,13 @@ class AnimatedValues:
         (path, index) -> the value that a property has where no strip of the NLA plays.
     selects : callable
         Which paths are of interest.
+    with_drivers : bool
+        There may be drivers: whoever uses the values leaves those to Blender.
 
     Raises
     ------
     NotModelledError
-        There are drivers, or strips of another kind than plain clips.
+        There are other drivers, or strips of another kind than plain clips.
     """
 
     def __init__(
@@ -167,6 +169,8 @@ class AnimatedValues:
         owner: bpy.types.ID,
         default: Callable[[str, int], float],
         selects: Callable[[str], bool],
+        *,
+        with_drivers: bool = False,
     ) -> None:
         self._selects = selects
         self.columns: dict[Channel, int] = {}
@@ -176,7 +180,7 @@ class AnimatedValues:
         data = owner.animation_data
         if data is None:
             return
-        if any(not driver.mute for driver in data.drivers):
+        if not with_drivers and any(not driver.mute for driver in data.drivers):
             raise NotModelledError(f"'{owner.name}' has drivers")
         if data.use_tweak_mode:
             raise NotModelledError(f"a strip of '{owner.name}' is being edited")
@@ -214,18 +218,21 @@ class AnimatedValues:
             if track.is_solo or not solo:
                 self._tracks.append(strips)
 
-    def sample(self, frames: F64) -> F64:
-        """Each animated value at frames of the scene, (T, C) in the order of ``columns``."""
+    def sample(self, frames: F64, *, single: bool = False) -> F64:
+        """Each animated value at frames of the scene, (T, C) in the order of ``columns``.
+
+        ``single`` computes in 32 bits what Blender does; see :meth:`KeyedCurves.sample`.
+        """
         values = np.tile(np.array(self._below, np.float64), (len(frames), 1))
         for strips in self._tracks:
             for strip, rows, at in _playing(strips, frames):
-                sampled = strip.curves.sample(strip.frames_within(at))
+                sampled = strip.curves.sample(strip.frames_within(at), single)
                 share = strip.influence(at)[:, None]
                 place = np.ix_(rows, strip.columns)
                 values[place] = values[place] * (1.0 - share) + sampled * share
         if self._action is not None:
             curves, columns = self._action
-            values[:, columns] = curves.sample(frames)
+            values[:, columns] = curves.sample(frames, single)
         return values
 
 

@@ -16,7 +16,7 @@ from ..response_properties import HfxResponseFilter
 from . import effect_values, response_values, skin_values
 from .activation import Activation, Source
 from .animation_curves import NotModelledError
-from .own_kinematics import PlainObject, PlainRig, rest_value
+from .own_kinematics import Parents, PlainObject, rest_value
 from .surface_reading import SurfaceVertices
 
 F64 = npt.NDArray[np.float64]
@@ -38,13 +38,18 @@ class CurveEffect:
     """
 
     def __init__(
-        self, effect: bpy.types.Object, state: Activation, shape: Shape | None, unit_m: float
+        self,
+        effect: bpy.types.Object,
+        state: Activation,
+        shape: Shape | None,
+        unit_m: float,
+        parents: Parents | None = None,
     ) -> None:
         self._hfx = effect.hfx
         self._state = state
         self.shape = shape
         self._unit_m = unit_m
-        self._place = PlainObject(effect, self._default)
+        self._place = PlainObject(effect, self._default, parents)
         self._names = effect_values.PARAMETER_PROPERTIES[effect.hfx.modality]
         animated = {path for path, _ in self._place.values.columns}
         known = {f"hfx.{name}" for name in (*self._names, "activation", "intensity", "envelope")}
@@ -156,26 +161,36 @@ def _refuse_deformed(effect: bpy.types.Object) -> None:
 
 
 class EffectChunks:
-    """Effects from F-curves, sampled over long chunks of time and handed out in parts."""
+    """Effects from F-curves, sampled over long chunks of time and handed out in parts.
 
-    def __init__(self, effects: Mapping[int, CurveEffect], frames_of: Callable[[I64], F64]) -> None:
+    ``is_spotty`` samples no more than is asked for: single times far apart.
+    """
+
+    def __init__(
+        self,
+        effects: Mapping[int, CurveEffect],
+        frames_of: Callable[[I64], F64],
+        *,
+        is_spotty: bool = False,
+    ) -> None:
         self._effects = effects
         self._frames_of = frames_of
+        self._size = 1 if is_spotty else _CHUNK
         self._chunks: dict[int, dict[int, EffectBlock]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
         """An effect at samples of ascending indices."""
-        numbers = indices // _CHUNK
+        numbers = indices // self._size
         parts = []
         for number in range(int(numbers[0]), int(numbers[-1]) + 1):
-            rows = indices[numbers == number] - number * _CHUNK
+            rows = indices[numbers == number] - number * self._size
             if len(rows):
                 parts.append(_rows_of(self._chunk(number)[which], rows))
         return parts[0] if len(parts) == 1 else _joined(parts)
 
     def _chunk(self, number: int) -> dict[int, EffectBlock]:
         if number not in self._chunks:
-            frames = self._frames_of(np.arange(number * _CHUNK, (number + 1) * _CHUNK))
+            frames = self._frames_of(np.arange(number * self._size, (number + 1) * self._size))
             for old in [old for old in self._chunks if abs(old - number) > 1]:
                 del self._chunks[old]
             self._chunks[number] = {k: each.read(frames) for k, each in self._effects.items()}
@@ -222,11 +237,15 @@ class CurveBody:
     """
 
     def __init__(
-        self, body: bpy.types.Object, binding: SkinBinding | SurfaceBinding, unit_m: float
+        self,
+        body: bpy.types.Object,
+        binding: SkinBinding | SurfaceBinding,
+        unit_m: float,
+        parents: Parents | None = None,
     ) -> None:
         if isinstance(binding, SurfaceBinding):
             raise NotModelledError(f"'{body.name}' follows its avatar's surface")
-        self.rig = PlainRig(body)
+        self.rig = (parents or Parents()).rig(body)
         self._unit_m = unit_m
 
     def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:

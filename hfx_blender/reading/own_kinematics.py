@@ -21,8 +21,8 @@ from .animation_curves import AnimatedValues, NotModelledError
 F64 = npt.NDArray[np.float64]
 
 _POSE = "pose.bones["
-_BONE = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]\.(\w+)$')
-_WIDTHS = {
+BONE_PATH = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]\.(\w+)$')
+WIDTHS = {
     "location": 3,
     "scale": 3,
     "rotation_quaternion": 4,
@@ -51,6 +51,39 @@ def rest_value(path: str, index: int) -> float:
     return 0.0
 
 
+class Parents:
+    """What others hang on: each is read once, and sampled once for all at the same times."""
+
+    def __init__(self) -> None:
+        self._objects: dict[bpy.types.Object, PlainObject] = {}
+        self._rigs: dict[bpy.types.Object, PlainRig] = {}
+
+    def object(self, obj: bpy.types.Object) -> PlainObject:
+        """An object by its F-curves; see :class:`PlainObject`."""
+        if obj not in self._objects:
+            self._objects[obj] = PlainObject(obj, parents=self)
+        return self._objects[obj]
+
+    def rig(self, obj: bpy.types.Object) -> PlainRig:
+        """An armature by its F-curves; see :class:`PlainRig`."""
+        if obj not in self._rigs:
+            self._rigs[obj] = PlainRig(obj, self)
+        return self._rigs[obj]
+
+
+class _Kept:
+    """The last result for an array of frames, for whoever asks with the very same array."""
+
+    def __init__(self, work: Callable[[F64], F64]) -> None:
+        self._work = work
+        self._last: tuple[F64, F64] | None = None
+
+    def __call__(self, frames: F64) -> F64:
+        if self._last is None or self._last[0] is not frames:
+            self._last = frames, self._work(frames)
+        return self._last[1]
+
+
 class PlainObject:
     """An object whose world matrix follows from its own and its parents' F-curves.
 
@@ -59,6 +92,8 @@ class PlainObject:
     obj : bpy.types.Object
     default : callable, optional
         What other properties than transforms have where no strip plays.
+    parents : Parents, optional
+        Those that are known.
 
     Raises
     ------
@@ -70,6 +105,7 @@ class PlainObject:
         self,
         obj: bpy.types.Object,
         default: Callable[[str, int], float] = rest_value,
+        parents: Parents | None = None,
     ) -> None:
         if any(not each.mute for each in obj.constraints):
             raise NotModelledError(f"'{obj.name}' has constraints")
@@ -78,19 +114,20 @@ class PlainObject:
         self.obj = obj
         self.values = AnimatedValues(obj, default, lambda path: not path.startswith(_POSE))
         for path, _ in self.values.columns:
-            if path not in _WIDTHS and not _HARMLESS.match(path):
+            if path not in WIDTHS and not _HARMLESS.match(path):
                 raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
         self._parent: PlainObject | None = None
         self._bone: str | None = None
         self._rig: PlainRig | None = None
+        self._kept_world = _Kept(self.world)
         if obj.parent is not None:
-            self._read_parent(obj)
+            self._read_parent(obj, parents or Parents())
 
-    def _read_parent(self, obj: bpy.types.Object) -> None:
+    def _read_parent(self, obj: bpy.types.Object, parents: Parents) -> None:
         if obj.parent_type == "OBJECT":
-            self._parent = PlainObject(obj.parent)
+            self._parent = parents.object(obj.parent)
         elif obj.parent_type == "BONE" and obj.parent.type == "ARMATURE":
-            self._rig = PlainRig(obj.parent)
+            self._rig = parents.rig(obj.parent)
             self._parent = self._rig.body
             self._bone = obj.parent_bone
             if self._bone not in obj.parent.data.bones:
@@ -117,7 +154,7 @@ class PlainObject:
         )
         if self._parent is None:
             return own
-        above = self._parent.world(frames)
+        above = self._parent._kept_world(frames)
         if self._rig is not None and self._bone is not None:
             above = above @ self._rig.seat_of(self._bone, frames)
         return above @ np.array(obj.matrix_parent_inverse, np.float64) @ own
@@ -142,8 +179,8 @@ class PlainRig:
         A bone has constraints or inherits in another way, or the armature does not pose.
     """
 
-    def __init__(self, obj: bpy.types.Object) -> None:
-        self.body = PlainObject(obj)
+    def __init__(self, obj: bpy.types.Object, parents: Parents | None = None) -> None:
+        self.body = (parents or Parents()).object(obj)
         data = obj.data
         if data.pose_position != "POSE":
             raise NotModelledError(f"'{obj.name}' shows its rest position")
@@ -170,7 +207,7 @@ class PlainRig:
         places: dict[str, list[tuple[int, int, int]]] = {name: [] for name in still}
         self._values = AnimatedValues(obj, rest_value, lambda path: path.startswith(_POSE))
         for (path, number), column in self._values.columns.items():
-            match = _BONE.match(path)
+            match = BONE_PATH.match(path)
             if match is None:
                 if not _HARMLESS.match(path):
                     raise NotModelledError(f"'{path}' of '{obj.name}' is animated")
@@ -189,9 +226,10 @@ class PlainRig:
             still,
             {name: np.array(found).T for name, found in places.items() if found},
         )
+        self._kept_pose = _Kept(self._pose)
 
     def _current(self, name: str) -> F64:
-        flat = np.zeros(len(self._names) * _WIDTHS[name], np.float32)
+        flat = np.zeros(len(self._names) * WIDTHS[name], np.float32)
         self.body.obj.pose.bones.foreach_get(name, flat)
         return flat.reshape(len(self._names), -1).astype(np.float64)
 
@@ -205,13 +243,16 @@ class PlainRig:
 
     def sample(self, frames: F64) -> tuple[F64, F64]:
         """World matrices (T, 4, 4), Blender's units, and skinning matrices (T, B, 3, 4)."""
-        return self.body.world(frames), self.keyed.skinning(self.channels(frames))
+        return self.body.world(frames), self._pose(frames)
+
+    def _pose(self, frames: F64) -> F64:
+        return self.keyed.skinning(self.channels(frames))
 
     def seat_of(self, bone: str, frames: F64) -> F64:
         """Where objects sit that have a bone as their parent, (T, 4, 4), armature space."""
         k = self._names.index(bone)
         seat = np.zeros((len(frames), 4, 4))
-        seat[:, :3] = self.keyed.skinning(self.channels(frames))[:, k]
+        seat[:, :3] = self._kept_pose(frames)[:, k]
         seat[:, 3, 3] = 1.0
         if bone in self._relative:
             return seat

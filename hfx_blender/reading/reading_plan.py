@@ -8,10 +8,11 @@ scratch scene of what is needed where that gives the same, else in the user's ow
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+import bpy
 import numpy as np
 import numpy.typing as npt
 
@@ -31,6 +32,8 @@ from . import effect_values, response_values, stepping
 from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
 from .animation_curves import NotModelledError
 from .curve_reading import CurveBody, CurveEffect, EffectChunks
+from .fed_rig import FedRig
+from .own_kinematics import Parents
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
 from .scene_rows import Row, effect_block, pose_block
 from .stepped_reading import SteppedReading
@@ -48,6 +51,7 @@ class Plan:
     bodies: dict[int, CurveBody] = field(default_factory=dict)
     reason: str = ""  # why not all of them; empty if all
     in_own_scene: bool = False
+    fed: dict[int, FedRig] = field(default_factory=dict)  # bodies that only Blender can pose
     is_exact: bool = False  # every sample that is stepped is read; none is interpolated
 
     @property
@@ -66,28 +70,49 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
         return Plan(reason=handler, in_own_scene=True, is_exact=True)
     plan = Plan()
     reasons = []
+    parents = Parents()
     for k, (effect, state) in enumerate(zip(found.effects, found.activations, strict=True)):
         shape = None
         if effect.hfx.kind == "VOLUME":
             shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         try:
-            plan.effects[k] = CurveEffect(effect, state, shape, found.unit_m)
+            plan.effects[k] = CurveEffect(effect, state, shape, found.unit_m, parents)
         except NotModelledError as error:
             reasons.append(str(error))
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         try:
-            plan.bodies[k] = CurveBody(body, described.binding, found.unit_m)
+            plan.bodies[k] = CurveBody(body, described.binding, found.unit_m, parents)
         except NotModelledError as error:
             reasons.append(str(error))
     if not reasons:
         return plan
     own = stepping.why_own_scene(found.scene)
     simulates = stepping.simulated(found.scene) is not None
-    return Plan(plan.effects, plan.bodies, own or reasons[0], own is not None, simulates)
+    return replace(
+        plan,
+        reason=own or reasons[0],
+        in_own_scene=own is not None,
+        is_exact=simulates,
+        fed={} if own else _fed(found, scene, plan),
+    )
+
+
+def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int, FedRig]:
+    """Of the bodies that are stepped, those whose keyed channels need not be."""
+    render = found.scene.render
+    if render.frame_map_old != render.frame_map_new:
+        return {}
+    fed = {}
+    for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
+        if k in plan.bodies or isinstance(described.binding, SurfaceBinding):
+            continue
+        with suppress(NotModelledError):
+            fed[k] = FedRig(body, scene.time.frame(0), scene.time.fps / scene.time.rate_hz)
+    return fed
 
 
 class Pass:
-    """One pass through the times of a scene."""
+    """One pass through the times of a scene, or through few single ones (``is_spotty``)."""
 
     def __init__(
         self,
@@ -100,6 +125,7 @@ class Pass:
         always_posed: bool,
         stretch_of: Callable[[int], tuple[int, int]],
         stack: ExitStack,
+        is_spotty: bool = False,
     ) -> None:
         self._plan = plan
         self._found = found
@@ -109,7 +135,7 @@ class Pass:
         self._effects = [k for k in range(len(found.effects)) if k not in plan.effects]
         self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
         self._volumes = [k for k, e in enumerate(found.effects) if e.hfx.kind in IN_SCENE]
-        self._chunks = EffectChunks(plan.effects, self._frames)
+        self._chunks = EffectChunks(plan.effects, self._frames, is_spotty=is_spotty)
         self._last: Row | None = None
         self._cell = (0, -1)
         self._near: list[Volume] = []
@@ -127,12 +153,21 @@ class Pass:
                 if isinstance(scene.bodies[k].binding, SurfaceBinding)
                 for mesh in avatar_meshes.meshes_of(found.bodies[k])
             ]
-            needed = [*stepped, *bodies, *surfaces]
-            self._whole = stack.enter_context(stepping.scratch_scene(found.scene, needed))
+            self._whole = self._scratch([*stepped, *bodies, *surfaces], stack)
             self._light = self._whole
             if stepped and bodies:
                 self._light = stack.enter_context(stepping.scratch_scene(found.scene, stepped))
         self._adaptive = self._adaptive_poses(tolerance, stretch_of)
+
+    def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
+        """Step these objects, those rigs that can be fed as copies."""
+        scene, fed = self._found.scene, list(self._plan.fed.values())
+        if fed:
+            rigs = [rig.obj for rig in fed]
+            others = [obj for obj in objects if obj not in rigs]
+            with suppress(NotModelledError):
+                return stack.enter_context(stepping.scratch_scene(scene, others, fed))
+        return stack.enter_context(stepping.scratch_scene(scene, objects))
 
     def _adaptive_poses(
         self, tolerance: Tolerance, stretch_of: Callable[[int], tuple[int, int]]

@@ -4,12 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
+import numpy.typing as npt
 
+from .. import compat
+from ..authoring import volumes
 from ..avatars import body_binding
 from ..engine.scene import SceneDescription, SurfaceBinding
+from ..engine.volume.shape import Shape
 from ..errors import InputError
 from . import activation, effect_values, response_values, skin_values
 from .scene_description import HapticObjects
@@ -18,16 +23,47 @@ from .stepping import Stepper
 from .surface_reading import SurfaceVertices
 
 
+@dataclass(frozen=True, eq=False)
+class _Settings:
+    """What was read of an effect whose own settings nothing animates: only its place moves."""
+
+    level: float
+    parameters: list[float]  # in their modality's order; of wind the speed only
+    place: npt.NDArray[np.float64] | None
+    drive: npt.NDArray[np.float64] | None
+    shape: Shape | None
+    scale: npt.NDArray[np.float64] | None  # of a volume: shape space to local space, (3,)
+    is_wind: bool
+
+
 class SteppedReading:
-    """Reads effects and bodies from whatever scene is stepped."""
+    """Reads effects and bodies from whatever scene is stepped.
+
+    Parameters
+    ----------
+    found : HapticObjects
+    scene : SceneDescription
+    shapes : Shapes
+    keeps_settings : bool
+        Settings of effects that no curve and no driver changes are read once. Not where a user
+        edits them meanwhile, or a handler might change them.
+    """
 
     def __init__(
-        self, found: HapticObjects, scene: SceneDescription, shapes: effect_values.Shapes
+        self,
+        found: HapticObjects,
+        scene: SceneDescription,
+        shapes: effect_values.Shapes,
+        *,
+        keeps_settings: bool = False,
     ) -> None:
         self._found = found
         self._scene = scene
         self._shapes = shapes
+        self._unit_m = found.unit_m
         self._vertices = SurfaceVertices()
+        self._settings: dict[int, _Settings] = {}
+        self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
         self.times_stepped = 0
         self.faults: dict[str, set[int]] = {}
         """Meshes that stopped to be volumes: what is wrong, and the samples at which it was."""
@@ -50,6 +86,9 @@ class SteppedReading:
     def _read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
+        known = self._settings.get(which)
+        if known is not None:
+            return self._moved(known, evaluated) if evaluated.is_evaluated else EffectRow()
         hfx = evaluated.hfx
         values = EffectRow()
         if state.source is activation.Source.OFF or not evaluated.is_evaluated:
@@ -57,7 +96,7 @@ class SteppedReading:
         values.level = state.level(hfx)
         matrix = effect_values.world_of(evaluated)
         values.parameters = effect_values.parameters(hfx, matrix)
-        values.place = skin_values.place(hfx, self._found.unit_m)
+        values.place = skin_values.place(hfx, self._unit_m)
         values.drive = skin_values.drive(hfx)
         if hfx.kind == "SURFACE":
             try:
@@ -65,7 +104,7 @@ class SteppedReading:
             except InputError as error:
                 values.vertices, values.level = self._vertices.last_of(effect), 0.0
                 self.faults.setdefault(str(error), set()).add(index)
-            values.matrix = effect_values.to_metres(matrix, self._found.unit_m)
+            values.matrix = effect_values.to_metres(matrix, self._unit_m)
         if hfx.kind == "VOLUME":
             try:
                 values.shape = self._shapes.shape_of(effect, evaluated)
@@ -75,14 +114,46 @@ class SteppedReading:
                     raise
                 values.level = 0.0  # silent while its mesh has no inside
                 self.faults.setdefault(str(error), set()).add(index)
-            values.matrix = effect_values.shape_matrices(matrix, self._found.unit_m, hfx)
+            values.matrix = effect_values.shape_matrices(matrix, self._unit_m, hfx)
             values.response = self._response(effect, hfx, index)
+        if self._keeps[which]:
+            self._keep(which, values, hfx)
         return values
+
+    def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
+        """Remember the settings of an effect, if what was read of it holds nothing else."""
+        if hfx.kind == "SURFACE" or hfx.shape == "MESH" or row.response is not None:
+            return
+        is_volume, is_wind = hfx.kind == "VOLUME", hfx.modality == "wind"
+        assert row.parameters is not None
+        self._settings[which] = _Settings(
+            row.level,
+            row.parameters[:1] if is_wind else row.parameters,
+            row.place,
+            row.drive,
+            row.shape,
+            volumes.shape_scale(hfx) if is_volume else None,
+            is_wind,
+        )
+
+    def _moved(self, known: _Settings, evaluated: bpy.types.Object) -> EffectRow:
+        """An effect of known settings, where it is now."""
+        row = EffectRow(known.level, known.parameters, place=known.place, drive=known.drive)
+        if known.scale is None and not known.is_wind:
+            return row
+        world = effect_values.world_of(evaluated)
+        if known.is_wind:
+            row.parameters = [*known.parameters, *effect_values.directions(world).tolist()]
+        if known.scale is not None:
+            world[:3] *= self._unit_m
+            world[:3, :3] *= known.scale
+            row.matrix, row.shape = world, known.shape
+        return row
 
     def _response(
         self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int
     ) -> np.ndarray | None:
-        controls = response_values.controls(hfx, self._found.unit_m)
+        controls = response_values.controls(hfx, self._unit_m)
         if controls is None:
             return None
         time = self._scene.time
@@ -94,7 +165,7 @@ class SteppedReading:
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow:
         body: bpy.types.Object = self._found.bodies[which]
         binding = self._scene.bodies[which].binding
-        unit_m = self._found.unit_m
+        unit_m = self._unit_m
         if isinstance(binding, SurfaceBinding):
             matrix = effect_values.world_of(stepper.evaluated(body.hfx.avatar))
             surface = body_binding.read_surfaces(body, stepper.evaluated)
@@ -105,3 +176,12 @@ class SteppedReading:
         bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
         matrix = effect_values.world_of(armature)
         return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)
+
+
+def _is_animated(effect: bpy.types.Object) -> bool:
+    """Whether a curve or a driver may change an effect's own settings."""
+    data = effect.animation_data
+    if data is None:
+        return False
+    curves = [curve for each in compat.curve_collections(effect) for curve in each]
+    return any("hfx" in curve.data_path for curve in (*curves, *data.drivers))

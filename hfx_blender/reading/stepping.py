@@ -8,11 +8,14 @@ reproduce is known and looked for; a few times are compared with the own scene b
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 
 import bpy
+
+from .animation_curves import NotModelledError
+from .fed_rig import FedRig
 
 _PHYSICS = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "EXPLODE", "OCEAN"}
 
@@ -21,14 +24,24 @@ _is_stepping = False
 
 
 class Stepper:
-    """One scene that is set to times and read through its dependency graph."""
+    """One scene that is set to times and read through its dependency graph.
+
+    Rigs that are ``fed`` are in it as their copies.
+    """
 
     def __init__(
-        self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer, *, simulates: bool = False
+        self,
+        scene: bpy.types.Scene,
+        layer: bpy.types.ViewLayer,
+        *,
+        simulates: bool = False,
+        fed: Sequence[FedRig] = (),
     ) -> None:
         self._scene = scene
         self._layer = layer
         self._simulates = simulates
+        self._fed = fed
+        self._copies = {rig.obj: rig.copy for rig in fed}
         self._simulated = scene.frame_start - 1
 
     def set_frame(self, frame: Fraction) -> None:
@@ -38,11 +51,13 @@ class Stepper:
         while self._simulates and self._simulated < frame:
             self._simulated += 1
             self._scene.frame_set(self._simulated)
+        for rig in self._fed:
+            rig.set_frame(frame)
         self._scene.frame_set(whole, subframe=float(frame - whole))
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
         """An object as it is at this time."""
-        return obj.evaluated_get(self._layer.depsgraph)
+        return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
 
 
 @contextmanager
@@ -73,26 +88,44 @@ def is_stepping() -> bool:
 
 
 @contextmanager
-def scratch_scene(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Iterator[Stepper]:
-    """Step a scene of these objects; it is gone afterwards, and the scene's frame is restored."""
-    with _restored(scene), _scratch(scene, objects) as stepper:
+def scratch_scene(
+    scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], fed: Sequence[FedRig] = ()
+) -> Iterator[Stepper]:
+    """Step a scene of these objects; it is gone afterwards, and the scene's frame is restored.
+
+    Raises
+    ------
+    NotModelledError
+        Something in it follows a rig that was to be fed.
+    """
+    with _restored(scene), _scratch(scene, objects, fed) as stepper:
         yield stepper
 
 
 @contextmanager
-def _scratch(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> Iterator[Stepper]:
+def _scratch(
+    scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], fed: Sequence[FedRig]
+) -> Iterator[Stepper]:
     scratch = bpy.data.scenes.new(".HFX Export")
+    made: list[bpy.types.ID] = [scratch]
     try:
         for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
             setattr(scratch.render, name, getattr(scene.render, name))
         for obj in objects:
             scratch.collection.objects.link(obj)
+        for rig in fed:
+            made += rig.make_copy()
+            scratch.collection.objects.link(rig.copy)
         layer = scratch.view_layers[0]
         layer.update()
-        yield Stepper(scratch, layer)
+        there = {each.original for each in layer.depsgraph.ids} if fed else set()
+        for rig in fed:
+            if rig.obj in there:
+                raise NotModelledError(f"something follows '{rig.obj.name}'")
+        yield Stepper(scratch, layer, fed=fed)
     finally:
         # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
-        bpy.data.batch_remove([scratch])
+        bpy.data.batch_remove(made)
 
 
 # What holds our own handlers: ``hfx_blender``, or its longer name as an extension.

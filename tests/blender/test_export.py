@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from hfx_scenes import names_in
 
-from hfx_blender import export as export_module
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.samples import Sample
 from hfx_blender.engine.tolerance import parse as parse_tolerance
@@ -199,22 +198,25 @@ def test_another_scene_of_the_file(small: Any, tmp_path: Path) -> None:
 def test_files_are_on_the_disk_before_they_have_their_names(
     small: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    synced: list[str] = []
     import hfx_blender.atomic_files as atomic_files
 
-    real = atomic_files.os.fsync
+    done: list[tuple[str, str]] = []
+    real, real_replace = atomic_files.os.fsync, Path.replace
 
     def fsync(descriptor: int) -> None:
-        synced.append(Path(f"/proc/self/fd/{descriptor}").resolve().name)
+        done.append(("synced", Path(f"/proc/self/fd/{descriptor}").resolve().name))
         real(descriptor)
 
+    def replace(self: Path, target: Path) -> Path:
+        if target.parent == tmp_path:
+            done.append(("named", target.name))
+        return real_replace(self, target)
+
     monkeypatch.setattr(atomic_files.os, "fsync", fsync)
-    moved: list[list[str]] = []
-    move = export_module.place
-    monkeypatch.setattr(
-        export_module,
-        "place",
-        lambda files, folder: (moved.append(list(synced)), move(files, folder))[1],
-    )
+    monkeypatch.setattr(Path, "replace", replace)
     export(small, tmp_path)
-    assert {"x.hfxtrack.tmp", "x.report.json.tmp"} <= set(moved[0])
+    named = [name for what, name in done if what == "named"]
+    assert {"x.hfxtrack", "x.report.json"} <= set(named)
+    first = done.index(("named", named[0]))
+    assert {("synced", name) for name in named} <= set(done[:first])
+    assert done[-1] == ("synced", tmp_path.name)

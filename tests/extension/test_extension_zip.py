@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import os
 import re
@@ -23,6 +24,8 @@ sys.path.insert(0, str(ROOT))
 
 import addon_wheels  # noqa: E402 (beside the package, not installed)
 import build_addon  # noqa: E402
+import native_build  # noqa: E402
+import native_wheel  # noqa: E402
 
 
 def manifest_of(path: Path) -> dict[str, Any]:
@@ -63,6 +66,19 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield folder
 
 
+@pytest.fixture
+def zig(monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A stand-in for the compiler, which writes a library that nobody can load."""
+
+    def build(target: native_build.Target, folder: Path, zig: Path) -> Path:
+        path = folder / target.library
+        path.write_text(f"{target.zig} by {zig}")
+        return path
+
+    monkeypatch.setattr(native_build, "build", build)
+    return Path("zig")
+
+
 # What is in it
 
 
@@ -81,6 +97,8 @@ def test_nothing_else_strays_into_the_zip(small: Path) -> None:
     allowed = {
         "",
         ".py",
+        ".c",
+        ".h",
         ".toml",
         ".json",
         ".npz",
@@ -122,10 +140,10 @@ def test_no_host_and_no_home_is_named(small: Path) -> None:
     assert re.fullmatch(r"([0-9a-f]{64}  [\w.+-]+\.whl\n)+", addon_wheels.LOCK.read_text())
 
 
-def test_the_same_content_gives_the_same_bytes(wheels: Path, tmp_path: Path) -> None:
+def test_the_same_content_gives_the_same_bytes(wheels: Path, zig: Path, tmp_path: Path) -> None:
     build = build_addon.build_for
-    first = build("linux-x64", ("3.11", "3.13"), tmp_path / "a", wheels)
-    second = build("linux-x64", ("3.11", "3.13"), tmp_path / "b", wheels)
+    first = build("linux-x64", ("3.11", "3.13"), tmp_path / "a", wheels, zig)
+    second = build("linux-x64", ("3.11", "3.13"), tmp_path / "b", wheels, zig)
     assert first.name == second.name == f"hfx_blender-{hfx_blender.__version__}-linux_x64.zip"
     assert first.read_bytes() == second.read_bytes()
 
@@ -158,10 +176,10 @@ def test_only_the_permissions_that_are_used_are_asked_for(small: Path) -> None:
 
 @pytest.mark.parametrize("platform", sorted(addon_wheels.PLATFORMS))
 def test_blender_accepts_the_zip_of_each_platform(
-    platform: str, wheels: Path, tmp_path: Path
+    platform: str, wheels: Path, zig: Path, tmp_path: Path
 ) -> None:
     pythons = addon_wheels.default_pythons(platform)
-    built = build_addon.build_for(platform, pythons, tmp_path, wheels)
+    built = build_addon.build_for(platform, pythons, tmp_path, wheels, zig)
     tools = "bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
     tool = next(path for folder in sys.path for path in Path(folder or ".").glob(tools))
     done = subprocess.run([sys.executable, tool, "validate", built], capture_output=True, text=True)
@@ -174,6 +192,8 @@ def test_blender_accepts_the_zip_of_each_platform(
         assert {f"./{name}" for name in names} == set(manifest["wheels"])
         for name in names:
             assert archive.read(name) == (wheels / Path(name).name).read_bytes()
+        (own,) = [name for name in names if "/hfx_native-" in name]
+        assert addon_wheels.PLATFORMS[platform].runs(own[: -len(".whl")].split("-")[-1])
 
 
 # In Blender
@@ -315,3 +335,93 @@ def test_a_licence_that_a_wheel_forgets_comes_along(wheels: Path, tmp_path: Path
     built = build_addon.build(tmp_path, "x", build_addon.manifest([name]), [wheel])
     with zipfile.ZipFile(built) as archive:
         assert b"Redistribution and use" in archive.read("licences/pyserial.txt")
+
+
+# Its compiled library
+
+LOADED = """
+import os, sys
+import bpy
+import addon_utils
+
+addon_utils.enable("bl_pkg")
+bpy.ops.extensions.package_install_files(
+    filepath=sys.argv[1], repo="user_default", enable_on_install=True
+)
+assert not [name for name in sys.modules if name.startswith("hfx_native")]
+from bl_ext.user_default.hfx_blender.engine.native import library
+assert library.library.cache_info().currsize == 0, "loaded at the start"
+print(library.state(), library.library()._name if library.library() else "", flush=True)
+os._exit(0)
+"""
+
+
+def test_the_wheel_of_the_library_is_one(zig: Path, tmp_path: Path) -> None:
+    target = native_build.TARGETS["windows-x64"]
+    wheel = native_wheel.make(target, tmp_path, zig)
+    digest = native_build.digest()
+    assert wheel.name == f"hfx_native-1.0.0+{digest}-py3-none-win_amd64.whl"
+    assert addon_wheels.carries_licence(wheel)
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        (record,) = [name for name in names if name.endswith("/RECORD")]
+        lines = [line.split(",") for line in archive.read(record).decode().splitlines()]
+        assert [line[0] for line in lines] == names
+        for name, told, size in lines[:-1]:
+            data = archive.read(name)
+            found = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
+            assert (told, size) == (f"sha256={found}", str(len(data)))
+        assert f"hfx_native_{digest}/hfx_native.dll" in names
+
+
+def test_the_installed_extension_loads_its_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("bpy")
+    monkeypatch.setattr(build_addon, "DATA", ())  # quicker
+    target = native_build.this_target()
+    try:
+        zig = native_build.compiler()
+    except native_build.BuildError as error:
+        pytest.skip(str(error))
+    if target is None:
+        pytest.skip("no library is built for this computer")
+    wheel = native_wheel.make(target, tmp_path, zig)
+    text = build_addon.manifest([wheel.name], [build_addon.this_platform()])
+    built = build_addon.build(tmp_path, "native", text, [wheel])
+    resources = tmp_path / "resources"
+    resources.mkdir()
+    environment = {**os.environ, "BLENDER_USER_RESOURCES": str(resources)}
+    environment.pop("HFX_NATIVE", None)
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED, str(built)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    said = done.stdout.splitlines()[-1]
+    assert said.startswith(f"compiled {resources}"), done.stdout + done.stderr
+    assert f"site-packages/hfx_native_{native_build.digest()}" in Path(said).as_posix()
+
+
+def test_without_a_compiler_the_build_says_what_to_do(
+    tmp_path: Path,
+    wheels: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def none(*_: object) -> Path:
+        raise native_build.BuildError("there is no compiler")
+
+    monkeypatch.setattr(native_build, "fetched_compiler", none)
+    monkeypatch.setattr(build_addon, "files", dict)  # quicker
+    line = ["build_addon.py", "--platform", "linux-x64", "-o", str(tmp_path), "--wheels"]
+    monkeypatch.setattr(sys, "argv", [*line, str(wheels)])
+    assert build_addon.main() == 3
+    assert "there is no compiler" in (said := capsys.readouterr().err)
+    assert "build_addon.py --without-native" in said and not list(tmp_path.glob("*.zip"))
+    monkeypatch.setattr(sys, "argv", [*line, str(wheels), "--without-native"])
+    assert build_addon.main() == 0
+    (built,) = tmp_path.glob("*.zip")
+    assert not [name for name in manifest_of(built)["wheels"] if "native" in name]

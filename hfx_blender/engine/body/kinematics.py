@@ -13,6 +13,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from ..native import kinematics as native
+from ..native.library import f64
+
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
@@ -22,6 +25,9 @@ def from_quaternions(quaternions: F64) -> F64:
 
     A quaternion of length 0 is half a turn about X, as in Blender.
     """
+    found = native.from_quaternions(quaternions)
+    if found is not None:
+        return found
     lengths = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     unit = np.where(lengths > 0.0, quaternions, [0.0, 1.0, 0.0, 0.0])
     unit = unit / np.where(lengths > 0.0, lengths, 1.0)
@@ -98,8 +104,10 @@ class Rig:
     """
 
     def __init__(self, parents: Sequence[int], rest: F64, local_location: Sequence[bool]) -> None:
-        self._rest = _elements(rest)
-        self._inverse = _elements(np.linalg.inv(rest))
+        inverse = np.linalg.inv(rest)
+        self._rest, self._inverse = _elements(rest), _elements(inverse)
+        self._parents = np.array(parents, np.int64)
+        self._rows: tuple[F64, F64] = f64(rest[:, :3]), f64(inverse[:, :3])
         self._other_axes = [
             (bone, rest[parents[bone], :3, :3] if parents[bone] >= 0 else np.eye(3))
             for bone in np.flatnonzero(~np.asarray(local_location, np.bool_)).tolist()
@@ -135,6 +143,11 @@ class Rig:
         -------
         (T, B, 3, 4) float64
         """
+        if not self._other_axes:
+            still = self._order, self._parents, *self._rows
+            found = native.rig_pose(*still, locations, turned, scales)
+            if found is not None:
+                return found
         channels = np.empty((3, 4, *locations.shape[:2]))
         channels[:, :3] = turned.transpose(2, 3, 0, 1) * scales.transpose(2, 0, 1)
         channels[:, 3] = locations.transpose(2, 0, 1)

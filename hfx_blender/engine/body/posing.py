@@ -234,7 +234,7 @@ class SkinnedModel:
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
         if native.is_there():
-            each = np.arange(len(self._used_bones))
+            each = np.arange(len(self._used_bones), dtype=np.int64)
             whole, boxes = each[[0, 0]], (self._bone_centres, self._bone_halves)
             whole[1] = len(each)
             low, high = native.cluster_bounds(matrices, whole, each, *boxes)

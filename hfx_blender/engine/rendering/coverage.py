@@ -8,10 +8,12 @@ perceptual model; what they share is rendered.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from ..native import rendering as native
 from .device import Statistic
 
 F64 = npt.NDArray[np.float64]
@@ -73,6 +75,10 @@ class ActuatorCells:
         (n, A) float64
         """
         count = len(offsets) - 1
+        if statistic == "strongest" and len(self.reached):
+            found = native.strongest(offsets, vertices, weights, *self._by_vertex, len(self.rows))
+            if found is not None:
+                return found
         gains = np.zeros((count, len(self.rows)))
         if not len(self.reached):
             return gains
@@ -83,6 +89,16 @@ class ActuatorCells:
             dense = self._dense(offsets[first : stop + 1], vertices[entries], weights[entries])
             gains[first:stop] = self._reduce(dense, statistic)
         return gains
+
+    @cached_property
+    def _by_vertex(self) -> tuple[I64, I32, F32 | None]:
+        """Where each vertex's actuators begin, those actuators, and how strongly it drives them."""
+        every = np.concatenate(self.rows)
+        order = np.argsort(every, kind="stable")
+        counts = np.bincount(every, minlength=len(self._is_reached))
+        owners = np.repeat(np.arange(len(self.rows), dtype=np.int32), self.counts)
+        factors = None if self._factors is None else self._factors[order]
+        return np.concatenate(([0], np.cumsum(counts))), owners[order], factors
 
     def _dense(self, offsets: I64, vertices: I32, weights: F32) -> F32:
         """Weights (n, D) at the reached vertices, 0 where a sample does not have them."""

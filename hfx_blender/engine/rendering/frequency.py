@@ -79,12 +79,20 @@ class StrongestContributor:
         most, columns = support.max(axis=0), np.arange(width)
         is_held = numbers[:, None] == self._held
         held = np.where(is_held.any(axis=0), np.argmax(is_held, axis=0), count)
-        chosen = np.zeros((rows, width), np.int64)
-        for row in range(rows):
-            now = support[held, row, columns]
-            stays = (now > 0.0) & (most[row] <= MARGIN * now)
-            chosen[row] = np.where(stays, held, best[row])
-            held = np.where(most[row] > 0.0, chosen[row], held)
+        chosen, sounds = best.copy(), most > 0.0
+        # Where the same one is the strongest throughout, and no other is held, all is clear.
+        only = best[sounds.argmax(axis=0), columns]
+        is_clear = ((best == only) | ~sounds).all(axis=0) & ((held == count) | (held == only))
+        then = np.where(sounds.any(axis=0), only, held)
+        doubtful = np.flatnonzero(~is_clear & sounds.any(axis=0))
+        now_held = held[doubtful]
+        for row in range(rows) if len(doubtful) else ():
+            now, strongest = support[now_held, row, doubtful], most[row, doubtful]
+            stays = (now > 0.0) & (strongest <= MARGIN * now)
+            chosen[row, doubtful] = np.where(stays, now_held, best[row, doubtful])
+            now_held = np.where(strongest > 0.0, chosen[row, doubtful], now_held)
+        then[doubtful] = now_held
+        held = then
         self._held = np.where(held < count, np.append(numbers, -1)[held], self._held)
         frequencies = hz[np.minimum(chosen, count - 1), np.arange(rows)[:, None]]
         return np.where(most > 0.0, frequencies, 0.0)

@@ -17,6 +17,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..native import track as native
+
 F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
@@ -74,10 +76,7 @@ def encode(section: Section) -> bytes:
     """The section as the bytes that :func:`decode` reads."""
     flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
     flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
-    owners = np.repeat(np.arange(len(section.sizes)), section.sizes)
-    order = np.argsort(section.vertices, kind="stable")
-    counts, gaps = _toggles(section.vertices[order], owners[order], len(section.sizes))
-    starts = _group_starts(section.vertices[order])
+    counts, gaps, weights, channels = _set_columns(section)
     parts = [
         _HEAD.pack(section.stream, len(section.steps), flags),
         _planes(_changes(section.steps.astype(np.uint16))),
@@ -86,18 +85,31 @@ def encode(section: Section) -> bytes:
         *(_planes(_changes(_bits(column))) for column in section.parameters.T),
         _planes(counts),
         _planes(gaps),
-        _planes(_changes_per_vertex(_bits(section.weights), order, starts)),
+        _planes(weights),
+        *map(_planes, channels),
     ]
-    for name in CHANNELS:
-        if name in section.channels:
-            parts += [
-                _planes(_changes_per_vertex(_bits(column), order, starts))
-                for column in section.channels[name].T
-            ]
     for rows in (section.focus, section.drive):
         if rows is not None:
             parts += [_planes(_changes(_bits(column))) for column in rows.T]
     return b"".join(parts)
+
+
+def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[Unsigned]]:
+    """Toggles at each set and their ids (see :func:`_toggles`), weights and channels as changes."""
+    if section.weights.dtype == np.uint8 and not section.channels:
+        found = native.changes(section.sizes, section.vertices, section.weights)
+        if found is not None:
+            return (*found, [])
+    owners = np.repeat(np.arange(len(section.sizes)), section.sizes)
+    order = np.argsort(section.vertices, kind="stable")
+    counts, gaps = _toggles(section.vertices[order], owners[order], len(section.sizes))
+    starts = _group_starts(section.vertices[order])
+    columns = [section.channels[n] for n in CHANNELS if n in section.channels]
+    weights, *channels = (
+        _changes_per_vertex(_bits(column), order, starts)
+        for column in (section.weights, *(column for each in columns for column in each.T))
+    )
+    return counts, gaps, weights, channels
 
 
 class Cursor:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from ...atomic_files import atomic_file
 from ...errors import InputError, OutputError
 from ..modality import MODALITIES
+from ..native import track as native
 from ..samples import SampleRun
 from . import layout
 from .codec import (
@@ -199,10 +200,11 @@ class _SectionBuilder:
 
     def __init__(self, full_precision: bool) -> None:
         self._full_precision = full_precision
-        self._indices: list[int] = []
-        self._levels: list[float] = []
+        self._indices: list[npt.NDArray[np.int64]] = []
+        self._levels: list[npt.NDArray[np.float64]] = []
         self._parameters: list[npt.NDArray[np.float64]] = []
-        self._is_new: list[bool] = []
+        self._is_new: list[npt.NDArray[np.bool_]] = []
+        self._sizes: list[npt.NDArray[np.int64]] = []  # of sets, as are the vertices and weights
         self._vertices: list[npt.NDArray[np.int32]] = []
         self._weights: list[npt.NDArray[Any]] = []
         self._channels: dict[str, list[npt.NDArray[np.float32]]] = {}
@@ -216,21 +218,26 @@ class _SectionBuilder:
         if self._indices and present != self._channels.keys():
             raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
         sets = run.set_of[first:last]
-        low, high = int(run.offsets[sets[0]]), int(run.offsets[sets[-1] + 1])
+        offsets = run.offsets[sets[0] : sets[-1] + 2]
+        low, high = int(offsets[0]), int(offsets[-1])
         weights: npt.NDArray[Any] = run.weights[low:high].astype(np.float32)
         if not self._full_precision:
             weights = weights_to_bytes(weights)
         vertices = run.vertices[low:high].astype(np.int32)
-        before = -1
-        for j in sets.tolist():
-            if j == before:
-                self._is_new.append(False)
-                continue
-            before = j
-            part = slice(int(run.offsets[j]) - low, int(run.offsets[j + 1]) - low)
-            self._add_set(vertices[part], weights[part], bool(present))
-        self._indices += run.indices[first:last].tolist()
-        self._levels += run.levels[first:last].tolist()
+        is_new = np.diff(sets, prepend=-1) != 0
+        if present:  # each sample has a set of its own
+            self._add_sets(np.diff(offsets), vertices, weights)
+        else:
+            stays = self._repeated(offsets - low, vertices, weights)
+            is_new &= ~stays[sets - sets[0]]
+            sizes = np.diff(offsets)
+            if stays.any():
+                entering = np.repeat(~stays, sizes)
+                sizes, vertices, weights = sizes[~stays], vertices[entering], weights[entering]
+            self._add_sets(sizes, vertices, weights)
+        self._is_new.append(is_new)
+        self._indices.append(run.indices[first:last].astype(np.int64))
+        self._levels.append(run.levels[first:last].astype(np.float64))
         self._parameters.append(run.parameters[first:last].astype(np.float64))
         for name in present:
             values = getattr(run, name)[low:high].astype(np.float32)
@@ -241,16 +248,40 @@ class _SectionBuilder:
             self._drive.append(run.drive.values[first:last].astype(np.float32))
         self._entries += int(run.sizes[first:last].sum())
 
-    def _add_set(
-        self, vertices: npt.NDArray[np.int32], weights: npt.NDArray[Any], is_new: bool
-    ) -> None:
-        is_new = is_new or not (
-            self._vertices
-            and np.array_equal(vertices, self._vertices[-1])
-            and np.array_equal(weights, self._weights[-1])
+    def _repeated(
+        self,
+        offsets: npt.NDArray[np.int64],
+        vertices: npt.NDArray[np.int32],
+        weights: npt.NDArray[Any],
+    ) -> npt.NDArray[np.bool_]:
+        """Which sets are the same as the one before, the first as the last that is held."""
+        found = native.repeats(offsets, vertices, weights)
+        if found is None:
+            parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
+            pairs = zip([parts[0], *parts], parts, strict=False)
+            found = np.array(
+                [
+                    np.array_equal(vertices[a], vertices[b])
+                    and np.array_equal(weights[a], weights[b])
+                    for a, b in pairs
+                ]
+            )
+        held = int(self._sizes[-1][-1]) if self._sizes else -1
+        found[0] = (
+            held == offsets[1]
+            and np.array_equal(vertices[:held], self._vertices[-1][-held:][:held])
+            and np.array_equal(weights[:held], self._weights[-1][-held:][:held])
         )
-        self._is_new.append(is_new)
-        if is_new:
+        return found
+
+    def _add_sets(
+        self,
+        sizes: npt.NDArray[np.int64],
+        vertices: npt.NDArray[np.int32],
+        weights: npt.NDArray[Any],
+    ) -> None:
+        if len(sizes):
+            self._sizes.append(sizes)
             self._vertices.append(vertices)
             self._weights.append(weights)
 
@@ -258,17 +289,17 @@ class _SectionBuilder:
         """What was collected, as the section of a chunk that starts at sample ``start``."""
         if self._entries > MAX_ENTRIES:
             raise OutputError(
-                f"Samples {self._indices[0]} to {self._indices[-1]} of stream {stream} have "
+                f"Samples {self._indices[0][0]} to {self._indices[-1][-1]} of stream {stream} have "
                 f"{self._entries} contacts; a track allows {MAX_ENTRIES} in one chunk."
             )
         return encode(
             Section(
                 stream=stream,
-                steps=np.array(self._indices, np.int64) - start,
-                levels=np.array(self._levels),
+                steps=np.concatenate(self._indices) - start,
+                levels=np.concatenate(self._levels),
                 parameters=np.concatenate(self._parameters),
-                is_new=np.array(self._is_new),
-                sizes=np.array([len(each) for each in self._vertices], np.int64),
+                is_new=np.concatenate(self._is_new),
+                sizes=np.concatenate(self._sizes),
                 vertices=np.concatenate(self._vertices),
                 weights=np.concatenate(self._weights),
                 channels={name: np.concatenate(each) for name, each in self._channels.items()},

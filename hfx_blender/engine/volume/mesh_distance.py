@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exact distance from points to a set of triangles, by a tree of boxes in plain numpy."""
+"""Exact distance from points to a set of triangles, by a tree of boxes."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
+from ..native import mesh_distance as native
+from ..native import mesh_tree as native_tree
+from ..native.library import library
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -26,34 +31,64 @@ class TriangleTree:
         Triangle, corner, coordinate. A degenerate triangle counts as the segment that it is.
     order : (2^k,) int64, optional
         Triangles as leaves; for triangles that an affine map has only moved.
+
+    Attributes
+    ----------
+    corners, order
+        As given.
+    compiled : NativeTree or None
+        The same for the compiled searches, where there are any.
     """
 
     def __init__(self, corners: F64, order: I64 | None = None) -> None:
-        self._order = _leaf_order(corners) if order is None else order
-        self._corners = corners
-        self._frames = _plane_frames(corners)
-        by_corner = np.ascontiguousarray(corners.transpose(1, 2, 0))
-        low, high = by_corner.min(axis=0)[:, self._order], by_corner.max(axis=0)[:, self._order]
-        self._levels = [(low, high)]  # from the root to the leaves
+        self.corners = corners
+        self.compiled = None
+        if library() is not None:
+            self.order = native_tree.leaf_order(corners) if order is None else order
+            self.compiled = native_tree.NativeTree(corners, self.order)
+        else:
+            self.order = leaf_order(corners) if order is None else order
+
+    @cached_property
+    def levels(self) -> list[tuple[F64, F64]]:
+        """Lowest and highest corners (3, 2^l) of the boxes, from the root to the leaves."""
+        by_corner = np.ascontiguousarray(self.corners.transpose(1, 2, 0))
+        low, high = by_corner.min(axis=0)[:, self.order], by_corner.max(axis=0)[:, self.order]
+        levels = [(low, high)]
         while low.shape[1] > 1:
             low = np.minimum(low[:, ::2], low[:, 1::2])
             high = np.maximum(high[:, ::2], high[:, 1::2])
-            self._levels.insert(0, (low, high))
+            levels.insert(0, (low, high))
+        return levels
+
+    @cached_property
+    def _frames(self) -> F64:
+        return _plane_frames(self.corners)
 
     def placed(self, linear: F64) -> TriangleTree:
         """The tree of the triangles under a linear map, (3, 3)."""
-        return TriangleTree(self._corners @ linear.T, self._order)
+        return TriangleTree(self.corners @ linear.T, self.order)
 
     def distances(self, points: F64) -> F64:
         """Distance of each point of (3, N) to the nearest triangle, (N,)."""
+        if self.compiled is not None:
+            return native.distances(self.compiled, points)
         distances: F64 = np.sqrt(self._squared(points, self._first_guess(points, _FEW)))
         return distances
+
+    def distances_at_least(self, points: F64, share: float) -> F64:
+        """A bound of each distance, no less than ``share`` of it; faster where compiled."""
+        if self.compiled is not None:
+            return native.distances_at_least(self.compiled, points, share)
+        return self.distances(points)
 
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
         """As :meth:`distances`, cheaper: too large by at most the share ``slack``.
 
         Of points that are not beyond ``limit`` it is only told that they are not.
         """
+        if self.compiled is not None:
+            return native.distances_beyond(self.compiled, points, limit, slack, _MANY)
         squared = self._first_guess(points, _MANY)
         far = squared > limit * limit
         squared[far] = self._squared(points[:, far], squared[far], (1.0 + slack) ** -2)
@@ -66,7 +101,7 @@ class TriangleTree:
         """
         count = points.shape[1]
         owners, nodes = np.arange(count), np.zeros(count, np.int64)
-        for low, high in self._levels[1:]:
+        for low, high in self.levels[1:]:
             owners, nodes = np.repeat(owners, 2), np.repeat(nodes, 2) * 2
             nodes[1::2] += 1
             place = points.take(owners, axis=1)
@@ -77,7 +112,7 @@ class TriangleTree:
                 half = count // 2
                 parts = (slice(half), slice(half, None))
                 return np.concatenate([self._squared(points[:, p], best[p], share) for p in parts])
-        triangles = self._order[nodes]
+        triangles = self.order[nodes]
         best = best.copy()
         np.minimum.at(
             best,
@@ -89,7 +124,7 @@ class TriangleTree:
     def _first_guess(self, points: F64, width: int) -> F64:
         """Squared distance to a triangle that is near: the ``width`` nearest boxes go on down."""
         nodes = np.zeros((1, points.shape[1]), np.int64)
-        for low, high in self._levels[1:]:
+        for low, high in self.levels[1:]:
             nodes = np.concatenate([2 * nodes, 2 * nodes + 1])
             flat = nodes.ravel()
             middles = 0.5 * (low.take(flat, axis=1) + high.take(flat, axis=1))
@@ -97,9 +132,9 @@ class TriangleTree:
                 (points[:, None] - middles.reshape(3, *nodes.shape)).reshape(3, -1)
             ).reshape(nodes.shape)
             if len(nodes) > width:
-                nearest = np.argpartition(away, width - 1, axis=0)[:width]
+                nearest = np.argsort(away, axis=0, kind="stable")[:width]
                 nodes = np.take_along_axis(nodes, nearest, 0)
-        triangles = self._order[nodes.ravel()]
+        triangles = self.order[nodes.ravel()]
         squared = _to_triangles(np.tile(points, len(nodes)), self._frames.take(triangles, axis=1))
         nearest_of_all: F64 = squared.reshape(nodes.shape).min(axis=0)
         return nearest_of_all
@@ -110,7 +145,7 @@ def _squared_norm(vectors: F64) -> F64:
     return squared
 
 
-def _leaf_order(corners: F64) -> I64:
+def leaf_order(corners: F64) -> I64:
     """Triangles halved at the median of the longest axis, again and again; some come twice."""
     count = len(corners)
     size = 1 << (count - 1).bit_length()
@@ -134,7 +169,7 @@ def _plane_frames(corners: F64) -> F64:
     thin the triangle, its frame is orthonormal and its corners are right to rounding.
     """
     edges = np.roll(corners, -1, axis=1) - corners
-    longest = np.argmax(np.einsum("fij,fij->fi", edges, edges), axis=1)
+    longest = np.argmax(np.sum(edges**2, axis=2), axis=1)
     rows = np.arange(len(corners))
     origin, base = corners[rows, longest], edges[rows, longest]
     apex = corners[rows, (longest + 2) % 3] - origin

@@ -22,6 +22,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..indexing import ramp
+from ..native.library import library
+from ..native.mesh_inside import NativeGrid, bounds_in_columns
+from .mesh_columns import MARGIN, covered_columns
+
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
@@ -30,19 +35,10 @@ Bool = npt.NDArray[np.bool_]
 _CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
 _CELLS_PER_AXIS: Final = (4, 256)
 _SNAP: Final = 2.0**40  # steps of a cell; vertices on this grid have slopes that stay finite
-_MARGIN: Final = 1e-6  # cells; far above rounding, so that no cell misses a triangle
-_STEEP: Final = 1e-6  # below this cosine a triangle's plane says nothing about its heights
 _PAIRS_AT_ONCE: Final = 2**19
 
 _OUTSIDE: Final = -1
 _INSIDE: Final = -2
-
-
-def _ramp(counts: I64) -> tuple[I64, I64]:
-    """For counts 2, 3: owners 0 0 1 1 1 and steps 0 1 0 1 2."""
-    owners = np.repeat(np.arange(len(counts)), counts)
-    steps = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return owners, steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +75,26 @@ class _Spans:
             slope_x=slopes[..., 0].copy(),
             slope_z=slopes[..., 2].copy(),
             signs=np.where(even, 1, -1).astype(np.int32),
+        )
+
+    def packed(self) -> F64:
+        """All numbers of each triangle together, (F, 16), see :data:`native.mesh_inside.SPAN`."""
+        nothing = np.zeros_like(self.y_low)
+        of_x, of_z = (
+            (starts[0], starts[2], *slopes)
+            for starts, slopes in (
+                (self.start_x, self.slope_x),
+                (self.start_z, self.slope_z),
+            )
+        )
+        return np.stack(
+            [
+                *(self.y_low, self.y_middle, self.y_high),
+                *of_x,
+                *of_z,
+                *(self.signs.astype(np.float64), nothing, nothing),
+            ],
+            axis=1,
         )
 
     def cross(self, triangles: I64, points: F64) -> tuple[I64, F64, I32]:
@@ -149,7 +165,8 @@ class InsideGrid:
         placed = np.rint(self._to_cells(vertices.T) * _SNAP) / _SNAP
         corners = placed.T[triangles]
         self._spans = _Spans.of(corners)
-        self._fill(*_covered_columns(corners, self._counts))
+        self._fill(*covered_columns(corners, self._counts))
+        self._native = self._packed(corners) if library() is not None else None
 
     def _to_cells(self, points: F64) -> F64:
         placed: F64 = (points - self._low[:, None])[self._axes] * self._scale
@@ -180,12 +197,31 @@ class InsideGrid:
         winding = np.cumsum(crossings[:, ::-1], axis=1)[:, ::-1]
         tops = np.flatnonzero((mixed[:, :-1] & ~mixed[:, 1:]).ravel())
         self._beyond = winding[:, 1:].ravel()[tops].astype(np.int64)
+        self._columns = tops // shape[1]
 
         codes = np.where(mixed, runs, np.where(winding == 0, _OUTSIDE, _INSIDE))
         self._codes = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
 
+    def _packed(self, corners: F64) -> NativeGrid:
+        """What the compiled test reads."""
+        columns = np.repeat(self._columns, np.diff(self._offsets))
+        return NativeGrid(
+            box=np.stack([self._low, self._high]),
+            axes=np.array(self._axes),
+            scale=self._scale[:, 0],
+            cells=self._counts,
+            codes=self._codes.astype(np.int64),
+            offsets=self._offsets,
+            beyond=self._beyond,
+            listed=self._listed,
+            bounds=bounds_in_columns(corners, self._listed, columns, self._counts, MARGIN),
+            spans=self._spans.packed(),
+        )
+
     def contains(self, points: F64) -> Bool:
         """Whether each point of (3, N) is inside, (N,)."""
+        if self._native is not None:
+            return self._native.contains(points)
         inside = np.zeros(points.shape[1], np.bool_)
         near = (points >= self._low[:, None]) & (points <= self._high[:, None])
         candidates = np.flatnonzero(near[0] & near[1] & near[2])
@@ -206,7 +242,7 @@ class InsideGrid:
         parts = np.cumsum(counts) // _PAIRS_AT_ONCE
         for part in np.unique(parts):
             chosen = np.flatnonzero(parts == part)
-            owners, steps = _ramp(counts[chosen])
+            steps, owners = ramp(counts[chosen])
             owners = chosen[owners]
             triangles = self._listed[starts[owners] + steps]
             pairs, heights, signs = self._spans.cross(triangles, placed.take(owners, axis=1))
@@ -217,68 +253,3 @@ class InsideGrid:
             ).astype(np.int64)
         inside: Bool = winding != 0
         return inside
-
-
-def _covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
-    """Voxels that each triangle touches: never too few, seldom too many.
-
-    Triangles are cut into rows of cells (y), then into columns (x); within a column the plane
-    of the triangle bounds its heights.
-
-    Returns
-    -------
-    triangles, columns, first, last : (n,) int64 each
-        A triangle touches the voxels ``first`` to ``last`` of a column.
-    """
-
-    def cells(low: F64, high: F64, axis: int) -> tuple[I64, I64]:
-        top = counts[axis] - 1
-        return (
-            np.clip(np.floor(low - _MARGIN), 0, top).astype(np.int64),
-            np.clip(np.floor(high + _MARGIN), 0, top).astype(np.int64),
-        )
-
-    first, last = cells(corners[:, :, 1].min(axis=1), corners[:, :, 1].max(axis=1), 1)
-    triangles, steps = _ramp(last - first + 1)
-    rows = first[triangles] + steps
-    low, high = _clipped_box(corners, triangles, rows - _MARGIN, rows + 1.0 + _MARGIN)
-
-    first, last = cells(low[0], high[0], 0)
-    strips, steps = _ramp(last - first + 1)
-    across = first[strips] + steps
-    triangles, rows = triangles[strips], rows[strips]
-
-    edges = corners[:, 1:] - corners[:, :1]
-    normals = np.cross(edges[:, 0], edges[:, 1])
-    flat = np.abs(normals[:, 2]) > _STEEP * np.abs(normals).max(axis=1)
-    tilt = -normals[:, :2] / np.where(flat, normals[:, 2], np.inf)[:, None]
-    reach = np.where(flat, np.abs(tilt).sum(axis=1) * (0.5 + _MARGIN) + _MARGIN, np.inf)
-    centre = np.stack([across, rows], axis=1) + 0.5 - corners[triangles, 0, :2]
-    plane = corners[triangles, 0, 2] + np.sum(tilt[triangles] * centre, axis=1)
-    bottom = np.maximum(low[1][strips], plane - reach[triangles])
-    top = np.minimum(high[1][strips], plane + reach[triangles])
-    met = bottom <= top + _MARGIN
-    first, last = cells(bottom[met], top[met], 2)
-    columns = (across * counts[1] + rows)[met]
-    return triangles[met], columns, np.minimum(first, last), np.maximum(first, last)
-
-
-def _clipped_box(corners: F64, triangles: I64, below: F64, above: F64) -> tuple[F64, F64]:
-    """Bounds in x and z, (2, n) each, of triangles cut to below <= y <= above."""
-    low = np.full((2, len(triangles)), np.inf)
-    high = np.full((2, len(triangles)), -np.inf)
-    order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
-    ordered = np.take_along_axis(corners, order[:, :, None], 1)
-    for start, end in ((0, 1), (1, 2), (0, 2)):
-        foot, head = ordered[triangles, start], ordered[triangles, end]
-        climb = head[:, 1] - foot[:, 1]
-        safe = np.where(climb > 0.0, climb, 1.0)
-        entry = np.where(climb > 0.0, np.clip((below - foot[:, 1]) / safe, 0.0, 1.0), 0.0)
-        leave = np.where(climb > 0.0, np.clip((above - foot[:, 1]) / safe, 0.0, 1.0), 1.0)
-        passes = (foot[:, 1] <= above) & (head[:, 1] >= below)
-        for row, axis in enumerate((0, 2)):
-            span = head[:, axis] - foot[:, axis]
-            one, other = foot[:, axis] + entry * span, foot[:, axis] + leave * span
-            np.minimum(low[row], np.minimum(one, other), where=passes, out=low[row])
-            np.maximum(high[row], np.maximum(one, other), where=passes, out=high[row])
-    return low, high

@@ -74,6 +74,25 @@ def test_actuators_choose_for_themselves_and_remember_from_block_to_block():
     assert again.tolist() == [[LOW, HIGH]]
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_it_does_not_matter_how_time_is_cut_into_blocks(seed: int):
+    """Where nobody changes places, it goes another way than one row after another."""
+    random = np.random.default_rng(seed)
+    rows, width = 6, 5
+    amplitudes = random.integers(0, 4, (2, rows, width)) * random.choice([1.0, 0.3], (2, 1, width))
+    amplitudes[:, :, random.random(width) < 0.5] *= random.random((2, 1, 1))
+    steady = random.random(width) < 0.4
+    amplitudes[:, :, steady] = amplitudes[:, :1, steady]
+    hz = np.repeat([[LOW], [HIGH]], rows, axis=1)
+    whole, bit_by_bit = StrongestContributor(width), StrongestContributor(width)
+    for _ in range(2):  # the second time somebody is held
+        found = whole.frequencies(["a", "b"], amplitudes, hz)
+        for k in range(rows):
+            part = slice(k, k + 1)
+            one = bit_by_bit.frequencies(["a", "b"], amplitudes[:, part], hz[:, part])
+            assert found[k].tolist() == one[0].tolist()
+
+
 def test_a_frequency_that_is_none_is_handed_on_for_the_guard_to_silence():
     hz = np.array([[np.nan], [HIGH]])
     found = StrongestContributor(2).frequencies(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from track_synthetic import header, run
 
-from hfx_blender.atomic_files import atomic_file
+from hfx_blender.atomic_files import atomic_file, move, passing
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import OutputError
 
@@ -157,3 +157,53 @@ def test_a_disk_that_fills_up_at_any_point(tmp_path, budget):
         signal.signal(signal.SIGXFSZ, previous)
     with TrackReader(tmp_path / "whole.hfxtrack") as reader:
         assert sum(map(len, reader.runs())) == 600
+
+
+def synced(monkeypatch):
+    """Names of what is forced to the disk from now on, in that order."""
+    real, found = os.fsync, []
+
+    def fsync(descriptor):
+        found.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="asks Linux for the names")
+def test_what_only_passes_through_is_forced_to_the_disk_once(tmp_path, monkeypatch):
+    stage, folder = tmp_path / "stage", tmp_path / "folder"
+    stage.mkdir()
+    folder.mkdir()
+    found = synced(monkeypatch)
+    with passing(stage):
+        for name in "abc":
+            with atomic_file(stage / name) as file:
+                file.write(name.encode())
+        assert found == []
+        moved = move([stage / name for name in "cab"], folder)
+    assert moved == (folder / "c", folder / "a", folder / "b")
+    assert [path.read_text() for path in moved] == ["c", "a", "b"]
+    assert sorted(found[:3]) == ["a", "b", "c"] and found[3:] == ["folder"]
+    assert names(stage) == []
+    with atomic_file(stage / "d") as file:
+        file.write(b"d")
+    assert found[4:] == ["d.tmp", "stage"]
+
+
+def test_nothing_is_moved_before_all_is_on_the_disk(tmp_path, monkeypatch):
+    stage, folder = tmp_path / "stage", tmp_path / "folder"
+    stage.mkdir()
+    folder.mkdir()
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with passing(stage):
+        with atomic_file(stage / "a") as file:
+            file.write(b"a")
+        monkeypatch.setattr(os, "fsync", full)
+        with pytest.raises(OutputError, match=r"a: cannot be written \(No space"):
+            move([stage / "a"], folder)
+    assert names(folder) == [] and names(stage) == ["a"]

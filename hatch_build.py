@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What hatchling does when the package is installed: compile the library of ``engine/native``.
+
+Without it the package works, slower; so whatever goes wrong, the installation goes on.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from packaging.tags import sys_tags
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import native_build  # beside this file, not installed
+
+
+class NativeLibraryHook(BuildHookInterface[Any]):
+    """Puts the library beside ``library.py``: into the tree if editable, else into the wheel."""
+
+    _work: tempfile.TemporaryDirectory[str] | None = None
+
+    def dependencies(self) -> list[str]:
+        return native_build.requirements(Path(self.root))
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        target = native_build.this_target()
+        if not native_build.wanted() or target is None:
+            return
+        root = Path(self.root)
+        library = root / native_build.NATIVE / target.library
+        is_editable = version == "editable"
+        try:
+            if not native_build.is_current(library, target, root):
+                folder = library.parent if is_editable else self._folder()
+                library = native_build.build(target, folder, native_build.compiler(), root)
+        except Exception as error:
+            self.app.display_warning(
+                f"HFX is installed without its compiled library and works in numpy, slower: {error}"
+            )
+            return
+        if not is_editable and any(tag.platform == target.wheel for tag in sys_tags()):
+            build_data["force_include"][str(library)] = (
+                native_build.NATIVE / target.library
+            ).as_posix()
+            build_data["pure_python"] = False
+            build_data["tag"] = f"py3-none-{target.wheel}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        if self._work is not None:
+            self._work.cleanup()
+
+    def _folder(self) -> Path:
+        self._work = tempfile.TemporaryDirectory(prefix="hfx_native_")
+        return Path(self._work.name)

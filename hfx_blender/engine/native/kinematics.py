@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bones that follow their channels and their parents, by ``source/kinematics.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import f64, library, pointer
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_INTEGER: Final[Any] = ctypes.c_int64
+_POINTER: Final[Any] = ctypes.c_void_p
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    """The library, with the arguments of these functions."""
+    found = library()
+    if found is not None:
+        found.hfx_from_quaternions.argtypes = [_INTEGER] + [_POINTER] * 2
+        found.hfx_rig_pose.argtypes = [_INTEGER] * 2 + [_POINTER] * 8
+        found.hfx_from_quaternions.restype = found.hfx_rig_pose.restype = None
+    return found
+
+
+def from_quaternions(quaternions: F64) -> F64 | None:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4); None where there is no library.
+
+    Those of :func:`~hfx_blender.engine.body.kinematics.from_quaternions`.
+    """
+    found = _calls()
+    if found is None:
+        return None
+    quaternions = f64(quaternions)
+    turned = np.zeros((*quaternions.shape[:-1], 3, 3))
+    found.hfx_from_quaternions(turned.size // 9, pointer(quaternions), pointer(turned))
+    return turned
+
+
+def rig_pose(
+    order: I64, parents: I64, rest: F64, inverse: F64, locations: F64, turned: F64, scales: F64
+) -> F64 | None:
+    """Skinning matrices (T, B, 3, 4); None where there is no library.
+
+    Parameters
+    ----------
+    order : (B,) int64
+        Of the bones, parents first.
+    parents : (B,) int64
+        -1 for a root.
+    rest, inverse : (B, 3, 4) float64
+        Bone to armature space in the rest pose, and back.
+    locations, scales : (T, B, 3) float64
+    turned : (T, B, 3, 3) float64
+    """
+    found = _calls()
+    if found is None:
+        return None
+    locations, turned, scales = f64(locations), f64(turned), f64(scales)
+    skinning = np.zeros((*locations.shape[:2], 3, 4))
+    arrays = (order, parents, rest, inverse, locations, turned, scales, skinning)
+    found.hfx_rig_pose(len(locations), len(order), *(pointer(each) for each in arrays))
+    return skinning

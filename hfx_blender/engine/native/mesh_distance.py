@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Distances of points to a mesh's triangles, compiled; see ``volume/mesh_distance.py``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import f64, library, pointer
+from .mesh_tree import NativeTree
+
+F64 = npt.NDArray[np.float64]
+
+_POINTER: Final[Any] = ctypes.c_void_p
+_INTEGER: Final[Any] = ctypes.c_int64
+_NUMBER: Final[Any] = ctypes.c_double
+
+_LOOKED: Final = 0.5  # of what a bound may lack is lost in a search, the rest on the way from it
+
+
+@cache
+def _calls() -> ctypes.CDLL:
+    """The library, with the arguments of these functions."""
+    found = library()
+    assert found is not None
+    tree = [_POINTER, _INTEGER, _POINTER]
+    found.hfx_mesh_distances.argtypes = [*tree, _POINTER, _INTEGER, _POINTER]
+    found.hfx_mesh_distances_at_least.argtypes = (
+        [*tree, _POINTER, _INTEGER] + [_NUMBER] * 2 + [_POINTER]
+    )
+    found.hfx_mesh_distances_beyond.argtypes = (
+        [*tree, _POINTER, _INTEGER] + [_NUMBER] * 2 + [_INTEGER] + [_POINTER] * 3
+    )
+    for name in ("distances", "distances_at_least", "distances_beyond"):
+        getattr(found, f"hfx_mesh_{name}").restype = None
+    return found
+
+
+def _tree(tree: NativeTree) -> list[Any]:
+    return [pointer(tree.boxes), tree.size, pointer(tree.frames)]
+
+
+def distances(tree: NativeTree, points: F64) -> F64:
+    """Distance of each point of (3, N) to the nearest triangle, (N,); NaN where not finite."""
+    points = f64(points)
+    found = np.empty(points.shape[1])
+    _calls().hfx_mesh_distances(*_tree(tree), pointer(points), points.shape[1], pointer(found))
+    return found
+
+
+def distances_at_least(tree: NativeTree, points: F64, share: float) -> F64:
+    """As :func:`distances`, never more and never less than a ``share`` below 1 of it, in far less
+    time where points that follow each other are near each other."""
+    points = f64(points)
+    found = np.empty(points.shape[1])
+    _calls().hfx_mesh_distances_at_least(
+        *_tree(tree), pointer(points), points.shape[1], share, 1.0 - _LOOKED * (1.0 - share),
+        pointer(found),
+    )  # fmt: skip
+    return found
+
+
+def distances_beyond(tree: NativeTree, points: F64, limit: float, slack: float, width: int) -> F64:
+    """As ``TriangleTree.distances_beyond``, of finite points (3, N); ``width`` boxes are
+    followed for a first guess."""
+    points = f64(points)
+    found = np.empty(points.shape[1])
+    nodes, away = np.empty(2 * width, np.int64), np.empty(2 * width)
+    _calls().hfx_mesh_distances_beyond(
+        *_tree(tree), pointer(points), points.shape[1], limit, slack, width,
+        pointer(nodes), pointer(away), pointer(found),
+    )  # fmt: skip
+    return found

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which points are inside a closed mesh, compiled; see ``volume/mesh_inside.py``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import f64, i64, library, pointer
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+SPAN: Final = 16
+"""Numbers of a triangle: y of its corners, low to high (3); x of the lowest and the middle one (2),
+slopes in x of the edges low to high, low to middle, middle to high (3); the same in z (5); +1 or
+-1, which way it faces; two unused."""
+
+_POINTER: Final[Any] = ctypes.c_void_p
+_INTEGER: Final[Any] = ctypes.c_int64
+
+
+@cache
+def _calls() -> ctypes.CDLL:
+    """The library, with the arguments of these functions."""
+    found = library()
+    assert found is not None
+    found.hfx_mesh_inside.argtypes = [_POINTER, _INTEGER] + [_POINTER] * 11
+    found.hfx_mesh_bounds.argtypes = [_POINTER] * 3 + [_INTEGER] * 3 + [ctypes.c_double, _POINTER]
+    found.hfx_mesh_inside.restype = found.hfx_mesh_bounds.restype = None
+    return found
+
+
+def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margin: float) -> I64:
+    """Where listed triangles are in their columns: eight bounds of each in one number.
+
+    Parameters
+    ----------
+    corners : (F, 3, 3) float64
+        Triangle, corner, coordinate; in cells.
+    listed, columns : (n,) int64
+        Triangles, and the column that each is listed for.
+    cells : (3,) int64
+        How many there are.
+    margin : float
+        In cells: far above rounding.
+
+    Returns
+    -------
+    (n,) int64
+        As the compiled test reads them.
+    """
+    corners, listed, columns = f64(corners), i64(listed), i64(columns)
+    bounds = np.empty(len(listed), np.int64)
+    _calls().hfx_mesh_bounds(
+        pointer(corners), pointer(listed), pointer(columns), len(listed), int(cells[1]),
+        int(cells[2]), margin, pointer(bounds),
+    )  # fmt: skip
+    return bounds
+
+
+class NativeGrid:
+    """Voxels and runs of triangles, as the compiled test reads them.
+
+    Parameters
+    ----------
+    box : (2, 3) float64
+        Lowest and highest corner; what is beyond is outside.
+    axes : (3,) int64
+        Which of a point's coordinates is x, y, z of the cells.
+    scale : (3,) float64
+        Cells per length.
+    cells : (3,) int64
+        How many there are.
+    codes : (X * Y * Z,) int64
+        Of each cell: its run, -1 outside, -2 inside.
+    offsets : (runs + 1,) int64
+        Where the triangles of each run begin.
+    beyond : (runs,) int64
+        Winding number beyond its upper end.
+    listed : (n,) int64
+        Triangles, run after run.
+    bounds : (n,) int64
+        Where the listed triangles are in their columns, see :func:`bounds_in_columns`.
+    spans : (F, 16) float64
+        Of the triangles, see :data:`SPAN`.
+    """
+
+    def __init__(
+        self,
+        box: F64,
+        axes: I64,
+        scale: F64,
+        cells: I64,
+        codes: I64,
+        offsets: I64,
+        beyond: I64,
+        listed: I64,
+        bounds: I64,
+        spans: F64,
+    ) -> None:
+        assert bounds.shape == listed.shape and spans.shape[1:] == (SPAN,)
+        self._arrays: list[npt.NDArray[Any]] = [
+            f64(box), i64(axes), f64(scale), i64(cells), i64(codes),
+            i64(offsets), i64(beyond), i64(listed), i64(bounds), f64(spans),
+        ]  # fmt: skip
+        self._at = [pointer(array) for array in self._arrays]
+
+    def contains(self, points: F64) -> Bool:
+        """Whether each point of (3, N) is inside, (N,); NaN is outside."""
+        points = f64(points)
+        inside = np.empty(points.shape[1], np.bool_)
+        _calls().hfx_mesh_inside(pointer(points), points.shape[1], *self._at, pointer(inside))
+        return inside

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which actuators what is felt reaches, by ``source/rendering.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import library, pointer
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+
+_INTEGER: Final[Any] = ctypes.c_int64
+_POINTER: Final[Any] = ctypes.c_void_p
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    """The library, with the arguments of these functions."""
+    found = library()
+    if found is not None:
+        found.hfx_strongest.argtypes = 2 * ([_INTEGER] + [_POINTER] * 3) + [_INTEGER, _POINTER]
+        found.hfx_strongest.restype = None
+    return found
+
+
+def strongest(
+    offsets: I64,
+    vertices: I32,
+    weights: F32,
+    starts: I64,
+    reached: I32,
+    factors: F32 | None,
+    actuator_count: int,
+) -> F64 | None:
+    """How strongly each actuator fires, by the largest weight among the vertices it reaches.
+
+    Parameters
+    ----------
+    offsets : (n + 1,) int64
+        Sample ``k`` has the entries ``slice(offsets[k], offsets[k + 1])``.
+    vertices : (total,) int32
+    weights : (total,) float32
+    starts : (V + 1,) int64
+        Vertex ``v`` drives the actuators ``reached[starts[v]:starts[v + 1]]``.
+    reached : (m,) int32
+    factors : (m,) float32, optional
+        How strongly.
+    actuator_count : int
+
+    Returns
+    -------
+    (n, actuator_count) float64, or None where there is no library.
+    """
+    found = _calls()
+    if found is None:
+        return None
+    offsets = np.ascontiguousarray(offsets, np.int64)
+    vertices = np.ascontiguousarray(vertices, np.int32)
+    weights = np.ascontiguousarray(weights, np.float32)
+    gains = np.zeros((len(offsets) - 1, actuator_count))
+    found.hfx_strongest(
+        len(gains),
+        pointer(offsets),
+        pointer(vertices),
+        pointer(weights),
+        len(starts) - 1,
+        pointer(starts),
+        pointer(reached),
+        pointer(factors),
+        actuator_count,
+        pointer(gains),
+    )
+    return gains

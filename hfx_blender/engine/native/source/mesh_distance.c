@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Distances of points to a mesh's triangles: TriangleTree of volume/mesh_distance.py.
+
+#include <math.h>
+
+#include "mesh_tree.h"
+
+// Rounding of a box's distance against that of its triangles: nothing is left out for it.
+static const double WIDER = 1.0 + 1e-12;
+
+typedef struct {
+  const double *boxes;  // (2 size, 6)
+  int64_t size;
+  const double *frames;  // (size, 16)
+  int64_t together;      // leaves
+} Tree;
+
+// Squared distance in the plane to a segment from the origin; whether left of it.
+static double to_side(double x, double y, double end_x, double end_y, int *left_of) {
+  const double square = end_x * end_x + end_y * end_y;
+  double share = (x * end_x + y * end_y) / (square > 0.0 ? square : 1.0);
+  share = share < 0.0 ? 0.0 : share > 1.0 ? 1.0 : share;
+  *left_of |= x * end_y < y * end_x;
+  const double away_x = x - share * end_x, away_y = y - share * end_y;
+  return away_x * away_x + away_y * away_y;
+}
+
+// Squared distance to a triangle; where that is more than `best` it may be less, but also more
+// than `best`.
+static inline double to_triangle(const double *point, const double *frame, double best) {
+  double offset[3];
+  for (int k = 0; k < 3; ++k) offset[k] = point[k] - frame[ORIGIN + k];
+  const double z = dot(offset, frame + AXIS_Z);
+  if (z * z > best) return z * z;
+  const double x = dot(offset, frame + AXIS_X), y = dot(offset, frame + AXIS_Y);
+  const double length = frame[LENGTH], apex_x = frame[APEX_X], apex_y = frame[APEX_Y];
+  // The angles at both ends of the longest edge are acute: below it, it is the nearest.
+  if (!(y > 0.0)) {
+    const double beside = x - (x < 0.0 ? 0.0 : x > length ? length : x);
+    return beside * beside + y * y + z * z;
+  }
+  int beyond = 0;
+  const double left = to_side(x, y, apex_x, apex_y, &beyond);
+  const double right = to_side(length - x, y, length - apex_x, apex_y, &beyond);
+  return (beyond ? lesser(left, right) : 0.0) + z * z;
+}
+
+static double to_box(const double *point, const double *box) {
+  double gaps[3];
+  for (int k = 0; k < 3; ++k) {
+    const double below = box[k] - point[k], above = point[k] - box[3 + k];
+    const double gap = below > above ? below : above;
+    gaps[k] = gap > 0.0 ? gap : 0.0;
+  }
+  return gaps[0] * gaps[0] + gaps[1] * gaps[1] + gaps[2] * gaps[2];
+}
+
+// The least of `best` and of the squared distances to triangles in boxes no farther than `limit`
+// and than `share` of the least so far; `at` becomes the leaf, if any is nearer.
+static double least(const Tree *tree, const double *point, double best, double limit, double share,
+                    int64_t *at) {
+  const int64_t last = tree->size / tree->together;
+  int64_t waiting[DEEPEST], node = 1;
+  double gaps[DEEPEST], bound = lesser(limit, share * best);
+  int count = 0;
+  for (;;) {
+    while (node < last) {
+      const double *box = tree->boxes + BOX * 2 * node;
+      const double left = to_box(point, box), right = to_box(point, box + BOX);
+      const int is_right = right < left;
+      const double nearer = is_right ? right : left, farther = is_right ? left : right;
+      if (farther <= bound) {
+        waiting[count] = 2 * node + !is_right;
+        gaps[count++] = farther;
+      }
+      if (!(nearer <= bound)) break;
+      node = 2 * node + is_right;
+    }
+    for (int64_t k = 0; node >= last && k < tree->together; ++k) {
+      const int64_t leaf = (node - last) * tree->together + k;
+      const double squared = to_triangle(point, tree->frames + FRAME * leaf, best);
+      if (squared < best) {
+        best = squared;
+        *at = leaf;
+        bound = lesser(limit, share * best);
+      }
+    }
+    do {
+      if (!count) return best;
+      --count;
+    } while (!(gaps[count] <= bound));
+    node = waiting[count];
+  }
+}
+
+static int is_finite(const double *point) {
+  return isfinite(point[0]) && isfinite(point[1]) && isfinite(point[2]);
+}
+
+// Distances (count) of points (3, count); NaN for what is not finite.
+HFX_EXPORT void hfx_mesh_distances(const double *boxes, int64_t size, const double *frames,
+                                   const double *points, int64_t count, double *distances) {
+  const Tree tree = {boxes, size, frames, size < TOGETHER ? size : TOGETHER};
+  int64_t at = 0;
+  for (int64_t n = 0; n < count; ++n) {
+    const double point[3] = {points[n], points[count + n], points[2 * count + n]};
+    if (!is_finite(point)) {
+      distances[n] = NAN;
+      continue;
+    }
+    // Points that follow each other are often neighbours: the last one's triangle is a bound.
+    const double guess = to_triangle(point, frames + FRAME * at, INFINITY);
+    distances[n] = sqrt(least(&tree, point, guess, INFINITY, WIDER, &at));
+  }
+}
+
+// As hfx_mesh_distances, no more than the distance and no less than `share` of it, in far less
+// time: boxes beyond the share `looked` of what was found are left out, and where a place has
+// moved by so little that the last search tells enough, there is none.
+HFX_EXPORT void hfx_mesh_distances_at_least(const double *boxes, int64_t size,
+                                            const double *frames, const double *points,
+                                            int64_t count, double share, double looked,
+                                            double *distances) {
+  const Tree tree = {boxes, size, frames, size < TOGETHER ? size : TOGETHER};
+  double known[3] = {0.0, 0.0, 0.0}, least_there = -1.0, most_there = 0.0;
+  int64_t at = 0;
+  for (int64_t n = 0; n < count; ++n) {
+    const double point[3] = {points[n], points[count + n], points[2 * count + n]};
+    if (!is_finite(point)) {
+      distances[n] = NAN;
+      continue;
+    }
+    double way = 0.0;
+    for (int k = 0; k < 3; ++k) way += (point[k] - known[k]) * (point[k] - known[k]);
+    way = sqrt(way);
+    if (least_there - way >= share * (most_there + way)) {
+      distances[n] = least_there - way;
+      continue;
+    }
+    const double guess = to_triangle(point, frames + FRAME * at, INFINITY);
+    most_there = sqrt(least(&tree, point, guess, INFINITY, looked * looked, &at));
+    least_there = looked * most_there;
+    for (int k = 0; k < 3; ++k) known[k] = point[k];
+    distances[n] = least_there;
+  }
+}
+
+// Squared distance to a triangle that is near: the `width` boxes with the nearest middles go on
+// down, those that are as near in the order they had. nodes, away (2 width): scratch.
+static double first_guess(const Tree *tree, const double *point, int64_t width, int64_t *nodes,
+                          double *away) {
+  int64_t count = 1;
+  nodes[0] = 1;
+  for (int64_t level = 1; level < tree->size; level *= 2) {
+    for (int64_t n = 0; n < count; ++n) {
+      nodes[count + n] = 2 * nodes[n] + 1;
+      nodes[n] = 2 * nodes[n];
+    }
+    count *= 2;
+    for (int64_t n = 0; n < count; ++n) {
+      const double *box = tree->boxes + BOX * nodes[n];
+      double squared = 0.0;
+      for (int k = 0; k < 3; ++k) {
+        const double gap = point[k] - 0.5 * (box[k] + box[3 + k]);
+        squared += gap * gap;
+      }
+      away[n] = squared;
+    }
+    if (count <= width) continue;
+    for (int64_t n = 1; n < count; ++n) {
+      const double key = away[n];
+      const int64_t node = nodes[n];
+      int64_t at = n;
+      for (; at > 0 && away[at - 1] > key; --at) {
+        away[at] = away[at - 1];
+        nodes[at] = nodes[at - 1];
+      }
+      away[at] = key;
+      nodes[at] = node;
+    }
+    count = width;
+  }
+  double best = INFINITY;
+  for (int64_t n = 0; n < count; ++n) {
+    const double *frame = tree->frames + FRAME * (nodes[n] - tree->size);
+    best = lesser(to_triangle(point, frame, best), best);
+  }
+  return best;
+}
+
+// As TriangleTree.distances_beyond, of the very same triangles: what is found is too large by as
+// much. points (3, count), distances (count); nodes, away (2 width): scratch.
+HFX_EXPORT void hfx_mesh_distances_beyond(const double *boxes, int64_t size, const double *frames,
+                                          const double *points, int64_t count, double limit,
+                                          double slack, int64_t width, int64_t *nodes,
+                                          double *away, double *distances) {
+  const Tree tree = {boxes, size, frames, 1};
+  const double share = 1.0 / ((1.0 + slack) * (1.0 + slack));
+  for (int64_t n = 0; n < count; ++n) {
+    const double point[3] = {points[n], points[count + n], points[2 * count + n]};
+    double best = first_guess(&tree, point, width, nodes, away);
+    int64_t at = 0;
+    if (best > limit * limit) best = least(&tree, point, best, share * best, WIDER, &at);
+    distances[n] = sqrt(best);
+  }
+}

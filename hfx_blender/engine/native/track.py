@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sets of vertices as their changes, for a track, by ``source/track.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import library, pointer
+
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+U8 = npt.NDArray[np.uint8]
+U32 = npt.NDArray[np.uint32]
+Bool = npt.NDArray[np.bool_]
+Arrays = tuple[npt.NDArray[Any], ...]
+
+_INTEGER: Final[Any] = ctypes.c_int64
+_POINTER: Final[Any] = ctypes.c_void_p
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    """The library, with the arguments of these functions."""
+    found = library()
+    if found is not None:
+        found.hfx_track_changes.argtypes = [_INTEGER] + [_POINTER] * 7
+        found.hfx_track_changes.restype = _INTEGER
+        found.hfx_track_repeats.argtypes = [_INTEGER] + [_POINTER] * 3 + [_INTEGER, _POINTER]
+        found.hfx_track_repeats.restype = None
+    return found
+
+
+def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | None:
+    """Sets as what changes from one to the next; None where there is no library.
+
+    Parameters
+    ----------
+    sizes : (m,) int64
+    vertices : (total,) int32
+        Set after set, ascending within each, none below 0.
+    weights : (total,) uint8
+
+    Returns
+    -------
+    counts : (m,) uint32
+        How many ids enter or leave at each set, starting from none.
+    gaps : (sum of counts,) uint32
+        Those ids, ascending in each set, as differences.
+    changes : (total,) uint8
+        Weights minus the same vertex's weight before, modulo 256.
+    """
+    found = _calls()
+    if found is None or (len(vertices) and int(vertices.min()) < 0):
+        return None
+    sizes = np.ascontiguousarray(sizes, np.int64)
+    vertices = np.ascontiguousarray(vertices, np.int32)
+    last = np.zeros(int(vertices.max(initial=0)) + 1, np.uint8)
+    counts, gaps = np.zeros(len(sizes), np.uint32), np.zeros(2 * len(vertices), np.uint32)
+    differences = np.zeros(len(vertices), np.uint8)
+    weights = np.ascontiguousarray(weights, np.uint8)
+    arrays: tuple[npt.NDArray[Any], ...] = (
+        sizes,
+        vertices,
+        weights,
+        last,
+        counts,
+        gaps,
+        differences,
+    )
+    total = found.hfx_track_changes(len(sizes), *map(pointer, arrays))
+    return counts, gaps[:total], differences
+
+
+def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | None:
+    """Whether each of m sets has the vertices and weights of the one before; the first has not.
+
+    Parameters
+    ----------
+    offsets : (m + 1,) int64
+        Set j has the entries ``slice(offsets[j], offsets[j + 1])``.
+    vertices : (total,) int32
+    weights : (total,)
+        Of any type; compared bit by bit.
+
+    Returns
+    -------
+    (m,) bool, or None where there is no library.
+    """
+    found = _calls()
+    if found is None:
+        return None
+    offsets = np.ascontiguousarray(offsets, np.int64)
+    vertices, weights = np.ascontiguousarray(vertices, np.int32), np.ascontiguousarray(weights)
+    same = np.zeros(len(offsets) - 1, np.bool_)
+    arrays: Arrays = (offsets, vertices, weights)
+    found.hfx_track_repeats(len(same), *map(pointer, arrays), weights.dtype.itemsize, pointer(same))
+    return same

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Working in a thread on what this thread goes on to make: reading and evaluating overlap.
+
+Blender lets other threads run while it steps a scene, and so does compiled code. What is made
+and what is worked out, in which order, does not depend on it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, contextmanager
+from queue import Empty, Full, Queue, SimpleQueue
+from threading import Thread
+from typing import Final, Generic, TypeVar
+
+Made = TypeVar("Made")
+Done = TypeVar("Done")
+
+_AHEAD: Final = 3
+"""Things that wait to be worked on: more would only be held."""
+
+_TURN_S: Final = 1e-4
+"""How long a thread keeps the interpreter while another waits for it. Python's own 5 ms are
+several times what a frame takes to step."""
+
+_LOOK_S: Final = 0.05
+"""How often one who waits looks whether the other one is still there."""
+
+
+class _StoppedError(Exception):
+    """Nobody wants the rest."""
+
+
+class _Worker(Generic[Made, Done]):
+    """The thread, and what goes into it and comes out."""
+
+    def __init__(self, work: Callable[[Iterator[Made]], Generator[Done, None, None]]) -> None:
+        self._work = work
+        self._made: Queue[tuple[Made] | None] = Queue(_AHEAD)  # None: that was all
+        self._done: SimpleQueue[Done] = SimpleQueue()
+        self._error: BaseException | None = None
+        self._is_stopped = False
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            for each in self._work(self._taken()):
+                self._done.put(each)
+        except _StoppedError:
+            pass
+        except BaseException as error:  # told where it is waited for
+            self._error = error
+
+    def _taken(self) -> Iterator[Made]:
+        while True:
+            try:
+                item = self._made.get(timeout=_LOOK_S)
+            except Empty:
+                item = None
+                if not self._is_stopped:
+                    continue
+            if self._is_stopped:
+                raise _StoppedError
+            if item is None:
+                return
+            yield item[0]
+
+    def give(self, item: tuple[Made] | None) -> None:
+        """Hand something in, None at the end, as soon as there is room for it."""
+        while True:
+            self._tell_error()
+            try:
+                return self._made.put(item, timeout=_LOOK_S)
+            except Full:
+                continue
+
+    def taken_out(self) -> list[Done]:
+        """What has been done since this was asked last."""
+        found = []
+        while not self._done.empty():
+            found.append(self._done.get())
+        return found
+
+    def is_over(self) -> bool:
+        """Whether it has come to its end, after waiting a little."""
+        self._thread.join(_LOOK_S)
+        if self._thread.is_alive():
+            return False
+        self._tell_error()
+        return True
+
+    def stop(self) -> None:
+        """Have it leave what it has not begun."""
+        self._is_stopped = True
+        self._thread.join()
+
+    def _tell_error(self) -> None:
+        error, self._error = self._error, None
+        try:
+            if error is not None:
+                raise error
+        finally:
+            del error  # nor may its traceback hold us, and so whoever waits here
+
+
+def overlapped(
+    source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
+) -> Generator[list[Done], None, None]:
+    """What a generator ``work`` gives that takes a source, as lists of what came meanwhile.
+
+    ``source`` is asked in this thread, ``work`` runs in another one, a little behind. After each
+    thing that the source gave there is a list, perhaps an empty one, and at the end one now and
+    then until all is done. What either of them raises is raised here. Whoever stops asking has
+    ended the thread.
+    """
+    with _short_turns():
+        worker = _Worker(work)
+        try:
+            for item in source:
+                worker.give((item,))
+                yield worker.taken_out()
+            worker.give(None)
+            while not worker.is_over():
+                yield worker.taken_out()
+        finally:
+            worker.stop()
+        yield worker.taken_out()
+
+
+def in_turn(
+    source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
+) -> Generator[list[Done], None, None]:
+    """:func:`overlapped`, one after the other in this thread: each thing as it is done."""
+    with closing(work(source)) as done:
+        for each in done:
+            yield [each]
+
+
+@contextmanager
+def _short_turns() -> Iterator[None]:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(min(before, _TURN_S))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The compiled library is built, found, told apart from what does not fit, and done without."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hfx_blender.batch import inputs
+from hfx_blender.bench import machine
+from hfx_blender.engine.native import library as loading
+from hfx_blender.engine.native import sources
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT))
+
+import native_build  # noqa: E402 (beside the package, not installed)
+import native_wheel  # noqa: E402
+
+TARGET = native_build.this_target()
+
+
+@pytest.fixture(scope="module")
+def zig() -> Path:
+    """The compiler, where it is installed or was fetched."""
+    try:
+        return native_build.compiler()
+    except native_build.BuildError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def built(zig: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The library for this computer."""
+    if TARGET is None:
+        pytest.skip("no library is built for this computer")
+    return native_build.build(TARGET, tmp_path_factory.mktemp("native"), zig)
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Loads anew, as if ``library.py`` lay in ``tmp_path``, and tells state and library."""
+    monkeypatch.setattr(loading, "__file__", str(tmp_path / "library.py"))
+    monkeypatch.delenv(loading.SWITCH, raising=False)
+    return lambda: (loading.state(), loading._found()[0])
+
+
+def test_the_build_gives_a_library_that_the_package_loads(
+    built: Path, found: Any, tmp_path: Path
+) -> None:
+    assert found() == ("numpy (no library was built)", None)
+    shutil.copy(built, tmp_path / loading.NAME)
+    state, library = found()
+    assert state == "compiled"
+    assert library.hfx_interface() == loading.INTERFACE
+    assert library.hfx_build().decode().split()[:2] == ["hfx_native", sources.digest()]
+
+
+def test_every_function_that_python_calls_is_exported(built: Path) -> None:
+    wrappers = "\n".join(map(_text, Path(loading.__file__).parent.glob("*.py")))
+    code = "\n".join(map(_text, sources.files()))
+    structures = set(re.findall(r"\}\s*(hfx_\w+);", code))
+    called = set(re.findall(r"[.\"](hfx_\w+)", wrappers)) - structures - {sources.MARK}
+    beginnings = {name for name in called if name.endswith("_")}  # f"hfx_gather_{kind}"
+    told = set(re.findall(r"HFX_EXPORT[^(]*?\b(hfx_\w+)", code))  # of a macro, the beginning
+    exported = ctypes.CDLL(str(built))
+    assert "hfx_interface" in called
+    assert [name for name in called - beginnings if not hasattr(exported, name)] == []
+    assert [name for name in beginnings if not any(each.startswith(name) for each in told)] == []
+    unused = {name for name in told - called if not name.startswith(tuple(beginnings))}
+    assert not unused, "exported, but nobody calls it"
+
+
+def test_the_interface_is_that_of_the_header() -> None:
+    header = (sources.FOLDER / "hfx_native.h").read_text(encoding="utf-8")
+    assert re.search(r"#define HFX_INTERFACE (\d+)", header)[1] == str(loading.INTERFACE)  # type: ignore[index]
+
+
+# What does not fit is not loaded, whatever it is
+
+
+@pytest.mark.parametrize("keep", [0, 3, 40, 0.3, 0.6, 0.99])
+def test_a_damaged_file_is_not_loaded(built: Path, found: Any, tmp_path: Path, keep: float) -> None:
+    content = built.read_bytes()
+    cut = content[: int(keep * len(content)) if isinstance(keep, float) else keep]
+    (tmp_path / loading.NAME).write_bytes(cut)
+    state, library = found()
+    assert library is None and state.startswith(f"numpy ({tmp_path / loading.NAME}: ")
+
+
+def test_text_folders_and_what_cannot_be_read_are_not_loaded(found: Any, tmp_path: Path) -> None:
+    path = tmp_path / loading.NAME
+    path.write_text("no library")
+    assert found()[1] is None
+    path.unlink()
+    path.mkdir()
+    assert found() == ("numpy (no library was built)", None)
+
+
+def test_another_computers_library_is_not_loaded(zig: Path, found: Any, tmp_path: Path) -> None:
+    other = next(
+        target
+        for target in native_build.TARGETS.values()
+        if target.library == loading.NAME and target != TARGET
+    )
+    native_build.build(other, tmp_path, zig, _small(tmp_path / "project"))
+    state, library = found()
+    assert library is None and "numpy" in state
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (("HFX_INTERFACE;", "HFX_INTERFACE + 1;"), "has interface"),
+        (("// Which", "// which"), "other sources"),
+        (("hfx_build(", "hfx_unknown("), "hfx_build"),
+    ],
+)
+def test_a_library_of_another_state_is_not_loaded(
+    zig: Path, found: Any, tmp_path: Path, text: tuple[str, str], reason: str
+) -> None:
+    root = _small(tmp_path / "project")
+    changed = root / native_build.NATIVE / "source" / "interface.c"
+    changed.write_text(_text(changed).replace(*text), encoding="utf-8")
+    assert TARGET is not None
+    native_build.build(TARGET, tmp_path, zig, root)
+    state, library = found()
+    assert library is None and reason in state
+
+
+def test_the_switch_leaves_the_library_out(
+    built: Path, found: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(built, tmp_path / loading.NAME)
+    monkeypatch.setenv("HFX_NATIVE", "0")
+    assert found() == ("numpy (HFX_NATIVE=0)", None)
+    assert native_build.requirements(tmp_path) == []
+
+
+def test_the_module_of_a_blender_extension_is_found(
+    zig: Path, found: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert TARGET is not None
+    wheel = native_wheel.make(TARGET, tmp_path / "wheels", zig)
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "site")
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    state, library = found()
+    assert state == "compiled" and library._name.startswith(str(tmp_path / "site"))
+    assert not any(name.startswith("hfx_native_") for name in sys.modules), "nothing is imported"
+    monkeypatch.setattr(sources, "digest", lambda: "0123456789abcdef")
+    assert found() == ("numpy (no library was built)", None)
+
+
+def test_starting_the_package_loads_nothing() -> None:
+    program = (
+        "import sys, hfx_blender.engine.evaluate, hfx_blender.cli\n"
+        "from hfx_blender.engine.native.library import library\n"
+        "assert library.cache_info().currsize == 0, 'loaded at import'"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)
+
+
+# Who is told
+
+
+def test_measurements_and_reports_say_which_engine_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert inputs.tools()["native"] is (loading.library() is not None)
+    monkeypatch.setattr(loading, "_found", lambda: (None, "numpy (of a test)"))
+    assert machine.describe()["engine"] == "numpy (of a test)"
+    assert "engine: numpy (of a test)" in machine.as_line(machine.describe())
+
+
+# The build
+
+
+@pytest.mark.parametrize("name", sorted(native_build.TARGETS))
+def test_the_same_sources_give_the_same_bytes(name: str, zig: Path, tmp_path: Path) -> None:
+    target = native_build.TARGETS[name]
+    first, second = tmp_path / "one", tmp_path / "two"
+    made = [native_build.build(target, each, zig, _small(each)) for each in (first, second)]
+    assert made[0].read_bytes() == made[1].read_bytes()
+    assert [path.name for path in first.iterdir() if path.is_file()] == [target.library]
+
+
+def test_a_library_is_current_until_a_source_or_the_target_changes(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(loading.SWITCH, raising=False)
+    assert TARGET is not None
+    root = _copied(tmp_path)
+    library = root / native_build.NATIVE / TARGET.library
+    assert native_build.requirements(root) == [native_build.REQUIREMENT]
+    shutil.copy(built, library)
+    assert native_build.is_current(library, TARGET, root)
+    assert native_build.requirements(root) == []
+    assert not native_build.is_current(library, TARGET._replace(processor="x86_64_v3"), root)
+    flags = root / native_build.NATIVE / "source" / "flags.txt"
+    text = flags.read_bytes()
+    flags.write_bytes(text.replace(b"\n", b"\r\n"))
+    assert native_build.is_current(library, TARGET, root), "git's line ends are no change"
+    flags.write_bytes(text + b"-O1\n")
+    assert not native_build.is_current(library, TARGET, root)
+
+
+def test_nothing_of_the_builder_gets_into_a_library(built: Path, tmp_path: Path) -> None:
+    content = built.read_bytes()
+    for word in (str(ROOT), str(Path.home()), "/tmp", "hfx_native_sources", ".zig"):
+        assert word.encode() not in content, word
+
+
+@pytest.mark.parametrize("name", sorted(native_build.TARGETS))
+def test_each_platform_gets_its_library(zig: Path, tmp_path: Path, name: str) -> None:
+    """Compiled and linked against the C functions alone that are allowed, as it says."""
+    target = native_build.TARGETS[name]
+    content = native_build.build(target, tmp_path, zig).read_bytes()
+    heads = {"so": b"\x7fELF\x02", "dll": b"MZ", "dylib": b"\xcf\xfa\xed\xfe"}
+    assert content.startswith(heads[target.library.rpartition(".")[2]])
+    assert f"hfx_native {sources.digest()} {target.zig}".encode() in content
+    assert {*re.findall(rb"[\w-]+\.dll", content)} - {b"hfx_native.dll"} <= {b"ucrtbase.dll"}
+    assert (b"\xfa\xde\x0c\xc0" in content) is (name == "macos-arm64"), "it runs nothing unsigned"
+
+
+def test_a_source_that_calls_more_of_the_c_library_is_refused(zig: Path, tmp_path: Path) -> None:
+    root = _small(tmp_path / "project")
+    source = root / native_build.NATIVE / "source" / "interface.c"
+    more = "#include <stdlib.h>\nHFX_EXPORT void *hfx_more(int64_t n) { return malloc(n); }\n"
+    source.write_text(_text(source) + more, encoding="utf-8")
+    for name in ("linux-x64", "windows-x64"):
+        with pytest.raises(native_build.BuildError, match="malloc"):
+            native_build.build(native_build.TARGETS[name], tmp_path, zig, root)
+
+
+def test_a_function_with_large_arrays_is_linked_on_windows(zig: Path, tmp_path: Path) -> None:
+    """There the compiler calls what touches the pages of the stack one after the other."""
+    root = _small(tmp_path / "project")
+    source = root / native_build.NATIVE / "source" / "interface.c"
+    more = """
+HFX_EXPORT int64_t hfx_deep(int64_t n) {
+  volatile int64_t many[99999];
+  for (int64_t k = 0; k < n; ++k) many[k] = k;
+  return many[n / 2];
+}
+"""
+    source.write_text(_text(source) + more, encoding="utf-8")
+    for name in ("windows-arm64", "windows-x64"):
+        made = native_build.build(native_build.TARGETS[name], tmp_path, zig, root)
+        assert b"hfx_deep" in made.read_bytes()
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def _copied(root: Path) -> Path:
+    """A project with the sources alone."""
+    ignored = shutil.ignore_patterns("__pycache__", "*.so*", "*.dll", "*.dylib")
+    shutil.copytree(ROOT / native_build.NATIVE, root / native_build.NATIVE, ignore=ignored)
+    return root
+
+
+def _small(root: Path) -> Path:
+    """The same with one source, which is compiled at once."""
+    for path in sources.files(_copied(root) / native_build.NATIVE / "source"):
+        if path.suffix == ".c" and path.name != "interface.c":
+            path.unlink()
+    return root

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Distances to a mesh, crossings of its surface, clearance: compiled, by numpy and by libigl."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mesh_twins import MESHES, needs_library, probes, twins, without_library
+
+from hfx_blender.engine.native import mesh_crossing as native_crossing
+from hfx_blender.engine.volume.mesh_distance import TriangleTree, leaf_order
+from hfx_blender.engine.volume.sweep import clearance, passage
+
+pytestmark = needs_library
+
+
+def finite(points: np.ndarray) -> np.ndarray:
+    largest = np.abs(points[:, :100]).max()
+    return points[:, np.isfinite(points).all(axis=0) & (np.abs(points) <= 2 * largest).all(axis=0)]
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_tree_and_the_distances_are_those_of_numpy(name: str) -> None:
+    vertices, triangles = MESHES[name]
+    compiled, plain = twins(vertices, triangles)
+    np.testing.assert_array_equal(compiled._tree.order, plain._tree.order)
+    points = finite(probes(vertices, triangles, 100))
+    size = np.ptp(vertices, axis=0).max()
+    linear = np.array([[1.0, 0.5, 0.0], [0.0, -2.0, 0.3], [0.1, 0.0, 0.7]])
+    for matrix in (np.eye(3), linear):
+        found, expected = (each.surface_distance_m(points, matrix) for each in (compiled, plain))
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15 * size)
+    np.testing.assert_allclose(compiled._largest_depth, plain._largest_depth, rtol=1e-9)
+    assert compiled._largest_depth > 0.0
+    np.testing.assert_allclose(compiled.rise(points), plain.rise(points), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["a torus", "rough", "cuts through itself", "slivers", "a box"])
+def test_libigl_finds_the_same_distances(name: str) -> None:
+    vertices, triangles = MESHES[name]
+    compiled, _ = twins(vertices, triangles)
+    points = finite(probes(vertices, triangles))
+    squared = igl.point_mesh_squared_distance(points.T, vertices, triangles.astype(np.int64))[0]
+    found = compiled.surface_distance_m(points, np.eye(3))
+    np.testing.assert_allclose(found, np.sqrt(squared), rtol=1e-7, atol=1e-8)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 9])
+def test_trees_of_a_few_triangles(count: int) -> None:
+    rng = np.random.default_rng(count)
+    corners = rng.normal(size=(count, 3, 3))
+    corners[0, 2] = corners[0, 1]  # a segment
+    tree = TriangleTree(corners)
+    np.testing.assert_array_equal(tree.order, leaf_order(corners))
+    points = rng.normal(size=(3, 200))
+    faces = np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
+    squared = igl.point_mesh_squared_distance(points.T, corners.reshape(-1, 3), faces)[0]
+    np.testing.assert_allclose(tree.distances(points), np.sqrt(squared), rtol=1e-9, atol=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    share=st.floats(0.05, 0.95),
+    step=st.sampled_from([1e-6, 1e-2, 0.3, 3.0]),
+)
+def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, share, step) -> None:
+    """Walks, so that what is known of one place counts for the next."""
+    rng = np.random.default_rng(seed)
+    tree = TriangleTree(rng.normal(size=(60, 3, 3)))
+    points = np.cumsum(step * rng.normal(size=(3, 400)), axis=1)
+    points[:, rng.integers(400, size=5)] = np.nan
+    exact, found = tree.distances(points), tree.distances_at_least(points, share)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(points[0]))
+    known = ~np.isnan(found)
+    assert (found[known] <= exact[known] * (1 + 1e-12)).all()
+    assert (found[known] >= share * exact[known] * (1 - 1e-12)).all()
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_ways_cross_the_surface_where_numpy_finds_it(name: str) -> None:
+    vertices, triangles = MESHES[name]
+    compiled, plain = twins(vertices, triangles)
+    ends = probes(vertices, triangles, 100)
+    starts = np.roll(ends, 111, axis=1)
+    starts[:, :30] = ends[:, :30]  # stands still
+    starts[:2, 30:90] = ends[:2, 30:90]  # along an axis
+    for one, other in ((starts, ends), (ends, starts)):
+        for found, expected in zip(
+            passage(compiled, one, other), passage(plain, one, other), strict=True
+        ):
+            np.testing.assert_array_equal(np.isinf(found), np.isinf(expected))
+            met = np.isfinite(expected)
+            assert 20 < np.count_nonzero(met) < met.size - 3
+            np.testing.assert_allclose(found[met], expected[met], rtol=1e-9, atol=1e-12)
+
+
+def test_a_way_along_the_face_of_a_box_of_the_tree_is_within_it() -> None:
+    """Places on the plane of a face divide 0 by 0."""
+    vertices, triangles = MESHES["a box"]
+    tree = TriangleTree(vertices[triangles]).compiled
+    assert tree is not None
+    for side in (-0.5, 0.5):
+        starts, ends = np.array([[side], [-1.0], [0.2]]), np.array([[side], [1.0], [0.2]])
+        first, last = native_crossing.crossings(tree, 0.0, np.zeros(3), starts, ends)
+        np.testing.assert_allclose([first[0], last[0]], [0.25, 0.75], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> None:
+    vertices, triangles = MESHES[name]
+    compiled, plain = twins(vertices, triangles)
+    points = probes(vertices, triangles)
+    clear = clearance(compiled, points)
+    np.testing.assert_array_equal(np.isnan(clear), np.isnan(points).any(axis=0))
+    some = finite(points)
+    clear, exact = clearance(compiled, some), plain.surface_distance_m(some, np.eye(3))
+    assert (np.abs(clear) <= exact * (1 + 1e-12)).all()  # that to a box is that of the box
+    inside = plain.contains(some)
+    assert (clear[inside] <= 0.0).all() and (clear[~inside] >= 0.0).all()
+    # Where it matters it is worth something: not on the surface, and not without the library.
+    size = np.ptp(vertices, axis=0).max()
+    low, high = vertices.min(axis=0)[:, None], vertices.max(axis=0)[:, None]
+    deep = (exact > 1e-3 * size) & (some > low).all(axis=0) & (some < high).all(axis=0)
+    assert (np.abs(clear[deep]) >= 0.39 * exact[deep]).all()
+    if name not in ("a needle", "a sheet", "slivers"):
+        with without_library():
+            assert deep.any() and (clearance(plain, some)[deep] == 0.0).all()
+
+
+def test_what_is_not_finite_has_no_distance_and_crosses_nothing() -> None:
+    compiled, _ = twins(*MESHES["a torus"])
+    points = np.array([[np.nan, np.inf, 0.0], [0.0, 0.0, -np.inf], [0.0, 0.0, 0.0]])
+    assert np.isnan(compiled._tree.distances(points)).all()
+    first, last = passage(compiled, points, np.zeros((3, 3)))
+    assert np.isinf(first).all() and np.isinf(last).all()
+    nothing = np.zeros((3, 0))
+    for found in (compiled._tree.distances(nothing), *passage(compiled, nothing, nothing)):
+        assert found.shape == (0,)
+
+
+def test_a_tree_of_a_million_triangles() -> None:
+    """A hilly square whose nearest place is known: straight below points above the hills' tops."""
+    count = 708
+    x, y = np.meshgrid(np.linspace(0, 1, count + 1), np.linspace(0, 1, count + 1), indexing="ij")
+    flat = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    a, b, c, d = flat[:-1, :-1], flat[1:, :-1], flat[1:, 1:], flat[:-1, 1:]
+    corners = np.concatenate(
+        [np.stack(each, axis=2).reshape(-1, 3, 3) for each in ((a, b, c), (a, c, d))]
+    )
+    assert len(corners) > 1_000_000
+    tree = TriangleTree(corners)
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-0.5, 1.5, (3, 2000))
+    beside = np.abs(points[:2] - np.clip(points[:2], 0.0, 1.0))
+    expected = np.sqrt(np.square(beside).sum(axis=0) + points[2] ** 2)
+    np.testing.assert_allclose(tree.distances(points), expected, rtol=1e-12)

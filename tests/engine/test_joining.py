@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Runs that follow each other are one run: the same samples in their order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender.engine.joining import joined
+from hfx_blender.engine.samples import Drive, Impact, SampleRun, Stream
+
+ONE, TWO = (Stream(name, "body", "pressure", "m") for name in ("one", "two"))
+ORDER = (ONE, TWO)
+
+
+def _run(stream: Stream, first: int, *, shared: bool = False, full: bool = False) -> SampleRun:
+    """Three samples of 2, 1 and 3 vertices; shared: the first two have one set."""
+    random = np.random.default_rng(first)
+    sizes = [2, 3] if shared else [2, 1, 3]
+    total = sum(sizes)
+
+    def values(*shape: int) -> Any:
+        return random.random(shape).astype(np.float32)
+
+    more: dict[str, Any] = {}
+    if full:
+        more = {
+            "positions": values(total, 3),
+            "velocities": values(total, 3),
+            "depth_m": values(total),
+            "surface": values(total, 3),
+            "surface_normals": values(total, 3),
+            "impact": Impact(random.random(total), values(total), values(total, 3)),
+            "focus": values(3, 4),
+            "drive": Drive("d", ("a", "b"), values(3, 2)),
+        }
+    return SampleRun(
+        stream=stream,
+        indices=np.arange(first, first + 3),
+        times_s=np.arange(first, first + 3) / 10.0,
+        levels=random.random(3),
+        parameters=random.random((3, 1)),
+        offsets=np.cumsum([0, *sizes]),
+        vertices=np.arange(total, dtype=np.int32),
+        weights=values(total),
+        sets=np.array([0, 0, 1]) if shared else None,
+        **more,
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Impact | Drive):
+        return {name: _plain(each) for name, each in vars(value).items()}
+    return value
+
+
+def _samples(runs: list[SampleRun]) -> list[dict[str, Any]]:
+    return [{name: _plain(each) for name, each in vars(s).items()} for run in runs for s in run]
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_the_same_samples_come_out(full: bool) -> None:
+    parts = [_run(ONE, first, full=full) for first in (0, 3, 9)]
+    (whole,) = joined([[part] for part in parts], ORDER)
+    assert _samples([whole]) == _samples(parts)
+    assert (whole.sets is None) and len(whole) == 9
+
+
+def test_sets_that_are_shared_stay_so() -> None:
+    parts = [_run(ONE, 0, shared=True), _run(ONE, 3), _run(ONE, 6, shared=True)]
+    (whole,) = joined([[part] for part in parts], ORDER)
+    assert _samples([whole]) == _samples(parts)
+    assert whole.set_of.tolist() == [0, 0, 1, 2, 3, 4, 5, 5, 6]
+
+
+def test_streams_are_apart_and_in_order_whichever_came_first() -> None:
+    blocks = [[_run(TWO, 0)], [_run(ONE, 3), _run(TWO, 3)], [_run(ONE, 6)]]
+    found = joined(blocks, ORDER)
+    assert [(run.stream, run.indices.tolist()) for run in found] == [
+        (ONE, [3, 4, 5, 6, 7, 8]),
+        (TWO, [0, 1, 2, 3, 4, 5]),
+    ]
+
+
+def test_nothing_is_nothing() -> None:
+    assert joined([], ORDER) == [] and joined([[], []], ORDER) == []
+
+
+@pytest.mark.parametrize("name", ["depth_m", "impact", "drive"])
+def test_what_changes_within_a_stream_is_refused(name: str) -> None:
+    one, two = _run(ONE, 0, full=True), _run(ONE, 3, full=True)
+    with pytest.raises(ValueError, match="what its samples carry changes"):
+        joined([[one], [replace(two, **{name: None})]], ORDER)

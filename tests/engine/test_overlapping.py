@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is made in one thread is worked on in another, and comes out as if it were not."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from hfx_blender.engine.parallel.overlapping import in_turn, overlapped
+
+
+def _squares(numbers: Iterator[int]) -> Iterator[int]:
+    for number in numbers:
+        yield number * number
+
+
+def test_everything_comes_out_once_in_its_order() -> None:
+    lists = list(overlapped(iter(range(100)), _squares))
+    assert [each for some in lists for each in some] == [k * k for k in range(100)]
+    assert len(lists) > 100  # one after each, so that whoever watches goes on
+
+
+def test_nothing_in_gives_nothing() -> None:
+    assert not any(overlapped(iter(()), _squares))
+
+
+def test_both_go_on_at_the_same_time() -> None:
+    """Each waits for the other: one after the other they would wait for ever."""
+    made, done = threading.Event(), threading.Event()
+
+    def source() -> Iterator[int]:
+        yield 1
+        assert done.wait(10.0)
+        made.set()
+        yield 2
+
+    def work(numbers: Iterator[int]) -> Iterator[int]:
+        assert next(numbers) == 1
+        done.set()
+        assert made.wait(10.0)
+        yield next(numbers)
+
+    assert [each for some in overlapped(source(), work) for each in some] == [2]
+
+
+def test_the_source_is_not_far_ahead() -> None:
+    made: list[int] = []
+    gate = threading.Event()
+
+    def source() -> Iterator[int]:
+        for number in range(50):
+            made.append(number)
+            yield number
+
+    def work(numbers: Iterator[int]) -> Iterator[int]:
+        for number in numbers:
+            gate.wait(10.0)
+            yield number
+
+    def open_later() -> None:
+        time.sleep(0.2)
+        assert len(made) < 8
+        gate.set()
+
+    opener = threading.Thread(target=open_later)
+    opener.start()
+    assert sum(len(some) for some in overlapped(source(), work)) == 50
+    opener.join()
+
+
+def test_what_the_worker_raises_is_raised_here() -> None:
+    def work(numbers: Iterator[int]) -> Iterator[int]:
+        for number in numbers:
+            yield 1 // (5 - number)
+
+    with pytest.raises(ZeroDivisionError):
+        list(overlapped(iter(range(100)), work))
+
+
+def test_what_the_worker_raises_at_its_end_is_raised_here() -> None:
+    def work(numbers: Iterator[int]) -> Iterator[int]:
+        yield from numbers
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        list(overlapped(iter(range(3)), work))
+
+
+@pytest.mark.parametrize("way", ["close", "source"])
+def test_no_thread_is_left_and_the_worker_is_closed(way: str) -> None:
+    closed, before = [], threading.active_count()
+    interval = sys.getswitchinterval()
+
+    def source() -> Iterator[int]:
+        yield from range(5)
+        if way == "source":
+            raise ZeroDivisionError
+        yield from range(1000)
+
+    def work(numbers: Iterator[int]) -> Iterator[int]:
+        try:
+            yield from numbers
+        finally:
+            closed.append(True)
+
+    found = overlapped(source(), work)
+    for _ in range(5):
+        next(found)
+    assert sys.getswitchinterval() < interval
+    if way == "source":
+        with pytest.raises(ZeroDivisionError):
+            next(found)
+    else:
+        found.close()
+    assert closed == [True]
+    assert threading.active_count() == before
+    assert sys.getswitchinterval() == interval
+
+
+def test_in_turn_each_thing_comes_as_it_is_done_and_all_is_closed() -> None:
+    made, closed = [], []
+
+    def source() -> Iterator[int]:
+        for number in range(9):
+            made.append(number)
+            yield number
+
+    def work(numbers: Iterator[int]) -> Iterator[int]:
+        try:
+            yield from _squares(numbers)
+        finally:
+            closed.append(True)
+
+    found = in_turn(source(), work)
+    assert [next(found), next(found)] == [[0], [1]]
+    assert made == [0, 1]
+    found.close()
+    assert closed == [True]

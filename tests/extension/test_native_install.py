@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Installing the package compiles its library, or goes on without it."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+import native_build  # noqa: E402 (beside the package, not installed)
+
+TARGET = native_build.this_target()
+pytestmark = pytest.mark.skipif(TARGET is None, reason="no library is built for this computer")
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The part of the project that the hook reads, without a library."""
+    monkeypatch.delenv(native_build.SWITCH, raising=False)
+    ignored = shutil.ignore_patterns("__pycache__", "*.so*", "*.dll", "*.dylib")
+    root = tmp_path / "project"
+    shutil.copytree(ROOT / native_build.NATIVE, root / native_build.NATIVE, ignore=ignored)
+    return root
+
+
+@pytest.fixture
+def hook(project: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The hook, on a stand-in for its base class: hatchling is there only while one installs."""
+
+    class Interface:
+        __class_getitem__ = classmethod(lambda cls, _: cls)
+
+        def __init__(self, root: Path) -> None:
+            self.root = str(root)
+            self.warned: list[str] = []
+            self.app = SimpleNamespace(display_warning=self.warned.append)
+
+    names = "hatchling.builders.hooks.plugin.interface".split(".")
+    for count in range(1, len(names) + 1):
+        module = ModuleType(".".join(names[:count]))
+        module.BuildHookInterface = Interface  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = module.NativeLibraryHook(project)
+    made.module = module
+    return made
+
+
+@pytest.fixture
+def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Folders that a stand-in for the compiler wrote a library into."""
+    folders: list[Path] = []
+
+    def build(target: Any, folder: Path, zig: Path, root: Path) -> Path:
+        folders.append(folder)
+        path = folder / target.library
+        path.write_text(native_build._mark(target, root))
+        return path
+
+    monkeypatch.setattr(native_build, "compiler", lambda: Path("zig"))
+    monkeypatch.setattr(native_build, "build", build)
+    return folders
+
+
+def _data() -> dict[str, Any]:
+    return {"force_include": {}, "pure_python": True, "tag": ""}
+
+
+def test_an_editable_installation_compiles_once(
+    hook: Any, project: Path, compiled: list[Path]
+) -> None:
+    assert TARGET is not None
+    data = _data()
+    assert hook.dependencies() == [native_build.REQUIREMENT]
+    for _ in range(2):
+        hook.initialize("editable", data)
+        hook.finalize("editable", data, "")
+    assert compiled == [project / native_build.NATIVE]
+    assert hook.dependencies() == [], "no compiler is fetched the second time"
+    assert data == _data() and not hook.warned
+
+
+def test_a_wheel_holds_the_library_and_says_for_whom(
+    hook: Any, project: Path, compiled: list[Path]
+) -> None:
+    assert TARGET is not None
+    data = _data()
+    hook.initialize("standard", data)
+    assert data["force_include"] == {
+        str(compiled[0] / TARGET.library): f"hfx_blender/engine/native/{TARGET.library}"
+    }
+    assert data["tag"] == f"py3-none-{TARGET.wheel}" and data["pure_python"] is False
+    hook.finalize("standard", data, "")
+    assert not compiled[0].exists() and project not in compiled[0].parents
+
+
+def test_a_wheel_that_this_python_would_refuse_is_made_without(
+    hook: Any, compiled: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hook.module, "sys_tags", lambda: iter(()))  # musl, for example
+    data = _data()
+    hook.initialize("standard", data)
+    assert data == _data()
+
+
+@pytest.mark.parametrize("version", ["editable", "standard"])
+@pytest.mark.parametrize("fault", ["missing", "crashing", "source", "read-only"])
+def test_the_installation_goes_on_without_a_library(
+    hook: Any, project: Path, monkeypatch: pytest.MonkeyPatch, version: str, fault: str
+) -> None:
+    if fault == "missing":
+        monkeypatch.setattr(native_build, "FETCHED", project)
+        monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    elif fault == "read-only":
+
+        def refuse(*_: Any) -> Path:
+            raise PermissionError(13, "Permission denied")
+
+        monkeypatch.setattr(native_build, "compiler", lambda: Path("zig"))
+        monkeypatch.setattr(native_build, "build", refuse)
+    else:
+        words = "crash" if fault == "crashing" else "interface.c:1:1: error: what is this?"
+        program = project / "zig"
+        program.write_text(f"#!/bin/sh\necho '{words}' >&2\nexit 1\n")
+        program.chmod(0o755)
+        monkeypatch.setattr(native_build, "compiler", lambda: program)
+    data = _data()
+    hook.initialize(version, data)
+    hook.finalize(version, data, "")
+    (warning,) = hook.warned
+    assert warning.startswith("HFX is installed without its compiled library and works in numpy")
+    assert data == _data()
+    assert not list(project.rglob("*.so*")), "nothing half written"
+
+
+def test_the_switch_asks_for_no_compiler(
+    hook: Any, compiled: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(native_build.SWITCH, "0")
+    data = _data()
+    hook.initialize("standard", data)
+    assert hook.dependencies() == [] and data == _data() and not compiled and not hook.warned
+
+
+def test_pip_gets_no_compiler_where_there_is_none(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert native_build.requirements(project) == [native_build.REQUIREMENT]
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(native_build.platform, "mac_ver", lambda: ("12.7.6", ("", "", ""), ""))
+    assert native_build.requirements(project) == []
+    monkeypatch.setattr(native_build.platform, "mac_ver", lambda: ("13.1", ("", "", ""), ""))
+    assert native_build.requirements(project) == [native_build.REQUIREMENT]
+    monkeypatch.setattr(native_build.sysconfig, "get_platform", lambda: "linux-riscv64")
+    assert native_build.requirements(project) == []
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "expected"),
+    [
+        ("linux-x86_64", "x86_64", "linux-x64"),
+        ("linux-aarch64", "aarch64", "linux-arm64"),
+        ("win-amd64", "AMD64", "windows-x64"),
+        ("win-arm64", "ARM64", "windows-arm64"),
+        ("macosx-10.9-universal2", "arm64", "macos-arm64"),
+        ("macosx-10.9-universal2", "x86_64", "macos-x64"),
+        ("macosx-11.0-arm64", "arm64", "macos-arm64"),
+        ("win32", "AMD64", None),
+        ("linux-i686", "x86_64", None),
+        ("freebsd-14.1-release-amd64", "amd64", None),
+    ],
+)
+def test_each_python_gets_the_library_of_its_own_kind(
+    monkeypatch: pytest.MonkeyPatch, system: str, machine: str, expected: str | None
+) -> None:
+    monkeypatch.setattr(native_build.sysconfig, "get_platform", lambda: system)
+    monkeypatch.setattr(native_build.platform, "machine", lambda: machine)
+    found = native_build.this_target()
+    assert found == (native_build.TARGETS[expected] if expected else None)
