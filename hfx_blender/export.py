@@ -181,7 +181,12 @@ class SceneExport:
         devices: Sequence[DeviceConfig],
     ) -> Generator[float, None, tuple[Recorded, list[Played]]]:
         settings = self._settings
-        engine = Engine(self.reader.description, record=settings.record, tolerance=self.tolerance)
+        engine = Engine(
+            self.reader.description,
+            record=settings.record,
+            tolerance=self.tolerance,
+            threads=settings.processes,
+        )
         played = yield from record_track(
             self.reader,
             engine,

@@ -24,8 +24,9 @@ I64 = npt.NDArray[np.int64]
 class AllocentricAreas:
     """Runs of haptic volumes, of their responses, and of haptic surfaces."""
 
-    def __init__(self, maker: RunMaker, responses: Answering) -> None:
+    def __init__(self, maker: RunMaker, responses: Answering, threads: int) -> None:
         self._maker = maker
+        self._threads = threads
         self._responses = responses
         self._surfaces = SurfaceEffects(1.0 / float(maker.scene.time.rate_hz), maker.counters)
 
@@ -63,6 +64,7 @@ class AllocentricAreas:
             own_sets=bool(self._maker.record),
             with_details=bool(self._maker.record & {"depth", "surface"}),
             with_impact="impact" in self._maker.record,
+            threads=self._threads,
         )
         if not len(hits.rows):
             return None

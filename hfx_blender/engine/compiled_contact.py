@@ -50,6 +50,7 @@ def find(
     follows: Bool,
     heard: Bool,
     own_sets: bool,
+    threads: int,
 ) -> Found | None:
     """Vertices whose skin is inside; None where the volume cannot be used at some row.
 
@@ -105,7 +106,7 @@ def find(
         drift = Drift.of(*ways, number)
         drifts[number] = drift.from_before, drift.from_after
     counters.vertices_posed += native.look_at_skin(
-        pairs, table, posing, target, drifts, weights, column_of
+        pairs, table, posing, target, drifts, weights, column_of, threads
     )
     return native.gathered(weights, columns, heard, own_sets)
 

@@ -80,6 +80,7 @@ def find(
     own_sets: bool = False,
     with_details: bool = False,
     with_impact: bool = False,
+    threads: int = 1,
 ) -> Contacts:
     """Vertices of a body whose skin is inside a volume at some rows of a block.
 
@@ -98,6 +99,8 @@ def find(
         Also tell where each contact is.
     with_impact : bool
         And how it began, however slowly.
+    threads : int
+        How many the compiled part may use.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def find(
     follows = ~everyone if follows is None else follows
     if not (with_details or with_impact) and compiled_contact.is_possible(effect, skin):
         felt = compiled_contact.find(
-            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets
+            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets, threads
         )
         if felt is not None:
             return Contacts(rows[felt[0]], *felt[1:], None)

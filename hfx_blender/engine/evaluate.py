@@ -47,6 +47,8 @@ class Engine:
         Loads a perceptual model by its id; called at the first moment it is needed.
     tolerance : Tolerance
         The error that is accepted; ``PAPER`` tests vertices, all others sample their skin.
+    threads : int
+        How many the compiled part may use at most; the results are the same.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class Engine:
         record: Iterable[str] = (),
         models: Callable[[str], PerceptualModel] = load_model,
         tolerance: Tolerance = STANDARD,
+        threads: int = 1,
     ) -> None:
         self.scene = scene
         self.tolerance = tolerance
@@ -68,7 +71,7 @@ class Engine:
         self.responses = Answering(scene)
         maker = RunMaker(scene, wanted, self._skins, self.counters)
         self._egocentric = EgocentricAreas(maker)
-        self._allocentric = AllocentricAreas(maker, self.responses)
+        self._allocentric = AllocentricAreas(maker, self.responses, threads)
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Samples of a block: one run for each effect and body that felt something."""

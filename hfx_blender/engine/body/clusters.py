@@ -10,8 +10,8 @@ from .model import PerceptualModel
 
 I32 = npt.NDArray[np.int32]
 
-LEAF_SIZE = 384
-"""Vertices in a cluster at most: smaller ones cost more calls, larger ones pose too much."""
+LEAF_SIZE = 128
+"""Vertices in a cluster at most: smaller ones cost more bounds, larger ones pose too much."""
 
 
 def clusters_of(

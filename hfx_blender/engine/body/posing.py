@@ -136,6 +136,7 @@ class SkinnedModel:
         self._factors: dict[int, tuple[I64, F64]] = {}
         self._sparse: dict[int, tuple[I64, F64, I64]] = {}
         self._links: dict[int, _Links] = {}
+        self._moved_by: dict[int, F64] = {}
         self._native = native.Clusters(len(self.clusters))
 
         # A pair is a cluster and a bone that moves some of it, with the box of what it moves.
@@ -337,6 +338,8 @@ class SkinnedModel:
 
     def _moved(self, cluster: int) -> F64:
         """What each bone moves of a cluster; see :class:`_Links`."""
+        if cluster in self._moved_by:
+            return self._moved_by[cluster]
         ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
         entries, _ = self._entries(ids)
         columns = np.searchsorted(bones, self._bones[entries])
@@ -346,6 +349,7 @@ class SkinnedModel:
         moved[:, 0] = np.bincount(columns, self._values[entries], len(bones)) / len(ids)
         moved[:, 1:4], moved[:, 4] = 0.5 * (low + high), 1.0
         moved[:, 5] = 0.5 * float(np.linalg.norm(high - low))
+        self._moved_by[cluster] = moved
         return moved
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
+from threading import Thread
 from typing import Any, Final, Protocol
 from weakref import WeakKeyDictionary
 
@@ -404,6 +407,7 @@ def look_at_skin(
     drifts: Mapping[int, tuple[F64, F64]],
     weights: Weights,
     column_of: I64,
+    threads: int = 1,
 ) -> int:
     """Contact weights of cells, of what is inside and of what passed; see ``finding.Found``.
 
@@ -421,43 +425,105 @@ def look_at_skin(
         Changed in place: a pair's cells get theirs, what passed only raises them.
     column_of : (cells,) int64
         The column of each of the table's cells.
+    threads : int
+        How many look at clusters at once, at most; each has cells of its own.
 
     Returns
     -------
     int
         How many places were posed.
     """
-    points = None if posing.points is None else f64(posing.points)
     each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
     for number, places in drifts.items():
         for way, matrices in zip(each_way, places, strict=True):
             way[number.bit_length() - 1] = f64(matrices)
-    some = np.unique(pairs.clusters)
-    most_bones = max(
-        0 if each is None else each.most_bones for each in (posing.clusters, posing.own)
-    )
-    cells = table.cell_starts[some + 1] - table.cell_starts[some]
-    sizes = 6 * table.place_counts[some] + table.unit_counts[some] + cells
-    room = np.empty(2 * int(sizes.max()) + 48 * most_bones + 2)
-    events = np.empty((2 * int(table.most_samples[some].max()) + 2, 2))
     pointers = [(_POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way]
-    found = _Found(
-        pointer(weights), pointer(column_of), weights.shape[1], weights.dtype == np.float32, 0
-    )
-    _library().hfx_look_at_skin(
-        ctypes.byref(pairs.pointers(points)),
-        ctypes.byref(_table(table)),
-        None if posing.clusters is None else posing.clusters.table,
-        None if posing.own is None else posing.own.table,
-        None if posing.bones is None else ctypes.byref(posing.bones.pointers),
-        ctypes.byref(target.pointers),
-        ctypes.byref(_Drift(*pointers, max(target.count - 1, 0))),
-        ctypes.byref(found),
-        pointer(room),
-        pointer(events),
-    )
-    posed: int = found.posed
-    return posed
+    drift = _Drift(*pointers, max(target.count - 1, 0))
+    shared = _table(table), posing, target, drift, weights, column_of
+    if threads < 2 or posing.points is not None:
+        return _Look(pairs, table, *shared).take()
+    looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]
+    posed: list[int] = []
+
+    def work() -> None:
+        with suppress(IndexError):  # until there are none left
+            while True:
+                posed.append(looks.pop().take())
+
+    others = [Thread(target=work, daemon=True) for _ in looks[1:threads]]
+    for other in others:
+        other.start()
+    work()
+    for other in others:
+        other.join()
+    return sum(posed)
+
+
+_WORTH: Final = 1 << 13
+"""Places of pairs that a call of their own pays for where threads share the work: some of it
+takes much longer than the rest."""
+
+
+def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
+    """The pairs in parts of about as many places each, clusters kept whole."""
+    total = np.cumsum(table.place_counts[pairs.clusters])
+    count = int(total[-1]) // _WORTH
+    if count < 2:
+        return [pairs]
+    begins = np.concatenate([[True], pairs.clusters[1:] != pairs.clusters[:-1]]).nonzero()[0]
+    wanted = total[-1] * np.arange(1, count) / count
+    inner = begins[np.minimum(np.searchsorted(total[begins], wanted), len(begins) - 1)]
+    cuts = np.unique(np.concatenate([[0], inner, [len(total)]])).tolist()
+    parts = (slice(*ends) for ends in pairwise(cuts))
+    return [
+        Pairs(pairs.clusters[part], pairs.rows[part], pairs.how[part], pairs.steps[part])
+        for part in parts
+    ]
+
+
+class _Look:
+    """One call for some pairs, with all that it needs."""
+
+    def __init__(
+        self,
+        pairs: Pairs,
+        table: Table,
+        pointers: Any,
+        posing: Posing,
+        target: Target,
+        drift: Any,
+        weights: Weights,
+        column_of: I64,
+    ) -> None:
+        some = np.unique(pairs.clusters)
+        known = [each for each in (posing.clusters, posing.own) if each is not None]
+        most_bones = max((each.most_bones for each in known), default=0)
+        cells = table.cell_starts[some + 1] - table.cell_starts[some]
+        sizes = 6 * table.place_counts[some] + table.unit_counts[some] + cells
+        points = None if posing.points is None else f64(posing.points)
+        room = np.empty(2 * int(sizes.max()) + 48 * most_bones + 2)
+        events = np.empty((2 * int(table.most_samples[some].max()) + 2, 2))
+        self._kept = pairs, posing, target, points, room, events
+        is_single = int(weights.dtype == np.float32)
+        self._found = _Found(pointer(weights), pointer(column_of), weights.shape[1], is_single, 0)
+        self._arguments = (
+            ctypes.byref(pairs.pointers(points)),
+            ctypes.byref(pointers),
+            None if posing.clusters is None else posing.clusters.table,
+            None if posing.own is None else posing.own.table,
+            None if posing.bones is None else ctypes.byref(posing.bones.pointers),
+            ctypes.byref(target.pointers),
+            ctypes.byref(drift),
+            ctypes.byref(self._found),
+            pointer(room),
+            pointer(events),
+        )
+
+    def take(self) -> int:
+        """Do it, while other threads of Python may run; how many places were posed."""
+        _library().hfx_look_at_skin(*self._arguments)
+        count: int = self._found.posed
+        return count
 
 
 def gathered(
