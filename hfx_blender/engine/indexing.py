@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 
@@ -14,3 +15,12 @@ def ramp(counts: I64) -> tuple[I64, I64]:
     owners = np.repeat(np.arange(len(counts)), counts)
     steps = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     return steps, owners
+
+
+def largest(values: F64, owners: I64, count: int) -> F64:
+    """The largest of ``values`` (E, ...) of each owner (E,), ascending; 0 where there is none."""
+    largest = np.zeros((count, *values.shape[1:]))
+    firsts = np.flatnonzero(np.diff(owners, prepend=-1))
+    if len(firsts):
+        largest[owners[firsts]] = np.maximum.reduceat(values, firsts, axis=0)
+    return largest

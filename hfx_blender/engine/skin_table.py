@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .body.model import PerceptualModel
-from .indexing import ramp
+from .indexing import largest, ramp
 from .skin_quads import Quads
 
 F64 = npt.NDArray[np.float64]
@@ -184,10 +184,8 @@ class SkinTable:
         areas = np.where(areas > 0.0, areas, 1.0)
 
         distance = self._distance[vertices]
-        longest, largest = np.zeros(len(units)), np.zeros(len(units))
-        np.maximum.at(longest, unit, quads.longest)
-        np.maximum.at(largest, unit, quads.total)
-        wanted = np.maximum(np.sqrt(largest), 0.5 * longest) / distance
+        sides, sizes = (largest(each, unit, len(units)) for each in (quads.longest, quads.total))
+        wanted = np.maximum(np.sqrt(sizes), 0.5 * sides) / distance
         steps = np.clip(np.ceil(wanted - 1e-9), 1.0, _MOST_STEPS).astype(np.int64)
         steps[~self._is_split[vertices]] = 0
 
@@ -199,9 +197,8 @@ class SkinTable:
 
         heights = np.abs(quads.bulges).max(axis=0) / 3.0  # all three edges meet in the middle
         is_curved = heights * quads.sizes > _FLAT_ENOUGH * distance[unit]
-        reaches = np.zeros(len(units))
         bulges = 2.0 * np.where(is_curved, heights, 0.0)
-        np.maximum.at(reaches, unit, quads.reaches + bulges)
+        reaches = largest(quads.reaches + bulges, unit, len(units))
         reaches[steps == 0] = 0.0
         means = np.bincount(unit, quads.total * (quads.means + bulges), len(units)) / areas
 
@@ -213,9 +210,9 @@ class SkinTable:
         self.is_ringed[units] = _same_members(unit, around, len(units), len(self.vertices))
         self.heights_m[at] = np.where(is_curved, heights * quads.sizes, 0.0)
         self.wholes[at] = quads.total * (scale * steps * steps)[unit]
-        np.maximum.at(self.bulge_m, new[which][unit], self.heights_m[at])
-        of_cells = np.bincount(cell, 1 + numbers).astype(np.int64)
-        np.maximum.at(self.most_samples, new[which], of_cells[cell])
+        self.bulge_m[new] = largest(self.heights_m[at], which[unit], len(new))
+        of_cells = np.bincount(cell, 1 + numbers)
+        self.most_samples[new] = np.maximum(largest(of_cells[cell], which, len(new)), 1.0)
         self._place_samples(at, quads, steps[unit], scale[unit])
 
     def _rings(self, clusters: I64, units: I64) -> tuple[I64, I64, I32, I64]:

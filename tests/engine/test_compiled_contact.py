@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 
 from hfx_blender.engine import compiled_contact
 from hfx_blender.engine.active_rows import FARTHEST
+from hfx_blender.engine.bound_skins import BoundSkins
+from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.native import contact as native
@@ -149,3 +151,19 @@ def test_places_are_those_of_numpy(entries, scale, shape):
         np.testing.assert_allclose(found[1], expected, rtol=1e-9, atol=1e-11 * size)
         boxes = world_bounds(shape, matrix[None])
         np.testing.assert_allclose(found[2], boxes, rtol=1e-12, atol=1e-12 * np.abs(boxes).max())
+
+
+def test_neighbours_are_those_of_numpy():
+    model = load("hfx-pressure-1")
+    body = BodyDescription("anna", "Anna", SkinBinding(model.bone_names))
+    skin = BoundSkins(load, STANDARD, Counters()).of(body, model.id)
+    table, clusters = skin.skin.table, np.array([0, 7, 40])
+    table.need(clusters)
+    found = skin.surface.native_clusters(clusters, table)
+    for cluster in clusters.tolist():
+        expected, units = skin.surface.links(cluster, table), table.unit_counts[cluster]
+        *_, distances, differences = found.arrays_of(cluster)
+        np.testing.assert_allclose(distances[:units], expected.distances, atol=1e-12)
+        sums = expected.differences.sum(axis=0)
+        np.testing.assert_allclose(differences[:units], sums, atol=1e-12)
+        assert expected.distances.all() and sums.any()

@@ -15,10 +15,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..indexing import ramp
+from ..indexing import largest, ramp
 from ..motion import largest_stretch
 from ..native import skin as native
 from ..native.skin import PosedBones
+from ..native.skin_table import Table
 from ..products import stacked_product
 from ..scene import PoseBlock, SkinBinding
 from .clusters import clusters_of
@@ -287,7 +288,7 @@ class SkinnedModel:
         """Bones that move anything, ascending; the number of bones stands for what rests."""
         return self._used_bones
 
-    def native_clusters(self, clusters: I64, table: Skin | None = None) -> native.Clusters:
+    def native_clusters(self, clusters: I64, table: Table | None = None) -> native.Clusters:
         """All clusters where the library finds them, these filled in.
 
         Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
@@ -298,7 +299,7 @@ class SkinnedModel:
                 self.cluster_entries(cluster),
                 self.cluster_bones(cluster),
                 self._moved(cluster),
-                None if table is None else self.links(cluster, table),
+                table,
             )
         return self._native
 
@@ -481,12 +482,3 @@ def joined(posed: PosedClusters, clusters: I64, at: I64) -> F64:
         for first, last in runs(clusters)
     ]
     return np.concatenate(points, axis=1)
-
-
-def largest(values: F64, owners: I64, count: int) -> F64:
-    """The largest of ``values`` (E, ...) of each owner (E,), ascending; 0 where there is none."""
-    largest = np.zeros((count, *values.shape[1:]))
-    firsts = np.flatnonzero(np.diff(owners, prepend=-1))
-    if len(firsts):
-        largest[owners[firsts]] = np.maximum.reduceat(values, firsts, axis=0)
-    return largest

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..indexing import largest
 from ..scene import PoseBlock, SurfaceAnchors
 from .clusters import clusters_of
 from .model import PerceptualModel
-from .posing import PosedClusters, Skin, joined, largest, runs
+from .posing import PosedClusters, Skin, joined, runs
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]

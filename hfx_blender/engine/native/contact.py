@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from threading import Thread
-from typing import Any, Final, Protocol
+from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,8 +18,9 @@ import numpy.typing as npt
 
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.shape import Falloff, FalloffKind, Shape
-from .library import f64, i64, library, pointer
+from .library import f64, i64, library, pointer, structure
 from .skin import Clusters, PosedBones
+from .skin_table import Table, table_of
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -42,34 +43,7 @@ _INTEGER: Final[Any] = ctypes.c_int64
 _DOUBLE: Final[Any] = ctypes.c_double
 
 
-def _structure(name: str, **types: Any) -> type[ctypes.Structure]:
-    return type(name, (ctypes.Structure,), {"_fields_": list(types.items())})
-
-
-_TABLE_ARRAYS: Final = (
-    "starts",
-    "place_counts",
-    "unit_counts",
-    "cell_starts",
-    "cell_of",
-    "steps",
-    "quad_starts",
-    "unit_shares",
-    "vertex_shares",
-    "reaches",
-    "means",
-    "around",
-    "is_ringed",
-    "sample_starts",
-    "heights_m",
-    "wholes",
-    "bulge_m",
-    "samples",
-)
-_Table = _structure(
-    "hfx_table", **dict.fromkeys(_TABLE_ARRAYS, _POINTER), room=_INTEGER, is_simple=_INTEGER
-)
-_Target = _structure(
+_Target = structure(
     "hfx_target",
     **dict.fromkeys(("kinds", "halves", "to_shape", "to_world"), _POINTER),
     is_flat=_INTEGER,
@@ -77,16 +51,16 @@ _Target = _structure(
     share=_DOUBLE,
     amplitude=_DOUBLE,
 )
-_Drift = _structure(
+_Drift = structure(
     "hfx_drift", before=_POINTER * _STEP_KINDS, after=_POINTER * _STEP_KINDS, intervals=_INTEGER
 )
-_Pairs = _structure(
+_Pairs = structure(
     "hfx_pairs",
     count=_INTEGER,
     **dict.fromkeys(("clusters", "rows", "how", "steps", "points"), _POINTER),
     total=_INTEGER,
 )
-_Found = _structure(
+_Found = structure(
     "hfx_found",
     weights=_POINTER,
     column_of=_POINTER,
@@ -108,7 +82,7 @@ _BROAD_ARRAYS: Final = (
     "centres",
     "halves",
 )
-_Broad = _structure(
+_Broad = structure(
     "hfx_broad",
     rows=_INTEGER,
     clusters=_INTEGER,
@@ -116,20 +90,6 @@ _Broad = _structure(
     edge_m=_DOUBLE,
     is_split=_INTEGER,
 )
-
-
-class Table(Protocol):
-    """The skin of a model; see :class:`..skin_table.SkinTable`."""
-
-    place_counts: I64
-    unit_counts: I64
-    cell_starts: I64
-    cells: I32
-    is_simple: bool
-    most_samples: I64
-
-    @property
-    def samples(self) -> F64: ...
 
 
 @cache
@@ -237,18 +197,6 @@ class Posing:
     own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
     bones: PosedBones | None = None  # rest to shape space, at the rows of the target
     points: F64 | None = None  # (3, N) the places of all pairs, shape space
-
-
-_TABLES: WeakKeyDictionary[Table, tuple[Any, list[npt.NDArray[Any]]]] = WeakKeyDictionary()
-
-
-def _table(table: Table) -> Any:
-    """``hfx_table``; made anew where the table has more samples than before."""
-    if table not in _TABLES or _TABLES[table][1][-1] is not table.samples:
-        arrays = [getattr(table, name) for name in _TABLE_ARRAYS]
-        made = _Table(*map(pointer, arrays), table.samples.shape[1], int(table.is_simple))
-        _TABLES[table] = made, arrays
-    return _TABLES[table][0]
 
 
 def place(
@@ -439,7 +387,7 @@ def look_at_skin(
             way[number.bit_length() - 1] = f64(matrices)
     pointers = [(_POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way]
     drift = _Drift(*pointers, max(target.count - 1, 0))
-    shared = _table(table), posing, target, drift, weights, column_of
+    shared = table_of(table), posing, target, drift, weights, column_of
     if threads < 2 or posing.points is not None:
         return _Look(pairs, table, *shared).take()
     looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]

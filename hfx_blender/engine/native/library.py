@@ -121,3 +121,8 @@ def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def i64(array: npt.ArrayLike) -> npt.NDArray[np.int64]:
     """The same as contiguous int64."""
     return np.ascontiguousarray(array, np.int64)
+
+
+def structure(name: str, **types: Any) -> type[ctypes.Structure]:
+    """A structure of the library with these fields, in this order."""
+    return type(name, (ctypes.Structure,), {"_fields_": list(types.items())})

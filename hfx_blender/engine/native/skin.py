@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache, cached_property
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from .library import f64, i64, library, pointer
+from .skin_table import Table, table_of
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -34,7 +35,8 @@ def _calls() -> ctypes.CDLL | None:
         found.hfx_cell_means.argtypes = (
             [_POINTER] * 2 + [_INTEGER, _POINTER, _INTEGER] + [_POINTER] * 2
         )
-        for name in ("bone_matrices", "cluster_bounds", "cluster_moves", "cell_means"):
+        found.hfx_links.argtypes = [_POINTER, _INTEGER] + [_POINTER] * 4
+        for name in ("bone_matrices", "cluster_bounds", "cluster_moves", "cell_means", "links"):
             getattr(found, f"hfx_{name}").restype = None
     return found
 
@@ -257,16 +259,6 @@ class PosedBones:
         return means
 
 
-class Links(Protocol):
-    """What a cluster's neighbours are like at rest; see ``_Links`` of the posing."""
-
-    @property
-    def distances(self) -> F64: ...  # (U,)
-
-    @property
-    def differences(self) -> F64: ...  # (B, U)
-
-
 class Clusters:
     """What bones do to the clusters of one model, where the library finds it.
 
@@ -284,6 +276,10 @@ class Clusters:
         self._kept: dict[int, list[npt.NDArray[Any]]] = {}
         self._is_linked: set[int] = set()
 
+    def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
+        """What is filled in of a cluster, in the order of ClusterPointers."""
+        return tuple(self._kept[cluster])
+
     def lacking(self, clusters: list[int], *, with_links: bool) -> list[int]:
         """Those that are not filled in, or without their neighbours."""
         known = self._is_linked if with_links else self._kept
@@ -295,23 +291,32 @@ class Clusters:
         entries: tuple[I64, F64, I64],
         bones: I64,
         moved: F64,
-        links: Links | None,
+        table: Table | None,
     ) -> None:
         """A cluster: weights one by one (see ``SkinnedModel.cluster_entries``), its bones and
-        what they move, its neighbours."""
+        what they move; of its skin, if that is filled, what neighbours are like."""
         entry_bones, factors, firsts = entries
-        nothing = np.zeros(len(firsts))
+        distances, differences = np.zeros((2, len(firsts)))
         kept: list[npt.NDArray[Any]] = [
             i64(np.searchsorted(bones, entry_bones)),
             f64(factors),
             i64(np.append(firsts, len(entry_bones))),
             i64(bones),
             f64(moved),
-            nothing if links is None else f64(links.distances),
-            nothing if links is None else f64(links.differences.sum(axis=0)),
+            distances,
+            differences,
         ]
         self._kept[cluster] = kept
-        if links is not None:
-            self._is_linked.add(cluster)
         self.table[cluster] = ClusterPointers(*map(pointer, kept), len(bones))
+        if table is not None:
+            calls = _calls()
+            assert calls is not None
+            room = np.empty(2 * len(bones))
+            calls.hfx_links(
+                ctypes.byref(table_of(table)),
+                cluster,
+                ctypes.byref(self.table[cluster]),
+                *map(pointer, (room, distances, differences)),
+            )
+            self._is_linked.add(cluster)
         self.most_bones = max(self.most_bones, len(bones))

@@ -75,3 +75,36 @@ HFX_EXPORT void hfx_cell_means(const hfx_bones *bones, const hfx_groups *groups,
     for (int64_t k = 0; k < asked; k++)
       *means++ = hfx_cell_mean(bones, groups + clusters[k], row[n]);
 }
+
+// See SkinnedModel.links: of each unit of a cluster the distance to its farthest neighbour at rest,
+// and by how much weights differ, the most of any neighbour, all bones together; (units,) each.
+// `room` holds 2 numbers for each of the cluster's bones.
+HFX_EXPORT void hfx_links(const hfx_table *table, int64_t number, const hfx_cluster *cluster,
+                          double *room, double *distances, double *differences) {
+  int64_t start = table->starts[number], bones = cluster->bone_count;
+  double *apart = room, *most = room + bones;
+  for (int64_t u = 0; u < table->unit_counts[number]; u++) {
+    double squared = 0.0;
+    for (int64_t b = 0; b < bones; b++) most[b] = 0.0;
+    for (int64_t q = table->quad_starts[start + u]; q < table->quad_starts[start + u + 1]; q++)
+      for (int k = 0; k < 2; k++) {
+        double way[3] = {0.0, 0.0, 0.0};
+        for (int64_t b = 0; b < bones; b++) apart[b] = 0.0;
+        for (int other = 0; other < 2; other++) {
+          int64_t place = other ? table->around[2 * q + k] - start : u;
+          for (int64_t e = cluster->firsts[place]; e < cluster->firsts[place + 1]; e++) {
+            const double *factor = cluster->factors + 4 * e;  // weight times rest position and 1
+            double sign = other ? -1.0 : 1.0;
+            for (int i = 0; i < 3; i++) way[i] += sign * factor[i];
+            apart[cluster->entry_bones[e]] += sign * factor[3];
+          }
+        }
+        double length = way[0] * way[0] + way[1] * way[1] + way[2] * way[2];
+        squared = hfx_larger(squared, length);
+        for (int64_t b = 0; b < bones; b++) most[b] = hfx_larger(most[b], fabs(apart[b]));
+      }
+    distances[u] = sqrt(squared);
+    differences[u] = 0.0;
+    for (int64_t b = 0; b < bones; b++) differences[u] += most[b];
+  }
+}

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The skin of a model where the library finds it; ``skin.h``."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, Final, Protocol
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import pointer, structure
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+_TABLE_ARRAYS: Final = (
+    "starts",
+    "place_counts",
+    "unit_counts",
+    "cell_starts",
+    "cell_of",
+    "steps",
+    "quad_starts",
+    "unit_shares",
+    "vertex_shares",
+    "reaches",
+    "means",
+    "around",
+    "is_ringed",
+    "sample_starts",
+    "heights_m",
+    "wholes",
+    "bulge_m",
+    "samples",
+)
+_Table = structure(
+    "hfx_table",
+    **dict.fromkeys(_TABLE_ARRAYS, ctypes.c_void_p),
+    room=ctypes.c_int64,
+    is_simple=ctypes.c_int64,
+)
+
+
+class Table(Protocol):
+    """The skin of a model; see :class:`..skin_table.SkinTable`."""
+
+    place_counts: I64
+    unit_counts: I64
+    cell_starts: I64
+    cells: I32
+    is_simple: bool
+    most_samples: I64
+
+    @property
+    def samples(self) -> F64: ...
+
+
+_TABLES: WeakKeyDictionary[Table, tuple[Any, list[npt.NDArray[Any]]]] = WeakKeyDictionary()
+
+
+def table_of(table: Table) -> Any:
+    """``hfx_table``; made anew where the table has more samples than before."""
+    if table not in _TABLES or _TABLES[table][1][-1] is not table.samples:
+        arrays = [getattr(table, name) for name in _TABLE_ARRAYS]
+        made = _Table(*map(pointer, arrays), table.samples.shape[1], int(table.is_simple))
+        _TABLES[table] = made, arrays
+    return _TABLES[table][0]
