@@ -115,12 +115,11 @@ def _posing(skin: BodySkin, pairs: native.Pairs, bones: PosedBones) -> native.Po
     """How places come about; skin that is covered or followed is filled in."""
     assert isinstance(skin.surface, SkinnedModel)
     table = skin.skin.table
-    is_wide = (pairs.how == native.COVERED) | (pairs.steps > 0)
-    wide = np.unique(pairs.clusters[is_wide])
+    wide = np.unique(pairs.clusters[(pairs.how == native.COVERED) | (pairs.steps > 0)])
     if len(wide):
         table.need(wide)
+        skin.surface.native_clusters(wide, table)
     clusters = skin.surface.native_clusters(np.unique(pairs.clusters))
-    skin.surface.native_clusters(wide, table)
     own = None
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)

@@ -293,7 +293,7 @@ class SkinnedModel:
 
         Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
         """
-        for cluster in self._native.lacking(clusters.tolist(), with_links=table is not None):
+        for cluster in self._native.lacking(clusters, with_links=table is not None):
             self._native.add(
                 cluster,
                 self.cluster_entries(cluster),

@@ -385,8 +385,11 @@ def look_at_skin(
     for number, places in drifts.items():
         for way, matrices in zip(each_way, places, strict=True):
             way[number.bit_length() - 1] = f64(matrices)
-    pointers = [(_POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way]
-    drift = _Drift(*pointers, max(target.count - 1, 0))
+    drift = _Drift(intervals=max(target.count - 1, 0))
+    if drifts:
+        drift.before, drift.after = (
+            (_POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
+        )
     shared = table_of(table), posing, target, drift, weights, column_of
     if threads < 2 or posing.points is not None:
         return _Look(pairs, table, *shared).take()

@@ -110,7 +110,11 @@ def pointer(array: npt.NDArray[Any] | None) -> int | None:
     if array is None:
         return None
     assert array.flags.c_contiguous
-    return array.ctypes.data
+    memory: Any = array
+    try:  # four times as fast as asking the array
+        return ctypes.addressof(ctypes.c_char.from_buffer(memory))
+    except (TypeError, ValueError):  # it is not to be written, or empty
+        return array.ctypes.data
 
 
 def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -274,16 +274,17 @@ class Clusters:
         self.table: Any = (ClusterPointers * count)()
         self.most_bones = 0
         self._kept: dict[int, list[npt.NDArray[Any]]] = {}
-        self._is_linked: set[int] = set()
+        self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
     def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
         """What is filled in of a cluster, in the order of ClusterPointers."""
         return tuple(self._kept[cluster])
 
-    def lacking(self, clusters: list[int], *, with_links: bool) -> list[int]:
+    def lacking(self, clusters: I64, *, with_links: bool) -> list[int]:
         """Those that are not filled in, or without their neighbours."""
-        known = self._is_linked if with_links else self._kept
-        return [cluster for cluster in clusters if cluster not in known]
+        known = self._is_linked if with_links else self._is_known
+        missing: list[int] = clusters[~known[clusters]].tolist()
+        return missing
 
     def add(
         self,
@@ -306,7 +307,7 @@ class Clusters:
             distances,
             differences,
         ]
-        self._kept[cluster] = kept
+        self._kept[cluster], self._is_known[cluster] = kept, True
         self.table[cluster] = ClusterPointers(*map(pointer, kept), len(bones))
         if table is not None:
             calls = _calls()
@@ -318,5 +319,5 @@ class Clusters:
                 ctypes.byref(self.table[cluster]),
                 *map(pointer, (room, distances, differences)),
             )
-            self._is_linked.add(cluster)
+            self._is_linked[cluster] = True
         self.most_bones = max(self.most_bones, len(bones))
