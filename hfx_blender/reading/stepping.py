@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import bpy
 
-from .animation_curves import NotModelledError
-from .fed_rig import FedRig
+if TYPE_CHECKING:
+    from .fed_rig import FedRig
 
 _PHYSICS = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "EXPLODE", "OCEAN"}
 
@@ -106,6 +107,8 @@ def scratch_scene(
 def _scratch(
     scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], fed: Sequence[FedRig]
 ) -> Iterator[Stepper]:
+    from .animation_curves import NotModelledError  # not where Blender starts: it needs numpy
+
     scratch = bpy.data.scenes.new(".HFX Export")
     made: list[bpy.types.ID] = [scratch]
     try:
