@@ -17,6 +17,7 @@ from .counters import Counters
 from .coverage import BodySkin
 from .motion import turned_by
 from .native import contact as native
+from .native import gathering, reach
 from .native.skin import PosedBones
 from .scene import EffectBlock, PoseBlock
 from .swept import Drift
@@ -30,13 +31,13 @@ I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
-Found = tuple[I64, I64, I64, I32, native.Weights]
+Found = tuple[I64, I64, I64, I32, gathering.Weights]
 """Rows, sets, offsets, vertices and weights; see :class:`.contact.Contacts`."""
 
 
 def is_possible(effect: EffectBlock, skin: BodySkin) -> bool:
     """Whether the library is there and knows this volume and what moves the body."""
-    return isinstance(skin.surface, SkinnedModel) and native.is_possible(effect.shapes)
+    return isinstance(skin.surface, SkinnedModel) and reach.is_possible(effect.shapes)
 
 
 def find(
@@ -62,13 +63,13 @@ def find(
     if effect.shape_index is not None:
         which = effect.shape_index[rows].astype(np.int64)
     limits = np.array([shape.bounds for shape in effect.shapes])[which]
-    placed = native.place(matrices, to_world, limits, FARTHEST)
+    placed = reach.place(matrices, to_world, limits, FARTHEST)
     if placed is None:
         return None
     inverses, to_shape, boxes = placed
     tolerance, table = skin.skin.tolerance, skin.skin.table
-    target = native.Target(effect.shapes, which, falloff, tolerance.amplitude, inverses, to_world)
-    broad = native.Broad(
+    target = reach.Target(effect.shapes, which, falloff, tolerance.amplitude, inverses, to_world)
+    broad = reach.Broad(
         matrices,
         boxes,
         bounds.low,
@@ -96,10 +97,10 @@ def find(
     if not len(pairs.clusters):
         return _nothing()
     posing = _posing(skin, pairs, bones)
-    columns, column_of = native.columns_of(pairs, table)
+    columns, column_of = gathering.columns_of(pairs, table)
     # Shares of a cell without falloff, in half the memory.
     precision = np.float32 if falloff.is_flat else np.float64
-    weights: native.Weights = np.zeros((len(rows), len(columns)), precision)
+    weights: gathering.Weights = np.zeros((len(rows), len(columns)), precision)
     drifts = {}
     for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
         ways = (matrices[:-1], matrices[1:]), (to_world[:-1], to_world[1:])
@@ -108,14 +109,14 @@ def find(
     counters.vertices_posed += native.look_at_skin(
         pairs, table, posing, target, drifts, weights, column_of, threads
     )
-    return native.gathered(weights, columns, heard, own_sets)
+    return gathering.gathered(weights, columns, heard, own_sets)
 
 
-def _posing(skin: BodySkin, pairs: native.Pairs, bones: PosedBones) -> native.Posing:
+def _posing(skin: BodySkin, pairs: reach.Pairs, bones: PosedBones) -> native.Posing:
     """How places come about; skin that is covered or followed is filled in."""
     assert isinstance(skin.surface, SkinnedModel)
     table = skin.skin.table
-    wide = np.unique(pairs.clusters[(pairs.how == native.COVERED) | (pairs.steps > 0)])
+    wide = np.unique(pairs.clusters[(pairs.how == reach.COVERED) | (pairs.steps > 0)])
     if len(wide):
         table.need(wide)
         skin.surface.native_clusters(wide, table)
@@ -123,7 +124,7 @@ def _posing(skin: BodySkin, pairs: native.Pairs, bones: PosedBones) -> native.Po
     own = None
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)
-        by_vertex = pairs.how == native.BY_VERTEX
+        by_vertex = pairs.how == reach.BY_VERTEX
         own = skin.vertices.native_clusters(np.unique(pairs.clusters[by_vertex]))
     return native.Posing(clusters, own, bones)
 

@@ -16,6 +16,7 @@ from .counters import Counters
 from .details import Details, tell_deepest
 from .narrow import Inside, covered
 from .native import contact as native
+from .native import reach
 from .native.library import i64
 from .placed import Placed
 from .posed_skin import PosedSkin
@@ -96,11 +97,11 @@ class Found:
             return
         table, some = placed.skin.skin.table, np.flatnonzero(needed.any(axis=0))
         table.need(some)
-        if self.details is None and native.is_possible(placed.target.shapes):
+        if self.details is None and reach.is_possible(placed.target.shapes):
             later = followed[rows, clusters]
             steps = placed.followed_in_steps(later, clusters, rows)
-            how = np.where(wide[rows, clusters], native.COVERED, native.NOT).astype(np.uint8)
-            self._look_natively(native.Pairs(i64(clusters), i64(rows), how, steps), some)
+            how = np.where(wide[rows, clusters], reach.COVERED, reach.NOT).astype(np.uint8)
+            self._look_natively(reach.Pairs(i64(clusters), i64(rows), how, steps), some)
             return
         posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
         for part in _batches(clusters, table.place_counts):
@@ -112,7 +113,7 @@ class Found:
             self._cover(skin, wide[row, pair])
             self._follow(skin, followed[row, pair])
 
-    def _look_natively(self, pairs: native.Pairs, some: I64) -> None:
+    def _look_natively(self, pairs: reach.Pairs, some: I64) -> None:
         """The same by the library."""
         placed, table = self.placed, self.placed.skin.skin.table
         surface, target = placed.skin.surface, placed.target
@@ -125,7 +126,7 @@ class Found:
             pairs,
             table,
             native.Posing(points=points),
-            native.Target(
+            reach.Target(
                 target.shapes,
                 target.which,
                 target.falloff,

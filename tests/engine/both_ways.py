@@ -9,7 +9,7 @@ from unittest import mock
 
 import pytest
 
-from hfx_blender.engine.native import contact, skin
+from hfx_blender.engine.native import reach, skin
 from hfx_blender.engine.native.library import library
 
 needs_library = pytest.mark.skipif(library() is None, reason="no library was built")
@@ -19,7 +19,7 @@ needs_library = pytest.mark.skipif(library() is None, reason="no library was bui
 def in_numpy() -> Iterator[None]:
     """Without the library, for what is felt of volumes that have a formula."""
     with (
-        mock.patch.object(contact, "_calls", lambda: None),
+        mock.patch.object(reach, "_calls", lambda: None),
         mock.patch.object(skin, "_calls", lambda: None),
     ):
         yield

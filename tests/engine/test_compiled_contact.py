@@ -18,7 +18,7 @@ from hfx_blender.engine.bound_skins import BoundSkins
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.native import contact as native
+from hfx_blender.engine.native import reach as native
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,

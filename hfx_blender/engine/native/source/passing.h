@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What of skin passed a volume on the way from one row to the next. See engine/swept.py.
+
+#ifndef HFX_PASSING_H
+#define HFX_PASSING_H
+
+#include "posed_pair.h"
+
+#define MOST_STEPS 64
+#define STEP_KINDS 7  // powers of two up to MOST_STEPS
+#define PLACES_ALONG 5
+
+// How points that rest in a body's frame move, in 2^k steps of each interval; see swept.Drift.
+typedef struct {
+  const double *before[STEP_KINDS];  // (steps + 1, rows - 1, 4, 4)
+  const double *after[STEP_KINDS];
+  int64_t intervals;
+} hfx_drift;
+
+typedef struct {
+  double when, change;  // of how much is inside
+} event;
+
+// Where a point is on the way, (steps + 1, 3); see Drift.path.
+static inline void path_of(const hfx_drift *drift, int64_t steps, int kind, int64_t interval,
+                    const double before[3], const double after[3], double path[][3]) {
+  for (int i = 0; i < 3; i++) path[0][i] = before[i], path[steps][i] = after[i];
+  for (int64_t k = 1; k < steps; k++) {
+    double share = (double)k / (double)steps;
+    const double *one = drift->before[kind] + 16 * (k * drift->intervals + interval);
+    const double *other = drift->after[kind] + 16 * (k * drift->intervals + interval);
+    for (int i = 0; i < 3; i++)
+      path[k][i] = (1.0 - share) * (hfx_dot(one + 4 * i, before) + one[4 * i + 3]) +
+                   share * (hfx_dot(other + 4 * i, after) + other[4 * i + 3]);
+  }
+}
+
+// See swept._along.
+static inline void along(const double (*path)[3], int64_t steps, double share, double p[3]) {
+  int64_t step = (int64_t)(share * (double)steps);
+  step = step < 0 ? 0 : (step > steps - 1 ? steps - 1 : step);
+  for (int i = 0; i < 3; i++)
+    p[i] = path[step][i] + (share * (double)steps - (double)step) * (path[step + 1][i] - path[step][i]);
+}
+
+// See swept._may_meet: whether a ball on a path may meet the volume. Every shape holds the unit
+// ball, so that within a factor 1 + r of it is all that is nearer than r.
+static inline int may_meet(hfx_shape shape, const double (*path)[3], int64_t steps, double reach) {
+  double share = 1.0 / (1.0 + reach);
+  for (int64_t k = 0; k < steps; k++) {
+    double start[3], end[3];
+    for (int i = 0; i < 3; i++) start[i] = path[k][i] * share, end[i] = path[k + 1][i] * share;
+    hfx_times t = hfx_passage(shape, start, end);
+    if (t.first <= t.last) return 1;
+  }
+  return 0;
+}
+
+// See swept._entered: adds when something on a path was inside. The number of events then.
+static inline int64_t enter(const look *at, const double (*path)[3], int64_t steps, double share,
+                     event *events, int64_t count) {
+  double first = INFINITY, last = -INFINITY;
+  for (int64_t k = 0; k < steps; k++) {
+    hfx_times t = hfx_passage(at->shape, path[k], path[k + 1]);
+    if (!(t.first <= t.last)) continue;
+    if (first == INFINITY) first = ((double)k + t.first) / (double)steps;
+    last = ((double)k + t.last) / (double)steps;
+  }
+  if (first == INFINITY) return count;
+  double strength = 1.0;
+  if (!at->target->is_flat) {
+    strength = 0.0;
+    for (int k = 0; k < PLACES_ALONG; k++) {
+      double p[3];
+      along(path, steps, first + (double)k / (PLACES_ALONG - 1) * (last - first), p);
+      double here = weight_of(at, p);
+      if (here > strength) strength = here;
+    }
+  }
+  events[count].when = first, events[count++].change = share * strength;
+  events[count].when = last, events[count++].change = -share * strength;
+  return count;
+}
+
+// Earlier first; of what is at the same time, what enters.
+static inline int is_before(event a, event b) {
+  return a.when < b.when || (a.when == b.when && a.change >= 0.0 && b.change < 0.0);
+}
+
+static inline void sift(event *events, int64_t root, int64_t count) {
+  event moved = events[root];
+  for (int64_t child; (child = 2 * root + 1) < count; root = child) {
+    if (child + 1 < count && is_before(events[child], events[child + 1])) child++;
+    if (!is_before(moved, events[child])) break;
+    events[root] = events[child];
+  }
+  events[root] = moved;
+}
+
+// The most that was inside at one moment; see Crossings.peaks.
+static inline double peak_of(event *events, int64_t count) {
+  for (int64_t root = count / 2; root-- > 0;) sift(events, root, count);
+  for (int64_t last = count - 1; last > 0; last--) {
+    event largest = events[0];
+    events[0] = events[last], events[last] = largest;
+    sift(events, 0, last);
+  }
+  double inside = 0.0, peak = 0.0;
+  for (int64_t k = 0; k < count; k++) {
+    inside += events[k].change;
+    if (inside > peak) peak = inside;
+  }
+  return peak > WHOLE ? 1.0 : peak;
+}
+
+// See swept.passing and swept.crossings: what of a unit entered on the way from one pair to the
+// next. The number of events then.
+static inline int64_t follow(look *at, side *before, side *now, int64_t unit, int64_t from, int64_t to,
+                      int64_t steps, const hfx_drift *drift, int cells[2], event *events,
+                      int64_t count) {
+  const hfx_table *table = at->table;
+  int64_t place = at->first + unit, interval = now->row - 1;
+  int kind = 0;
+  while (((int64_t)1 << kind) < steps) kind++;
+  double path[MOST_STEPS + 1][3];
+  // On a straight way of length l between clearances a and b, clearance is nowhere less than
+  // (a + b - l) / 2.
+  double bound = hfx_larger(gap_bound(at, before, unit), gap_bound(at, now, unit));
+  bound *= 2.0 * table->reaches[place];
+  int is_straight = steps == 1 && at->is_same;
+  if (is_straight) {
+    double least = before->least[unit] + now->least[unit];
+    if (least - at->moved > bound + SPARE * (fabs(least) + at->moved)) return count;
+  }
+  const double *one = place_of(at, before, unit), *other = place_of(at, now, unit);
+  if (is_straight) {
+    double clear = before->clear[unit] + now->clear[unit];
+    double way[3] = {other[0] - one[0], other[1] - one[1], other[2] - one[2]};
+    double length = sqrt(hfx_dot(way, way)), spare = SPARE * (fabs(clear) + length);
+    if (clear - length > bound + spare) return count;
+  }
+  path_of(drift, steps, kind, interval, one, other, path);
+  if (!may_meet(at->shape, (const double(*)[3])path, steps, 0.5 * bound)) return count;
+  double reach = hfx_larger(reach_of(at, before, unit), reach_of(at, now, unit));
+  if (!may_meet(at->shape, (const double(*)[3])path, steps, reach)) return count;
+  int told = is_told(at, now, unit, from, to, &cells[1]) && is_told(at, before, unit, from, to, &cells[0]);
+  double share = told ? table->unit_shares[place] : table->vertex_shares[place];
+  count = enter(at, (const double(*)[3])path, steps, share, events, count);
+  if (told || table->steps[place] == 0) return count;
+  int64_t samples = table->steps[place] * table->steps[place];
+  for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
+    triangle a, b;
+    corners_of(at, before, unit, q, a.corners);
+    corners_of(at, now, unit, q, b.corners);
+    if (steps == 1) {
+      double corners[6][3];
+      for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 3; i++) corners[k][i] = a.corners[k][i], corners[3 + k][i] = b.corners[k][i];
+      double stretch = hfx_larger(at->stretch, hfx_stretch(at->target->to_shape + 16 * interval, 4));
+      if (hfx_parted(at->shape, (const double(*)[3])corners, 6, table->bulge_m[at->number] * stretch))
+        continue;
+    }
+    // Samples of the start stand outwards as the skin did there.
+    at->has_turns = 0;
+    find_edges(at, interval, q, &a);
+    at->has_turns = 0;
+    find_edges(at, now->row, q, &b);
+    for (int64_t s = table->sample_starts[q]; s < table->sample_starts[q] + samples; s++) {
+      double start[3], end[3];
+      sample_of(table, s, &a, start);
+      sample_of(table, s, &b, end);
+      path_of(drift, steps, kind, interval, start, end, path);
+      count = enter(at, (const double(*)[3])path, steps, share_of(table, s), events, count);
+    }
+  }
+  return count;
+}
+
+#endif

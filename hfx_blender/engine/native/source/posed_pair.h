@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Skin of a cluster at a row as it is looked at: posed where it is asked for, and where its samples
+// are. See engine/{posed_skin,narrow,target}.py, whose terms these are.
+
+#ifndef HFX_POSED_PAIR_H
+#define HFX_POSED_PAIR_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "analytic.h"
+#include "broad.h"
+#include "skin.h"
+#include "skin_posing.h"
+
+#define SLACK (1.0 + 1e-9)
+#define SPARE 1e-9
+
+static const double WHOLE = 1.0 - 1e-9;
+
+// One pair as it is looked at. Places are posed when they are first asked for: most of a cluster
+// stays so far from the volume that its motion since it was posed tells enough.
+typedef struct {
+  double *points;        // (places, 3)
+  double *clear;         // (places,) of those that are posed, how far from the boundary
+  double *exact;         // (places,) of those, distance to the farthest neighbour; below 0: not yet
+  int64_t *posed;        // (places,) the number of the pair for which it was
+  double *least;         // (units,) clearance is no less
+  double *weights;       // (cells,) before what passed
+  hfx_two *columns;      // see hfx_find_columns
+  hfx_spread spread;
+  int64_t row, pair, has_columns;
+} side;
+
+typedef struct {
+  const hfx_table *table;
+  const hfx_target *target;
+  const hfx_bones *bones;
+  const hfx_cluster *cluster;  // NULL where points are given
+  double moved;                // no place has moved farther since the pair before
+  int is_same;                 // the volume has the shape that it had then
+  hfx_shape shape;
+  int64_t number, first;  // the cluster, its first place
+  double stretch;         // of the row
+  double turns[2][9];     // cross products to the world, and these back
+  int has_turns;
+  int64_t posed;          // places
+  double limit;           // mean distance within which vertices tell enough
+  double steepest;
+} look;
+
+static inline double weight_of(const look *at, const double p[3]) {
+  const hfx_target *target = at->target;
+  if (target->is_flat) return hfx_contains(at->shape, p) ? 1.0 : 0.0;
+  double rise = 1.0 - hfx_share(at->shape, p);
+  if (!(rise > 0.0)) return 0.0;
+  double t = (rise < target->share ? rise : target->share) / target->share;
+  return target->is_smooth ? t * t * (3.0 - 2.0 * t) : t;
+}
+
+// A place, posed.
+static inline const double *place_of(look *at, side *pair, int64_t place) {
+  double *point = pair->points + 3 * place;
+  if (pair->posed[place] == pair->pair) return point;
+  pair->posed[place] = pair->pair;
+  at->posed++;
+  if (at->cluster) {
+    if (!pair->has_columns) hfx_find_columns(at->cluster, at->bones, pair->row, pair->columns);
+    pair->has_columns = 1;
+    hfx_pose(at->cluster, pair->columns, place, point);
+  }
+  hfx_shape shape = {at->target->kinds[pair->row], at->target->halves[pair->row]};
+  pair->clear[place] = hfx_share(shape, point) - 1.0;
+  pair->exact[place] = -1.0;
+  if (place < at->table->unit_counts[at->number]) pair->least[place] = pair->clear[place];
+  return point;
+}
+
+// A bound of the distance to the farthest neighbour of a unit (its place in the cluster).
+static inline double gap_bound(const look *at, const side *pair, int64_t unit) {
+  if (!at->cluster) return 1e300;  // nothing is known; times 0 it is 0
+  const hfx_cluster *c = at->cluster;
+  return (pair->spread.along * c->distances[unit] + pair->spread.apart * c->differences[unit]) * SLACK;
+}
+
+static inline double gap_of(look *at, side *pair, int64_t unit) {
+  const double *own = place_of(at, pair, unit);
+  if (!(pair->exact[unit] < 0.0)) return pair->exact[unit];
+  const hfx_table *table = at->table;
+  int64_t place = at->first + unit;
+  double squared = 0.0;
+  int both = table->is_ringed[place] ? 1 : 2;
+  for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++)
+    for (int k = 0; k < both; k++) {
+      const double *other = place_of(at, pair, table->around[2 * q + k] - at->first);
+      double way[3] = {other[0] - own[0], other[1] - own[1], other[2] - own[2]};
+      squared = hfx_larger(squared, hfx_dot(way, way));
+    }
+  return pair->exact[unit] = sqrt(squared);
+}
+
+static inline double reach_of(look *at, side *pair, int64_t unit) {
+  return gap_of(at, pair, unit) * at->table->reaches[at->first + unit];
+}
+
+// See narrow.told_by_vertices: whether strength at the vertex of a unit is close enough. `cell`
+// is what is known of its cell: below 0 nothing yet, else whether that is told as a whole.
+static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
+  if (at->target->is_flat || at->target->amplitude == 0.0) return 0;
+  const hfx_table *table = at->table;
+  if (gap_of(at, pair, unit) * table->means[at->first + unit] <= at->limit) return 1;
+  if (table->is_simple) return 0;
+  if (*cell < 0) {
+    double sum = 0.0;
+    for (int64_t u = from; u < to; u++)
+      sum += gap_of(at, pair, u) * table->means[at->first + u] * table->unit_shares[at->first + u];
+    *cell = sum <= at->limit;
+  }
+  return *cell;
+}
+
+// See Target._turns: a matrix turns cross products by its determinant times its inverse transposed.
+static inline void find_turns(look *at, int64_t row) {
+  const double *a = at->target->to_shape + 16 * row, *b = at->target->to_world + 16 * row;
+  double determinants[2];
+  const double *matrices[2] = {a, b};
+  for (int k = 0; k < 2; k++) {
+    const double *m = matrices[k];
+    determinants[k] = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+                      m[2] * (m[4] * m[9] - m[5] * m[8]);
+  }
+  double hand = determinants[1] > 0.0 ? 1.0 : (determinants[1] < 0.0 ? -1.0 : 0.0);
+  double sign = hand / determinants[0];
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) at->turns[0][3 * i + j] = a[4 * j + i] * sign;
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
+      const double *m = a + 4 * i, *turn = at->turns[0] + j;
+      at->turns[1][3 * i + j] = m[0] * turn[0] + m[1] * turn[3] + m[2] * turn[6];
+    }
+  at->has_turns = 1;
+}
+
+// See Target.outwards.
+static inline void outwards(look *at, int64_t row, const double a[3], const double b[3], double out[3]) {
+  if (!at->has_turns) find_turns(at, row);
+  double cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+  double squared = 0.0;
+  for (int i = 0; i < 3; i++) {
+    double world = hfx_dot(at->turns[0] + 3 * i, cross);
+    squared += world * world;
+  }
+  double size = sqrt(sqrt(squared));
+  int usable = 1;
+  for (int i = 0; i < 3; i++) {
+    out[i] = hfx_dot(at->turns[1] + 3 * i, cross) / size;
+    usable &= isfinite(out[i]) != 0;
+  }
+  if (!usable) out[0] = out[1] = out[2] = 0.0;
+}
+
+// A quad's triangle as it is posed: a corner, both edges from it, and outwards where it is curved.
+typedef struct {
+  double corners[3][3], edges[2][3], out[3];
+} triangle;
+
+static inline void corners_of(look *at, side *pair, int64_t unit, int64_t quad,
+                       double corners[3][3]) {
+  for (int k = 0; k < 3; k++) {
+    int64_t place = k ? at->table->around[2 * quad + k - 1] - at->first : unit;
+    const double *point = place_of(at, pair, place);
+    for (int i = 0; i < 3; i++) corners[k][i] = point[i];
+  }
+}
+
+static inline void find_edges(look *at, int64_t row, int64_t quad, triangle *t) {
+  for (int k = 0; k < 2; k++)
+    for (int i = 0; i < 3; i++) t->edges[k][i] = t->corners[1 + k][i] - t->corners[0][i];
+  t->out[0] = t->out[1] = t->out[2] = 0.0;
+  if (at->table->heights_m[quad]) outwards(at, row, t->edges[0], t->edges[1], t->out);
+}
+
+// Where a sample of a triangle is.
+static inline void sample_of(const hfx_table *table, int64_t sample, const triangle *t, double p[3]) {
+  const double *s = table->samples + sample;
+  double one = s[0], other = s[table->room], height = s[2 * table->room];
+  for (int i = 0; i < 3; i++)
+    p[i] = t->edges[0][i] * one + t->corners[0][i] + t->edges[1][i] * other + t->out[i] * height;
+}
+
+static inline double share_of(const hfx_table *table, int64_t sample) {
+  return table->samples[sample + 3 * table->room];
+}
+
+#endif
