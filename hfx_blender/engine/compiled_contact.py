@@ -15,7 +15,7 @@ from .active_rows import FARTHEST
 from .body.posing import SkinnedModel
 from .counters import Counters
 from .coverage import BodySkin
-from .motion import turned_by
+from .motion import turns_since_before
 from .native import contact as native
 from .native import gathering, reach
 from .native.skin import PosedBones
@@ -59,9 +59,7 @@ def find(
     """
     assert effect.matrices is not None and isinstance(skin.surface, SkinnedModel)
     matrices, to_world = effect.matrices[rows], pose.to_world[rows]
-    which = np.zeros(len(rows), np.int64)
-    if effect.shape_index is not None:
-        which = effect.shape_index[rows].astype(np.int64)
+    which = effect.shapes_at(rows)
     limits = np.array([shape.bounds for shape in effect.shapes])[which]
     placed = reach.place(matrices, to_world, limits, FARTHEST)
     if placed is None:
@@ -69,6 +67,7 @@ def find(
     inverses, to_shape, boxes = placed
     tolerance, table = skin.skin.tolerance, skin.skin.table
     target = reach.Target(effect.shapes, which, falloff, tolerance.amplitude, inverses, to_world)
+    turns = turns_since_before(matrices, to_world) if follows.any() else None
     broad = reach.Broad(
         matrices,
         boxes,
@@ -77,7 +76,7 @@ def find(
         np.searchsorted(bounds.rows, rows),
         follows,
         heard,
-        _turns(matrices, to_world) if follows.any() else None,
+        turns if turns is not None and turns.any() else None,
         skin.surface.pairs,
         skin.skin.edge_m,
         skin.skin.is_split,
@@ -98,9 +97,7 @@ def find(
         return _nothing()
     posing = _posing(skin, pairs, bones)
     columns, column_of = gathering.columns_of(pairs, table)
-    # Shares of a cell without falloff, in half the memory.
-    precision = np.float32 if falloff.is_flat else np.float64
-    weights: gathering.Weights = np.zeros((len(rows), len(columns)), precision)
+    weights: gathering.Weights = np.zeros((len(rows), len(columns)), falloff.precision)
     drifts = {}
     for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
         ways = (matrices[:-1], matrices[1:]), (to_world[:-1], to_world[1:])
@@ -120,21 +117,13 @@ def _posing(skin: BodySkin, pairs: reach.Pairs, bones: PosedBones) -> native.Pos
     if len(wide):
         table.need(wide)
         skin.surface.native_clusters(wide, table)
-    clusters = skin.surface.native_clusters(np.unique(pairs.clusters))
+    clusters = skin.surface.native_clusters(pairs.distinct)
     own = None
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)
         by_vertex = pairs.how == reach.BY_VERTEX
         own = skin.vertices.native_clusters(np.unique(pairs.clusters[by_vertex]))
     return native.Posing(clusters, own, bones)
-
-
-def _turns(matrices: F64, to_world: F64) -> F64 | None:
-    """By how much the volume, and the body, turns since the row before, radians (2, n)."""
-    turns = np.zeros((2, len(matrices)))
-    for turn, each in zip(turns, (matrices, to_world), strict=True):
-        turn[1:] = turned_by(each[:-1], each[1:])
-    return turns if turns.any() else None
 
 
 def _nothing() -> Found:

@@ -50,9 +50,8 @@ class Found:
         """Nothing, of the rows and clusters ``needed`` (n, clusters)."""
         is_column = needed.any(axis=0)[placed.skin.cluster_of]
         columns = np.flatnonzero(is_column).astype(np.int32)
-        # Shares of a cell without falloff, in half the memory.
-        precision = np.float32 if placed.target.falloff.is_flat else np.float64
-        weights: Weights = np.zeros((len(placed.rows), len(columns)), precision)
+        shape = len(placed.rows), len(columns)
+        weights: Weights = np.zeros(shape, placed.target.falloff.precision)
         details = Details.none_yet(*weights.shape) if with_details else None
         inside: list[Inside] | None = [] if with_details else None
         column_of = np.cumsum(is_column) - 1

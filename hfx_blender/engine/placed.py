@@ -13,7 +13,7 @@ import numpy.typing as npt
 from . import swept
 from .body.posing import SkinnedModel
 from .coverage import BodySkin
-from .motion import turned_by
+from .motion import turns_since_before
 from .native.skin import PosedBones
 from .scene import EffectBlock, PoseBlock
 from .target import Target
@@ -61,9 +61,7 @@ class Placed:
         bounds: ReachableBounds,
     ) -> Placed:
         assert effect.matrices is not None
-        which = np.zeros(len(rows), np.int64)
-        if effect.shape_index is not None:
-            which = effect.shape_index[rows].astype(np.int64)
+        which = effect.shapes_at(rows)
         matrices, to_world = effect.matrices[rows], pose.to_world[rows]
         target = Target(
             effect.shapes,
@@ -237,10 +235,7 @@ class Placed:
     @cached_property
     def _turns(self) -> F64:
         """By how much the volume, and the body, turns since the row before, radians (2, n)."""
-        turns = np.zeros((2, len(self.rows)))
-        for k, matrices in enumerate((self.matrices, self.pose.to_world[self.rows])):
-            turns[k, 1:] = turned_by(matrices[:-1], matrices[1:])
-        return turns
+        return turns_since_before(self.matrices, self.pose.to_world[self.rows])
 
 
 def _enclosed(shape: Shape, inverses: F64, low: F64, high: F64, candidates: Bool) -> Bool:

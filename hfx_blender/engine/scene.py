@@ -238,6 +238,12 @@ class EffectBlock:
     place: F64 | None = None  # (T, 2) spots only; share of the path's length, radius in metres
     drive: F64 | None = None  # (T, A) actuators only; strength of each, 0..1
 
+    def shapes_at(self, rows: I64) -> I64:
+        """Which of the shapes a volume has at some rows."""
+        if self.shape_index is None:
+            return np.zeros(len(rows), np.int64)
+        return self.shape_index[rows].astype(np.int64)
+
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:

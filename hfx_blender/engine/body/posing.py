@@ -206,8 +206,7 @@ class SkinnedModel:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
         if native.is_there():
-            resting = self._native_bones(bones)
-            return native.bone_matrices(pose.bones, rows, to_target, resting)[0]
+            return native.bone_matrices(pose.bones, rows, to_target, bones)[0]
         if len(bones) and bones.max() == self._still:
             posed = np.tile(np.eye(3, 4), (len(rows), len(bones), 1, 1))
             moving = np.flatnonzero(bones < self._still)
@@ -217,9 +216,6 @@ class SkinnedModel:
         moved = to_target[:, None, :3, :3] @ posed
         moved[..., 3] += to_target[:, None, :3, 3]
         return moved
-
-    def _native_bones(self, bones: I64) -> I64:
-        return np.where(bones < self._still, bones, -1)
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
@@ -312,10 +308,8 @@ class SkinnedModel:
     def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
         """As :meth:`cluster_moves` between ``rows`` of the bones, in the space that ``linear``
         (n, 3, 3) leads to."""
-        boxes = self._pair_centres, self._pair_halves
-        return bones.cluster_moves(
-            *rows, linear, clusters, self._pair_ends, self._pair_bones, *boxes
-        )
+        before, after = rows
+        return bones.cluster_moves(before, after, linear, clusters, *self.pairs)
 
     def links(self, cluster: int, table: Skin) -> _Links:
         """What a cluster's neighbours are like; see :class:`PosedClusters`."""

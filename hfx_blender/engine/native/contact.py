@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .library import f64, library, pointer, structure
+from .library import INTEGER, POINTER, f64, library, pointer, structure
 from .reach import Pairs, Target
 from .skin import Clusters, PosedBones
 from .skin_table import Table, table_of
@@ -26,20 +26,17 @@ Weights = npt.NDArray[np.floating[Any]]
 
 _STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
 
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
-
 
 _Drift = structure(
-    "hfx_drift", before=_POINTER * _STEP_KINDS, after=_POINTER * _STEP_KINDS, intervals=_INTEGER
+    "hfx_drift", before=POINTER * _STEP_KINDS, after=POINTER * _STEP_KINDS, intervals=INTEGER
 )
 _Found = structure(
     "hfx_found",
-    weights=_POINTER,
-    column_of=_POINTER,
-    columns=_INTEGER,
-    is_single=_INTEGER,
-    posed=_INTEGER,
+    weights=POINTER,
+    column_of=POINTER,
+    columns=INTEGER,
+    is_single=INTEGER,
+    posed=INTEGER,
 )
 
 
@@ -47,7 +44,7 @@ _Found = structure(
 def _library() -> ctypes.CDLL:
     found = library()
     assert found is not None
-    found.hfx_look_at_skin.argtypes = [_POINTER] * 10
+    found.hfx_look_at_skin.argtypes = [POINTER] * 10
     found.hfx_look_at_skin.restype = None
     return found
 
@@ -103,7 +100,7 @@ def look_at_skin(
     drift = _Drift(intervals=max(target.count - 1, 0))
     if drifts:
         drift.before, drift.after = (
-            (_POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
+            (POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
         )
     shared = table_of(table), posing, target, drift, weights, column_of
     if threads < 2 or posing.points is not None:
@@ -161,7 +158,7 @@ class _Look:
         weights: Weights,
         column_of: I64,
     ) -> None:
-        some = np.unique(pairs.clusters)
+        some = pairs.distinct
         known = [each for each in (posing.clusters, posing.own) if each is not None]
         most_bones = max((each.most_bones for each in known), default=0)
         cells = table.cell_starts[some + 1] - table.cell_starts[some]

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from .library import library, pointer
+from .library import INTEGER, POINTER, library, pointer
 from .reach import Pairs
 from .skin_table import Table
 
@@ -20,22 +20,19 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 Weights = npt.NDArray[np.floating[Any]]
 
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
-
 
 @cache
 def _library() -> ctypes.CDLL:
     found = library()
     assert found is not None
-    found.hfx_columns.argtypes = [_INTEGER, _POINTER, _INTEGER, _POINTER, _INTEGER] + [_POINTER] * 5
-    found.hfx_columns.restype = _INTEGER
+    found.hfx_columns.argtypes = [INTEGER, POINTER, INTEGER, POINTER, INTEGER] + [POINTER] * 5
+    found.hfx_columns.restype = INTEGER
     for real in ("single", "double"):
         changes = getattr(found, f"hfx_changes_{real}")
         gather = getattr(found, f"hfx_gather_{real}")
-        changes.argtypes = [_INTEGER] * 2 + [_POINTER] * 2 + [_INTEGER, _POINTER]
-        changes.restype = _INTEGER
-        gather.argtypes = [_INTEGER] * 2 + [_POINTER] * 6
+        changes.argtypes = [INTEGER] * 2 + [POINTER] * 2 + [INTEGER, POINTER]
+        changes.restype = INTEGER
+        gather.argtypes = [INTEGER] * 2 + [POINTER] * 6
         gather.restype = None
     return found
 
@@ -47,12 +44,11 @@ _COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictio
 def columns_of(pairs: Pairs, table: Table) -> tuple[I32, I64]:
     """Vertices of all pairs' clusters, ascending, and where each of the table's cells is among
     them, which is only told of these clusters. Not to be changed: they are kept."""
-    clusters = np.unique(pairs.clusters)
-    known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
+    known, key = _COLUMNS.setdefault(table, {}), pairs.distinct.tobytes()
     if key not in known:
         if len(known) >= _MOST_COLUMNS:
             known.clear()
-        known[key] = _made_columns(clusters, table)
+        known[key] = _made_columns(pairs.distinct, table)
     return known[key]
 
 

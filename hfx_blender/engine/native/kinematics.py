@@ -5,18 +5,14 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import f64, library, pointer
+from .library import INTEGER, POINTER, f64, library, pointer
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-
-_INTEGER: Final[Any] = ctypes.c_int64
-_POINTER: Final[Any] = ctypes.c_void_p
 
 
 @cache
@@ -24,8 +20,8 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_from_quaternions.argtypes = [_INTEGER] + [_POINTER] * 2
-        found.hfx_rig_pose.argtypes = [_INTEGER] * 2 + [_POINTER] * 8
+        found.hfx_from_quaternions.argtypes = [INTEGER] + [POINTER] * 2
+        found.hfx_rig_pose.argtypes = [INTEGER] * 2 + [POINTER] * 8
         found.hfx_from_quaternions.restype = found.hfx_rig_pose.restype = None
     return found
 

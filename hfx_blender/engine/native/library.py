@@ -28,6 +28,12 @@ NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(
 )
 
 
+POINTER: Final[Any] = ctypes.c_void_p
+INTEGER: Final[Any] = ctypes.c_int64
+DOUBLE: Final[Any] = ctypes.c_double
+"""Arguments of the library's functions, fields of its structures."""
+
+
 @cache
 def library() -> ctypes.CDLL | None:
     """The library, loaded once; None where there is none that fits."""

@@ -5,18 +5,14 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import f64, library, pointer
+from .library import INTEGER, POINTER, f64, library, pointer
 from .mesh_tree import NativeTree
 
 F64 = npt.NDArray[np.float64]
-
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
 
 
 @cache
@@ -25,8 +21,8 @@ def _calls() -> ctypes.CDLL:
     found = library()
     assert found is not None
     found.hfx_mesh_crossings.argtypes = (
-        [_POINTER] * 2 + [_INTEGER, _POINTER, ctypes.c_double]
-        + [_POINTER] * 3 + [_INTEGER] + [_POINTER] * 2
+        [POINTER] * 2 + [INTEGER, POINTER, ctypes.c_double]
+        + [POINTER] * 3 + [INTEGER] + [POINTER] * 2
     )  # fmt: skip
     found.hfx_mesh_crossings.restype = None
     return found

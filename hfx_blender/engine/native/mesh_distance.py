@@ -10,13 +10,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .library import f64, library, pointer
+from .library import INTEGER, POINTER, f64, library, pointer
 from .mesh_tree import NativeTree
 
 F64 = npt.NDArray[np.float64]
 
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
 _NUMBER: Final[Any] = ctypes.c_double
 
 _LOOKED: Final = 0.5  # of what a bound may lack is lost in a search, the rest on the way from it
@@ -27,13 +25,13 @@ def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    tree = [_POINTER, _INTEGER, _POINTER]
-    found.hfx_mesh_distances.argtypes = [*tree, _POINTER, _INTEGER, _POINTER]
+    tree = [POINTER, INTEGER, POINTER]
+    found.hfx_mesh_distances.argtypes = [*tree, POINTER, INTEGER, POINTER]
     found.hfx_mesh_distances_at_least.argtypes = (
-        [*tree, _POINTER, _INTEGER] + [_NUMBER] * 2 + [_POINTER]
+        [*tree, POINTER, INTEGER] + [_NUMBER] * 2 + [POINTER]
     )
     found.hfx_mesh_distances_beyond.argtypes = (
-        [*tree, _POINTER, _INTEGER] + [_NUMBER] * 2 + [_INTEGER] + [_POINTER] * 3
+        [*tree, POINTER, INTEGER] + [_NUMBER] * 2 + [INTEGER] + [POINTER] * 3
     )
     for name in ("distances", "distances_at_least", "distances_beyond"):
         getattr(found, f"hfx_mesh_{name}").restype = None

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .library import f64, i64, library, pointer
+from .library import INTEGER, POINTER, f64, i64, library, pointer
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -21,17 +21,14 @@ SPAN: Final = 16
 slopes in x of the edges low to high, low to middle, middle to high (3); the same in z (5); +1 or
 -1, which way it faces; two unused."""
 
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
-
 
 @cache
 def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    found.hfx_mesh_inside.argtypes = [_POINTER, _INTEGER] + [_POINTER] * 11
-    found.hfx_mesh_bounds.argtypes = [_POINTER] * 3 + [_INTEGER] * 3 + [ctypes.c_double, _POINTER]
+    found.hfx_mesh_inside.argtypes = [POINTER, INTEGER] + [POINTER] * 11
+    found.hfx_mesh_bounds.argtypes = [POINTER] * 3 + [INTEGER] * 3 + [ctypes.c_double, POINTER]
     found.hfx_mesh_inside.restype = found.hfx_mesh_bounds.restype = None
     return found
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import f64, i64, library, pointer
+from .library import INTEGER, POINTER, f64, i64, library, pointer
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -18,18 +18,15 @@ I64 = npt.NDArray[np.int64]
 BOX: Final = 6
 FRAME: Final = 16
 
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
-
 
 @cache
 def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    found.hfx_mesh_leaf_order.argtypes = [_POINTER] + [_INTEGER] * 2 + [_POINTER] * 5
-    found.hfx_mesh_boxes.argtypes = [_POINTER] * 2 + [_INTEGER, _POINTER]
-    found.hfx_mesh_frames.argtypes = [_POINTER] * 2 + [_INTEGER, _POINTER]
+    found.hfx_mesh_leaf_order.argtypes = [POINTER] + [INTEGER] * 2 + [POINTER] * 5
+    found.hfx_mesh_boxes.argtypes = [POINTER] * 2 + [INTEGER, POINTER]
+    found.hfx_mesh_frames.argtypes = [POINTER] * 2 + [INTEGER, POINTER]
     for name in ("leaf_order", "boxes", "frames"):
         getattr(found, f"hfx_mesh_{name}").restype = None
     return found

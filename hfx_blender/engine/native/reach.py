@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.shape import Falloff, FalloffKind, Shape
-from .library import f64, i64, library, pointer, structure
+from .library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
 from .skin import PosedBones
 
 F64 = npt.NDArray[np.float64]
@@ -29,24 +29,21 @@ WHOLE: Final = 3
 """How the cells of a pair are looked at."""
 
 _KINDS: Final[dict[type[Shape], int]] = {Cuboid: 0, Sphere: 1, Cylinder: 2, Capsule: 3}
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
-_DOUBLE: Final[Any] = ctypes.c_double
 
 
 _Target = structure(
     "hfx_target",
-    **dict.fromkeys(("kinds", "halves", "to_shape", "to_world"), _POINTER),
-    is_flat=_INTEGER,
-    is_smooth=_INTEGER,
-    share=_DOUBLE,
-    amplitude=_DOUBLE,
+    **dict.fromkeys(("kinds", "halves", "to_shape", "to_world"), POINTER),
+    is_flat=INTEGER,
+    is_smooth=INTEGER,
+    share=DOUBLE,
+    amplitude=DOUBLE,
 )
 _Pairs = structure(
     "hfx_pairs",
-    count=_INTEGER,
-    **dict.fromkeys(("clusters", "rows", "how", "steps", "points"), _POINTER),
-    total=_INTEGER,
+    count=INTEGER,
+    **dict.fromkeys(("clusters", "rows", "how", "steps", "points"), POINTER),
+    total=INTEGER,
 )
 _BROAD_ARRAYS: Final = (
     "matrices",
@@ -64,11 +61,11 @@ _BROAD_ARRAYS: Final = (
 )
 _Broad = structure(
     "hfx_broad",
-    rows=_INTEGER,
-    clusters=_INTEGER,
-    **dict.fromkeys(_BROAD_ARRAYS, _POINTER),
-    edge_m=_DOUBLE,
-    is_split=_INTEGER,
+    rows=INTEGER,
+    clusters=INTEGER,
+    **dict.fromkeys(_BROAD_ARRAYS, POINTER),
+    edge_m=DOUBLE,
+    is_split=INTEGER,
 )
 
 
@@ -76,10 +73,10 @@ _Broad = structure(
 def _calls() -> ctypes.CDLL | None:
     found = library()
     if found is not None:
-        found.hfx_place.argtypes = [_INTEGER] + [_POINTER] * 3 + [_DOUBLE] + [_POINTER] * 3
-        found.hfx_overlaps.argtypes = [_POINTER] * 3
-        found.hfx_reach.argtypes = [_POINTER] * 6
-        found.hfx_place.restype = found.hfx_overlaps.restype = _INTEGER
+        found.hfx_place.argtypes = [INTEGER] + [POINTER] * 3 + [DOUBLE] + [POINTER] * 3
+        found.hfx_overlaps.argtypes = [POINTER] * 3
+        found.hfx_reach.argtypes = [POINTER] * 6
+        found.hfx_place.restype = found.hfx_overlaps.restype = INTEGER
         found.hfx_reach.restype = None
     return found
 
@@ -106,6 +103,11 @@ class Pairs:
     rows: I64  # (p,)
     how: U8  # (p,) NOT, COVERED, BY_VERTEX or WHOLE
     steps: I64  # (p,) in how many straight steps it is followed from the row before; 0: not
+
+    @cached_property
+    def distinct(self) -> I64:
+        """Each cluster once."""
+        return np.unique(self.clusters)
 
     def pointers(self, points: F64 | None = None) -> ctypes.Structure:
         """``hfx_pairs``; ``points`` (3, N) where the places of all pairs are known."""

@@ -5,20 +5,16 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import library, pointer
+from .library import INTEGER, POINTER, library, pointer
 
 F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
-
-_INTEGER: Final[Any] = ctypes.c_int64
-_POINTER: Final[Any] = ctypes.c_void_p
 
 
 @cache
@@ -26,7 +22,7 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_strongest.argtypes = 2 * ([_INTEGER] + [_POINTER] * 3) + [_INTEGER, _POINTER]
+        found.hfx_strongest.argtypes = 2 * ([INTEGER] + [POINTER] * 3) + [INTEGER, POINTER]
         found.hfx_strongest.restype = None
     return found
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache, cached_property
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import f64, i64, library, pointer
+from .library import INTEGER, POINTER, f64, i64, library, pointer
 from .skin_table import Table, table_of
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-
-_POINTER: Final[Any] = ctypes.c_void_p
-_INTEGER: Final[Any] = ctypes.c_int64
 
 
 @cache
@@ -25,17 +22,13 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_bone_matrices.argtypes = [_INTEGER] * 3 + [_POINTER] * 6
-        found.hfx_cluster_bounds.argtypes = (
-            [_INTEGER] * 2 + [_POINTER] + [_INTEGER] + [_POINTER] * 6
-        )
+        found.hfx_bone_matrices.argtypes = [INTEGER] * 3 + [POINTER] * 6
+        found.hfx_cluster_bounds.argtypes = [INTEGER] * 2 + [POINTER] + [INTEGER] + [POINTER] * 6
         found.hfx_cluster_moves.argtypes = (
-            [_POINTER, _INTEGER] + [_POINTER] * 3 + [_INTEGER] + [_POINTER] * 6
+            [POINTER, INTEGER] + [POINTER] * 3 + [INTEGER] + [POINTER] * 6
         )
-        found.hfx_cell_means.argtypes = (
-            [_POINTER] * 2 + [_INTEGER, _POINTER, _INTEGER] + [_POINTER] * 2
-        )
-        found.hfx_links.argtypes = [_POINTER, _INTEGER] + [_POINTER] * 4
+        found.hfx_cell_means.argtypes = [POINTER] * 2 + [INTEGER, POINTER, INTEGER] + [POINTER] * 2
+        found.hfx_links.argtypes = [POINTER, INTEGER] + [POINTER] * 4
         for name in ("bone_matrices", "cluster_bounds", "cluster_moves", "cell_means", "links"):
             getattr(found, f"hfx_{name}").restype = None
     return found
@@ -58,7 +51,7 @@ def bone_matrices(posed: F64, rows: I64, to_target: F64, bones: I64) -> tuple[F6
     to_target : (n, 4, 4) float64
         From armature space.
     bones : (k,) int64
-        Of the pose; one that is -1 rests.
+        Of the pose; B is one that rests.
 
     Returns
     -------
@@ -68,7 +61,8 @@ def bone_matrices(posed: F64, rows: I64, to_target: F64, bones: I64) -> tuple[F6
     """
     calls = _calls()
     assert calls is not None
-    posed, rows, to_target, bones = f64(posed), i64(rows), f64(to_target), i64(bones)
+    posed, rows, to_target = f64(posed), i64(rows), f64(to_target)
+    bones = i64(np.where(bones < posed.shape[1], bones, -1))
     matrices = np.empty((len(rows), len(bones), 3, 4))
     stretches = np.empty((len(rows), len(bones)))
     calls.hfx_bone_matrices(
@@ -118,7 +112,7 @@ class ClusterPointers(ctypes.Structure):
 
     _fields_ = [
         *(
-            (name, _POINTER)
+            (name, POINTER)
             for name in (
                 "entry_bones",
                 "factors",
@@ -129,7 +123,7 @@ class ClusterPointers(ctypes.Structure):
                 "differences",
             )
         ),
-        ("bone_count", _INTEGER),
+        ("bone_count", INTEGER),
     ]
 
 
@@ -137,10 +131,10 @@ class BonePointers(ctypes.Structure):
     """``hfx_bones``."""
 
     _fields_ = [
-        ("matrices", _POINTER),
-        ("stretches", _POINTER),
-        ("slots", _POINTER),
-        ("count", _INTEGER),
+        ("matrices", POINTER),
+        ("stretches", POINTER),
+        ("slots", POINTER),
+        ("count", INTEGER),
     ]
 
 
@@ -149,10 +143,10 @@ class GroupPointers(ctypes.Structure):
 
     _fields_ = [
         *(
-            (name, _POINTER)
+            (name, POINTER)
             for name in ("starts", "distances", "boxes", "bones", "shares", "changes")
         ),
-        ("count", _INTEGER),
+        ("count", INTEGER),
     ]
 
 
@@ -181,10 +175,8 @@ class PosedBones:
     """
 
     def __init__(self, posed: F64, rows: I64, to_target: F64, bones: I64) -> None:
-        count = posed.shape[1]
-        resting = np.where(bones < count, bones, -1)
-        self.matrices, self.stretches = bone_matrices(posed, rows, to_target, resting)
-        self.slots = np.zeros(count + 1, np.int64)
+        self.matrices, self.stretches = bone_matrices(posed, rows, to_target, bones)
+        self.slots = np.zeros(posed.shape[1] + 1, np.int64)
         self.slots[bones] = np.arange(len(bones))
 
     @cached_property

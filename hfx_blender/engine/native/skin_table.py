@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any, Final, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import pointer, structure
+from .library import INTEGER, POINTER, pointer, structure
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -38,9 +37,9 @@ _TABLE_ARRAYS: Final = (
 )
 _Table = structure(
     "hfx_table",
-    **dict.fromkeys(_TABLE_ARRAYS, ctypes.c_void_p),
-    room=ctypes.c_int64,
-    is_simple=ctypes.c_int64,
+    **dict.fromkeys(_TABLE_ARRAYS, POINTER),
+    room=INTEGER,
+    is_simple=INTEGER,
 )
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import library, pointer
+from .library import INTEGER, POINTER, library, pointer
 
 I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
@@ -19,18 +19,15 @@ U32 = npt.NDArray[np.uint32]
 Bool = npt.NDArray[np.bool_]
 Arrays = tuple[npt.NDArray[Any], ...]
 
-_INTEGER: Final[Any] = ctypes.c_int64
-_POINTER: Final[Any] = ctypes.c_void_p
-
 
 @cache
 def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_track_changes.argtypes = [_INTEGER] + [_POINTER] * 7
-        found.hfx_track_changes.restype = _INTEGER
-        found.hfx_track_repeats.argtypes = [_INTEGER] + [_POINTER] * 3 + [_INTEGER, _POINTER]
+        found.hfx_track_changes.argtypes = [INTEGER] + [POINTER] * 7
+        found.hfx_track_changes.restype = INTEGER
+        found.hfx_track_repeats.argtypes = [INTEGER] + [POINTER] * 3 + [INTEGER, POINTER]
         found.hfx_track_repeats.restype = None
     return found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -72,6 +72,11 @@ class Falloff:
     def is_flat(self) -> bool:
         """Full strength everywhere inside."""
         return self.kind is FalloffKind.NONE or self.share <= 0.0
+
+    @property
+    def precision(self) -> type[np.floating[Any]]:
+        """Of arrays of weights: shares of a cell without falloff take half the memory."""
+        return np.float32 if self.is_flat else np.float64
 
     def weight(self, rise: F64) -> F64:
         """Contact weight in 0..1 for the ``rise`` of points that are inside, (N,)."""

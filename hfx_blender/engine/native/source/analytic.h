@@ -8,6 +8,8 @@
 #include <math.h>
 #include <stdint.h>
 
+#include "numbers.h"
+
 enum { HFX_CUBOID, HFX_SPHERE, HFX_CYLINDER, HFX_CAPSULE };
 
 typedef struct {
@@ -15,16 +17,12 @@ typedef struct {
   double half;  // of the capsule's segment
 } hfx_shape;
 
-// Larger and smaller, and not a number where either is: as numpy's, not C's.
-static inline double hfx_max(double a, double b) { return (a >= b || a != a) ? a : b; }
-static inline double hfx_min(double a, double b) { return (a <= b || a != a) ? a : b; }
-
 static inline double hfx_clip(double value, double low, double high) {
   return value < low ? low : (value > high ? high : value);
 }
 
 static inline double hfx_largest(const double p[3]) {
-  return hfx_max(hfx_max(fabs(p[0]), fabs(p[1])), fabs(p[2]));
+  return hfx_larger(hfx_larger(fabs(p[0]), fabs(p[1])), fabs(p[2]));
 }
 
 static inline double hfx_dot(const double *a, const double *b) {
@@ -35,7 +33,7 @@ static inline double hfx_dot2(const double *a, const double *b) { return a[0] * 
 
 // Squared distance from the capsule's segment.
 static inline double hfx_from_segment(double half, const double p[3]) {
-  double beyond = hfx_max(fabs(p[2]) - half, 0.0);
+  double beyond = hfx_larger(fabs(p[2]) - half, 0.0);
   return p[0] * p[0] + p[1] * p[1] + beyond * beyond;
 }
 
@@ -44,7 +42,7 @@ static inline double hfx_share(hfx_shape shape, const double p[3]) {
   switch (shape.kind) {
     case HFX_CUBOID: return hfx_largest(p);
     case HFX_SPHERE: return sqrt(hfx_dot(p, p));
-    case HFX_CYLINDER: return hfx_max(sqrt(hfx_dot2(p, p)), fabs(p[2]));
+    case HFX_CYLINDER: return hfx_larger(sqrt(hfx_dot2(p, p)), fabs(p[2]));
     default: return sqrt(hfx_from_segment(shape.half, p));
   }
 }
@@ -68,7 +66,7 @@ static const hfx_times HFX_NEVER = {INFINITY, -INFINITY};
 static inline hfx_times hfx_unless_empty(hfx_times t) { return t.first <= t.last ? t : HFX_NEVER; }
 
 static inline hfx_times hfx_both(hfx_times a, hfx_times b) {
-  hfx_times both = {hfx_max(a.first, b.first), hfx_min(a.last, b.last)};
+  hfx_times both = {hfx_larger(a.first, b.first), hfx_smaller(a.last, b.last)};
   return both;
 }
 
@@ -81,8 +79,8 @@ static inline hfx_times hfx_within_planes(double start, double way, double half)
     return t;
   }
   double one = (-half - start) / way, other = (half - start) / way;
-  t.first = hfx_min(one, other);
-  t.last = hfx_max(one, other);
+  t.first = hfx_smaller(one, other);
+  t.last = hfx_larger(one, other);
   return t;
 }
 
@@ -130,13 +128,13 @@ static inline hfx_times hfx_passage(hfx_shape shape, const double start[3], cons
       for (int end_of = 0; end_of < 2; end_of++) {
         double from[3] = {start[0], start[1], start[2] - (end_of ? -half : half)};
         hfx_times ball = hfx_unless_empty(hfx_within_ball(from, way, 3));
-        t.first = hfx_min(t.first, ball.first);
-        t.last = hfx_max(t.last, ball.last);
+        t.first = hfx_smaller(t.first, ball.first);
+        t.last = hfx_larger(t.last, ball.last);
       }
     }
   }
-  t.first = hfx_max(t.first, 0.0);
-  t.last = hfx_min(t.last, 1.0);
+  t.first = hfx_larger(t.first, 0.0);
+  t.last = hfx_smaller(t.last, 1.0);
   return hfx_unless_empty(t);
 }
 
@@ -151,7 +149,7 @@ static inline void hfx_away(hfx_shape shape, const double p[3], double away[3]) 
       away[2] = p[2] - hfx_clip(p[2], -shape.half, shape.half);
       return;
     case HFX_CYLINDER: {
-      double around = sqrt(hfx_dot2(p, p)), part = hfx_max(1.0 - 1.0 / around, 0.0);
+      double around = sqrt(hfx_dot2(p, p)), part = hfx_larger(1.0 - 1.0 / around, 0.0);
       away[0] = p[0] * part, away[1] = p[1] * part;
       away[2] = p[2] - hfx_clip(p[2], -1.0, 1.0);
       return;
@@ -181,7 +179,7 @@ static inline int hfx_parted(hfx_shape shape, const double (*corners)[3], int co
   }
   hfx_away(shape, middle, away);
   double nearest = hfx_dot(away, corners[0]);
-  for (int k = 1; k < count; k++) nearest = hfx_min(nearest, hfx_dot(away, corners[k]));
+  for (int k = 1; k < count; k++) nearest = hfx_smaller(nearest, hfx_dot(away, corners[k]));
   double limit = hfx_farthest(shape, away) + margin * sqrt(hfx_dot(away, away));
   return nearest - limit > 1e-12 * (fabs(nearest) + limit);
 }

@@ -16,6 +16,13 @@ typedef struct {
   double share, amplitude;
 } hfx_target;
 
+// The largest change of weight for a change of rise.
+static inline double hfx_steepest(const hfx_target *target) {
+  return target->is_flat ? 0.0 : (target->is_smooth ? 1.5 : 1.0) / target->share;
+}
+
+#define MOST_STEPS 64  // straight ones between two rows
+
 // How the cells of a pair are looked at.
 enum { HFX_NOT, HFX_COVERED, HFX_BY_VERTEX, HFX_WHOLE };
 

@@ -130,7 +130,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_drift *drift, hfx_found *found, double *room,
                                  event *events) {
   look at = {.table = table, .target = target, .bones = bones};
-  at.steepest = target->is_flat ? 0.0 : (target->is_smooth ? 1.5 : 1.0) / target->share;
+  at.steepest = hfx_steepest(target);
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
   hfx_two *own_columns = NULL;
   side sides[2], *now = &sides[0], *before = &sides[1];

@@ -6,7 +6,6 @@
 
 #include "posed_pair.h"
 
-#define MOST_STEPS 64
 #define STEP_KINDS 7  // powers of two up to MOST_STEPS
 #define PLACES_ALONG 5
 

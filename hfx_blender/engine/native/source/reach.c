@@ -12,7 +12,6 @@
 #include "skin_posing.h"
 
 #define FLATTEST 1e-6
-#define MOST_STEPS 64
 #define LEAST_EDGE 1e-4
 #define TURNS 30  // of Jacobi's method: it arrives after five or so
 
@@ -247,7 +246,7 @@ static int64_t steps_for(double angle, double moved, double edge) {
 // hfx_overlaps are there; `groups` are known for clusters that are met where the volume falls off.
 HFX_EXPORT void hfx_reach(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
                           const hfx_groups *groups, uint8_t *flags, hfx_pairs *pairs) {
-  double steepest = target->is_flat ? 0.0 : (target->is_smooth ? 1.5 : 1.0) / target->share;
+  double steepest = hfx_steepest(target);
   int64_t rows = broad->rows, clusters = broad->clusters;
   for (int64_t n = 0; n < rows; n++)
     for (int64_t c = 0; c < clusters; c++) {

@@ -6,11 +6,8 @@
 
 #include <math.h>
 
+#include "numbers.h"
 #include "skin.h"
-
-// Smaller and larger, and not a number where either is.
-static inline double hfx_smaller(double a, double b) { return (a <= b || a != a) ? a : b; }
-static inline double hfx_larger(double a, double b) { return (a >= b || a != a) ? a : b; }
 
 // No less than what a matrix whose rows are `width` apart stretches any direction by: the norm of
 // its product with its transpose is at most the largest sum of a row's absolute values.
