@@ -12,7 +12,7 @@ from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from urllib.parse import quote
 
 import bpy
@@ -46,6 +46,10 @@ from .staging import place, staging
 from .stepwise import Progress, finish
 
 REPORT_SUFFIX = ".report.json"
+
+
+_THREADS: Final = 2
+"""Threads that look at skin for one that reads, renders and writes: it has as much to do as two."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +189,7 @@ class SceneExport:
             self.reader.description,
             record=settings.record,
             tolerance=self.tolerance,
-            threads=settings.processes,
+            threads=min(settings.processes, _THREADS),
         )
         played = yield from record_track(
             self.reader,

@@ -3,19 +3,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from . import contact, on_demand
 from .active_rows import followed, with_pose
+from .coverage import BodySkin
 from .reach import BlockReach
 from .response.answering import Answering, depths_of, with_own_sets
 from .run_maker import RunMaker
 from .samples import SampleRun
-from .scene import AnimationBlock, BodyDescription, EffectBlock, EffectDescription, HapticVolume
+from .scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PoseBlock,
+)
 from .surface_effects import SurfaceEffects
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
@@ -24,9 +37,9 @@ I64 = npt.NDArray[np.int64]
 class AllocentricAreas:
     """Runs of haptic volumes, of their responses, and of haptic surfaces."""
 
-    def __init__(self, maker: RunMaker, responses: Answering, threads: int) -> None:
+    def __init__(self, maker: RunMaker, responses: Answering, workers: Executor | None) -> None:
         self._maker = maker
-        self._threads = threads
+        self._workers = workers
         self._responses = responses
         self._surfaces = SurfaceEffects(1.0 / float(maker.scene.time.rate_hz), maker.counters)
 
@@ -39,19 +52,19 @@ class AllocentricAreas:
         body: BodyDescription,
         block: AnimationBlock,
         reach: BlockReach,
-    ) -> SampleRun | None:
-        """A volume's contacts with a body."""
+    ) -> Callable[[], SampleRun | None]:
+        """Begin with a volume's contacts with a body; what is returned waits for them."""
         pose = block.poses[self._maker.body_index[body.id]]
         posed = reach.posed(body)
         rows = with_pose(rows, posed, body, self._maker.counters)
         if not len(rows):
-            return None
+            return _nothing
         if reach.is_clear(animated, body, effect.model_id):
             self._maker.counters.volume_tests += len(rows)
-            return None
+            return _nothing
         rows, heard, follows = followed(rows, posed, animated, block)
         skin = self._maker.skins.of(body, effect.model_id)
-        hits = contact.find(
+        found = contact.begin(
             animated,
             volume.falloff,
             rows,
@@ -64,8 +77,21 @@ class AllocentricAreas:
             own_sets=bool(self._maker.record),
             with_details=bool(self._maker.record & {"depth", "surface"}),
             with_impact="impact" in self._maker.record,
-            threads=self._threads,
+            workers=self._workers,
         )
+        return lambda: self._felt(effect, animated, body, block, pose, skin, found())
+
+    def _felt(
+        self,
+        effect: EffectDescription,
+        animated: EffectBlock,
+        body: BodyDescription,
+        block: AnimationBlock,
+        pose: PoseBlock,
+        skin: BodySkin,
+        hits: contact.Contacts,
+    ) -> SampleRun | None:
+        """What contacts feel like."""
         if not len(hits.rows):
             return None
         positions, velocities = self._maker.motion(
@@ -170,3 +196,7 @@ class AllocentricAreas:
         if "depth" in self._maker.record:
             felt = replace(felt, depth_m=depths_of(felt, run))
         return felt
+
+
+def _nothing() -> None:
+    return None

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bodies that bones move against volumes with a formula, by the compiled library.
 
-The same as :func:`.contact.find` does in numpy, step by step; what it cannot do is left to that.
+The same as :func:`.contact.begin` does in numpy, step by step; what it cannot do is left to that.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,8 @@ from .swept import Drift
 from .volume.shape import Falloff
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from .placed import ReachableBounds
 
 F64 = npt.NDArray[np.float64]
@@ -40,7 +43,7 @@ def is_possible(effect: EffectBlock, skin: BodySkin) -> bool:
     return isinstance(skin.surface, SkinnedModel) and reach.is_possible(effect.shapes)
 
 
-def find(
+def begin(
     effect: EffectBlock,
     falloff: Falloff,
     rows: I64,
@@ -51,11 +54,11 @@ def find(
     follows: Bool,
     heard: Bool,
     own_sets: bool,
-    threads: int,
-) -> Found | None:
+    workers: Executor | None,
+) -> Callable[[], Found] | None:
     """Vertices whose skin is inside; None where the volume cannot be used at some row.
 
-    As :func:`.contact.find`; rows are places among ``rows``.
+    As :func:`.contact.begin`; rows are places among ``rows``.
     """
     assert effect.matrices is not None and isinstance(skin.surface, SkinnedModel)
     matrices, to_world = effect.matrices[rows], pose.to_world[rows]
@@ -85,7 +88,7 @@ def find(
     counters.clusters_tested += int(np.count_nonzero(heard)) * bounds.low.shape[1]
     met = broad.overlaps()
     if not len(met) and not follows.any():
-        return _nothing()
+        return _nothing
     bones = skin.posed_bones(pose, rows, to_shape)
     assert bones is not None
     groups = None
@@ -94,7 +97,7 @@ def find(
         groups = skin.cell_sizes.pointers(met)
     pairs = broad.reach(target, bones, groups)
     if not len(pairs.clusters):
-        return _nothing()
+        return _nothing
     posing = _posing(skin, pairs, bones)
     columns, column_of = gathering.columns_of(pairs, table)
     weights: gathering.Weights = np.zeros((len(rows), len(columns)), falloff.precision)
@@ -103,10 +106,13 @@ def find(
         ways = (matrices[:-1], matrices[1:]), (to_world[:-1], to_world[1:])
         drift = Drift.of(*ways, number)
         drifts[number] = drift.from_before, drift.from_after
-    counters.vertices_posed += native.look_at_skin(
-        pairs, table, posing, target, drifts, weights, column_of, threads
-    )
-    return gathering.gathered(weights, columns, heard, own_sets)
+    looked = native.look_at_skin(pairs, table, posing, target, drifts, weights, column_of, workers)
+
+    def found() -> Found:
+        counters.vertices_posed += looked()
+        return gathering.gathered(weights, columns, heard, own_sets)
+
+    return found
 
 
 def _posing(skin: BodySkin, pairs: reach.Pairs, bones: PosedBones) -> native.Posing:

@@ -8,8 +8,10 @@ and looked at together.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +28,9 @@ from .placed import ReachableBounds as ReachableBounds
 from .scene import EffectBlock, PoseBlock
 from .volume.placement import inverse_placement
 from .volume.shape import Falloff
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -66,7 +71,7 @@ def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
     return low, high
 
 
-def find(
+def begin(
     effect: EffectBlock,
     falloff: Falloff,
     rows: I64,
@@ -80,8 +85,8 @@ def find(
     own_sets: bool = False,
     with_details: bool = False,
     with_impact: bool = False,
-    threads: int = 1,
-) -> Contacts:
+    workers: Executor | None = None,
+) -> Callable[[], Contacts]:
     """Vertices of a body whose skin is inside a volume at some rows of a block.
 
     Parameters
@@ -99,24 +104,52 @@ def find(
         Also tell where each contact is.
     with_impact : bool
         And how it began, however slowly.
-    threads : int
-        How many the compiled part may use.
+    workers : Executor, optional
+        Threads for the compiled part, which looks at skin while this one goes on.
 
     Returns
     -------
-    Contacts
-        What is on the boundary is inside; what falloff weakens to nothing is left out.
+    callable
+        Waits for it and gives the :class:`Contacts`. What is on the boundary is inside; what
+        falloff weakens to nothing is left out.
     """
     assert effect.matrices is not None
     everyone = np.ones(len(rows), np.bool_)
     heard = everyone if heard is None else heard
     follows = ~everyone if follows is None else follows
     if not (with_details or with_impact) and compiled_contact.is_possible(effect, skin):
-        felt = compiled_contact.find(
-            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets, threads
+        found = compiled_contact.begin(
+            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets, workers
         )
-        if felt is not None:
-            return Contacts(rows[felt[0]], *felt[1:], None)
+        if found is not None:
+            return partial(_told_by, found, rows)
+    contacts = _found_in_numpy(
+        *(effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets),
+        *(with_details, with_impact),
+    )
+    return lambda: contacts
+
+
+def _told_by(found: Callable[[], compiled_contact.Found], rows: I64) -> Contacts:
+    at, sets, offsets, vertices, weights = found()
+    return Contacts(rows[at], sets, offsets, vertices, weights, None)
+
+
+def _found_in_numpy(
+    effect: EffectBlock,
+    falloff: Falloff,
+    rows: I64,
+    skin: BodySkin,
+    pose: PoseBlock,
+    bounds: ReachableBounds,
+    counters: Counters,
+    follows: Bool,
+    heard: Bool,
+    own_sets: bool,
+    with_details: bool,
+    with_impact: bool,
+) -> Contacts:
+    assert effect.matrices is not None
     inverses, usable = inverse_placement(effect.matrices[rows])
     usable = usable & (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
     if not usable.all():

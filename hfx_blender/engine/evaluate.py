@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -24,12 +25,15 @@ from .scene import (
     AnimationBlock,
     EffectBlock,
     EffectDescription,
-    HapticSurface,
+    HapticVolume,
     PaintedArea,
     SceneDescription,
     SpotArea,
 )
 from .tolerance import STANDARD, Tolerance
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 I64 = npt.NDArray[np.int64]
 
@@ -48,7 +52,8 @@ class Engine:
     tolerance : Tolerance
         The error that is accepted; ``PAPER`` tests vertices, all others sample their skin.
     threads : int
-        How many the compiled part may use at most; the results are the same.
+        How many look at skin while this one goes on, where the compiled part is there; 1: none.
+        The results are the same.
     """
 
     def __init__(
@@ -71,10 +76,18 @@ class Engine:
         self.responses = Answering(scene)
         maker = RunMaker(scene, wanted, self._skins, self.counters)
         self._egocentric = EgocentricAreas(maker)
-        self._allocentric = AllocentricAreas(maker, self.responses, threads)
+        self.threads = threads
+        self._allocentric = AllocentricAreas(maker, self.responses, _workers(threads))
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Samples of a block: one run for each effect and body that felt something."""
+        return self.begin(block)()
+
+    def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
+        """Begin to :meth:`evaluate` a block; what is returned ends it, once, and gives the samples.
+
+        Other threads work on it meanwhile. Blocks must be begun, and ended, in their order.
+        """
         effects = list(zip(self.scene.effects, block.effects, strict=True))
         rows_of = active_rows(self.scene.effects, block, self.counters)
         is_active = np.zeros(len(block.indices), np.bool_)
@@ -84,46 +97,66 @@ class Engine:
         self.counters.times_evaluated += count
         self.counters.times_skipped += len(block.indices) - block.history - count
         reach = BlockReach(block, self.scene.bodies, self._skins)
-        runs: list[SampleRun] = []
-        for (effect, animated), rows in zip(effects, rows_of, strict=True):
-            if len(rows):
-                runs += self._felt(effect, animated, rows, block, reach)
-        self.counters.contacts += sum(int(run.sizes.sum()) for run in runs)
-        return runs
+        begun = [
+            self._begin(effect, animated, rows, block, reach)
+            for (effect, animated), rows in zip(effects, rows_of, strict=True)
+            if len(rows)
+        ]
 
-    def _felt(
+        def ended() -> list[SampleRun]:
+            runs = [run for each in begun for run in each() if run is not None]
+            self.counters.contacts += sum(int(run.sizes.sum()) for run in runs)
+            return runs
+
+        return ended
+
+    def _begin(
         self,
         effect: EffectDescription,
         animated: EffectBlock,
         rows: I64,
         block: AnimationBlock,
         reach: BlockReach,
-    ) -> list[SampleRun]:
+    ) -> Callable[[], list[SampleRun | None]]:
         """One effect at the rows where it is on: each kind of area has its own way.
 
         What changes a kind of area is decided here; what changes all samples of an effect,
         whatever its area (a filter of its response), goes over the runs before they are returned.
         """
-        area = effect.area
+        area, bodies = effect.area, self.scene.bodies
+        if isinstance(area, HapticVolume):
+            begun = [
+                self._allocentric.volume(effect, area, animated, rows, body, block, reach)
+                for body in bodies
+            ]
+
+            def ended() -> list[SampleRun | None]:
+                felt = [each() for each in begun]
+                if not area.response:
+                    return felt
+                return [
+                    self._allocentric.answered(effect, animated, rows, body, block, reach, run)
+                    for body, run in zip(bodies, felt, strict=True)
+                ]
+
+            return ended
         if isinstance(area, PaintedArea):
             found = [self._egocentric.painted(effect, area, animated, rows, block)]
         elif isinstance(area, SpotArea):
             found = [self._egocentric.spot(effect, area, animated, rows, block)]
         elif isinstance(area, ActuatorArea):
             found = [self._egocentric.actuators(effect, area, animated, rows, block)]
-        elif isinstance(area, HapticSurface):
-            found = [
-                self._allocentric.surface(effect, animated, rows, body, block, reach)
-                for body in self.scene.bodies
-            ]
         else:
             found = [
-                self._allocentric.volume(effect, area, animated, rows, body, block, reach)
-                for body in self.scene.bodies
+                self._allocentric.surface(effect, animated, rows, body, block, reach)
+                for body in bodies
             ]
-            if area.response:
-                found = [
-                    self._allocentric.answered(effect, animated, rows, body, block, reach, run)
-                    for body, run in zip(self.scene.bodies, found, strict=True)
-                ]
-        return [run for run in found if run is not None]
+        return lambda: found
+
+
+def _workers(threads: int) -> Executor | None:
+    if threads < 2:
+        return None
+    from concurrent.futures import ThreadPoolExecutor  # Blender's start does not wait for it
+
+    return ThreadPoolExecutor(threads, "hfx-look")

@@ -74,9 +74,9 @@ def _find(
     effect = EffectBlock(levels, parameters, matrices, shapes, which)
     rows = np.arange(len(matrices)) if rows is None else np.asarray(rows)
     bounds = contact.bounds_of(BOUND, posed, np.arange(len(posed.valid)))
-    return contact.find(
+    return contact.begin(
         effect, falloff, rows, BOUND, posed, bounds, counters or Counters(), **options
-    )
+    )()
 
 
 def _dense(found: contact.Contacts) -> np.ndarray:

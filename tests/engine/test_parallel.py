@@ -34,7 +34,7 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
-from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.engine.tolerance import PAPER, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, Shape
@@ -125,8 +125,10 @@ def _plain(value: Any) -> Any:
     return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-def _found(processes: int, *filters: Filter) -> tuple[list[Any], dict[str, object]]:
-    engine = Engine(_scene(*filters), tolerance=PAPER)
+def _found(
+    processes: int, *filters: Filter, threads: int = 1, tolerance: Tolerance = PAPER
+) -> tuple[list[Any], dict[str, object]]:
+    engine = Engine(_scene(*filters), tolerance=tolerance, threads=threads)
     found = [
         (block.indices.tolist(), _plain(runs))
         for block, runs in evaluated(
@@ -190,6 +192,38 @@ def test_several_processes_find_and_count_the_same(
     assert len(helpers) == processes - 1
     assert len(here) < SAMPLES // SIZE - 2  # the first two are not handed out
     assert all(_is_over(helper.pid) for helper in helpers)
+
+
+@pytest.mark.parametrize("tolerance", [PAPER, STANDARD], ids=lambda each: each.name)
+@pytest.mark.parametrize("threads", [2, 4])
+def test_threads_find_and_count_the_same(threads: int, tolerance: Tolerance) -> None:
+    ringing = Filter(Kind.IMPACT)
+    alone = _found(1, ringing, tolerance=tolerance)
+    assert _found(1, ringing, tolerance=tolerance, threads=threads) == alone
+
+
+def test_threads_count_as_processes(alone: Any, helpers: list[evaluating._Helper]) -> None:
+    assert _found(3, threads=2) == alone
+    assert len(helpers) == 1
+
+
+def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() -> None:
+    """And counts only when it is given on itself."""
+    read: list[int] = []
+
+    def noted() -> Iterator[AnimationBlock]:
+        for block in _blocks():
+            read.append(int(block.indices[-1]))
+            yield block
+
+    engine = Engine(_scene(), tolerance=STANDARD, threads=2)
+    found = evaluated(engine, noted(), samples=SAMPLES, processes=1)
+    block, _ = next(found)
+    assert block.indices[-1] == SIZE - 1
+    assert read == [SIZE - 1, 2 * SIZE - 1]
+    assert engine.counters.times_evaluated == SIZE
+    found.close()
+    assert engine.counters.times_evaluated == SIZE
 
 
 def test_a_helper_that_is_killed_costs_nothing(

@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from threading import Thread
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +17,9 @@ from .library import INTEGER, POINTER, f64, library, pointer, structure
 from .reach import Pairs, Target
 from .skin import Clusters, PosedBones
 from .skin_table import Table, table_of
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -67,8 +68,8 @@ def look_at_skin(
     drifts: Mapping[int, tuple[F64, F64]],
     weights: Weights,
     column_of: I64,
-    threads: int = 1,
-) -> int:
+    workers: Executor | None = None,
+) -> Callable[[], int]:
     """Contact weights of cells, of what is inside and of what passed; see ``finding.Found``.
 
     Parameters
@@ -85,13 +86,14 @@ def look_at_skin(
         Changed in place: a pair's cells get theirs, what passed only raises them.
     column_of : (cells,) int64
         The column of each of the table's cells.
-    threads : int
-        How many look at clusters at once, at most; each has cells of its own.
+    workers : Executor, optional
+        Threads that look while this one goes on, each at clusters of its own.
 
     Returns
     -------
-    int
-        How many places were posed.
+    callable
+        Waits until all is looked at, and tells how many places were posed. Without workers it
+        has been by now.
     """
     each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
     for number, places in drifts.items():
@@ -102,29 +104,19 @@ def look_at_skin(
         drift.before, drift.after = (
             (POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
         )
+    drift.arrays = each_way
     shared = table_of(table), posing, target, drift, weights, column_of
-    if threads < 2 or posing.points is not None:
-        return _Look(pairs, table, *shared).take()
+    if workers is None or posing.points is not None:
+        count = _Look(pairs, table, *shared).take()
+        return lambda: count
     looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]
-    posed: list[int] = []
-
-    def work() -> None:
-        with suppress(IndexError):  # until there are none left
-            while True:
-                posed.append(looks.pop().take())
-
-    others = [Thread(target=work, daemon=True) for _ in looks[1:threads]]
-    for other in others:
-        other.start()
-    work()
-    for other in others:
-        other.join()
-    return sum(posed)
+    begun = [workers.submit(look.take) for look in looks]
+    return lambda: sum(each.result() for each in begun)
 
 
 _WORTH: Final = 1 << 13
-"""Places of pairs that a call of their own pays for where threads share the work: some of it
-takes much longer than the rest."""
+"""Places of pairs that pay for a call of their own where threads share the work: some of it takes
+much longer than the rest."""
 
 
 def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
@@ -166,7 +158,10 @@ class _Look:
         points = None if posing.points is None else f64(posing.points)
         room = np.empty(2 * int(sizes.max()) + 48 * most_bones + 2)
         events = np.empty((2 * int(table.most_samples[some].max()) + 2, 2))
-        self._kept = pairs, posing, target, points, room, events
+        self._kept = (
+            *(pairs, pointers, posing, target, drift, weights, column_of),
+            *(points, room, events),
+        )
         is_single = int(weights.dtype == np.float32)
         self._found = _Found(pointer(weights), pointer(column_of), weights.shape[1], is_single, 0)
         self._arguments = (

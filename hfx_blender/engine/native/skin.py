@@ -266,6 +266,7 @@ class Clusters:
         self.table: Any = (ClusterPointers * count)()
         self.most_bones = 0
         self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._before: list[list[npt.NDArray[Any]]] = []  # somebody may still look at them
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
     def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
@@ -299,6 +300,8 @@ class Clusters:
             distances,
             differences,
         ]
+        if cluster in self._kept:
+            self._before.append(self._kept[cluster])
         self._kept[cluster], self._is_known[cluster] = kept, True
         self.table[cluster] = ClusterPointers(*map(pointer, kept), len(bones))
         if table is not None:

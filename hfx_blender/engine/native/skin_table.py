@@ -65,5 +65,6 @@ def table_of(table: Table) -> Any:
     if table not in _TABLES or _TABLES[table][1][-1] is not table.samples:
         arrays = [getattr(table, name) for name in _TABLE_ARRAYS]
         made = _Table(*map(pointer, arrays), table.samples.shape[1], int(table.is_simple))
+        made.arrays = arrays  # as long as anybody looks at them
         _TABLES[table] = made, arrays
     return _TABLES[table][0]

@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Generator, Iterator
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -26,6 +26,7 @@ from ..samples import SampleRun
 from ..scene import AnimationBlock, HapticSurface, HapticVolume
 from ..volume.mesh import MeshVolume
 from .handing_over import packed, receive, send, unpacked
+from .overlapping import short_turns
 
 Answer = tuple[list[SampleRun], list[Touches], Counters]
 
@@ -58,32 +59,62 @@ def evaluated(
     samples : int
         How many they hold, to judge whether help pays.
     processes : int
-        How many, with this one.
+        How many, with this one; each thread of the engine counts as one.
     worth_s : float
         See :data:`WORTH_S`.
     """
-    is_alone = processes < 2 or not _may_be_split(engine)
-    spent_s, done = 0.0, 0
-    for number, block in enumerate(blocks):
-        start_s = time.thread_time()
-        runs = engine.evaluate(block)
-        taken_s = time.thread_time() - start_s
-        count = len(block.indices) - block.history
-        samples -= count
-        yield block, runs
-        if is_alone or not number:  # the first loads models
-            continue
-        spent_s, done = spent_s + taken_s, done + count
-        if spent_s / max(done, 1) * samples > worth_s:
-            break
-    else:
+    helpers_wanted = min(processes, MOST) - engine.threads
+    is_alone = helpers_wanted < 1 or not _may_be_split(engine)
+    begun: deque[_Begun] = deque()
+    is_helped, spent_s, done = False, 0.0, 0
+    # What a block leaves to threads goes on while the next one is read and begun.
+    ahead = int(engine.threads > 1)
+    with short_turns() if ahead else nullcontext():
+        for number, block in enumerate(blocks):
+            begun.append(_Begun(engine, block))
+            if len(begun) <= ahead:
+                continue
+            head = begun.popleft()
+            yield head.block, head.ended()
+            count = len(head.block.indices) - head.block.history
+            samples -= count
+            if is_alone or number == ahead:  # the first loads models
+                continue
+            spent_s, done = spent_s + head.taken_s, done + count
+            is_helped = spent_s / max(done, 1) * samples > worth_s
+            if is_helped:
+                break
+        for each in begun:
+            yield each.block, each.ended()
+    if not is_helped:
         return
-    helpers = _helpers(engine, min(processes, MOST) - 1)
+    helpers = _helpers(engine, helpers_wanted)
     try:
         yield from _shared(engine, blocks, helpers)
     finally:
         for helper in helpers:
             helper.close()
+
+
+class _Begun:
+    """A block that is being evaluated; it counts when it is ended."""
+
+    def __init__(self, engine: Engine, block: AnimationBlock) -> None:
+        start_s = time.thread_time()
+        self.block = block
+        self._counters, before = engine.counters, engine.counters.copy()
+        self._end = engine.begin(block)
+        self._counted = engine.counters.since(before)
+        engine.counters.go_back(before)
+        self.taken_s = time.thread_time() - start_s
+
+    def ended(self) -> list[SampleRun]:
+        """What is felt in it."""
+        start_s = time.perf_counter()  # waiting for threads counts
+        self._counters.add(self._counted)
+        runs = self._end()
+        self.taken_s += time.perf_counter() - start_s
+        return runs
 
 
 def _may_be_split(engine: Engine) -> bool:

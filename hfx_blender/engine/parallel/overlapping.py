@@ -115,7 +115,7 @@ def overlapped(
     then until all is done. What either of them raises is raised here. Whoever stops asking has
     ended the thread.
     """
-    with _short_turns():
+    with short_turns():
         worker = _Worker(work)
         try:
             for item in source:
@@ -139,7 +139,8 @@ def in_turn(
 
 
 @contextmanager
-def _short_turns() -> Iterator[None]:
+def short_turns() -> Iterator[None]:
+    """While threads wait for each other, they take turns more often."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _TURN_S))
     try:

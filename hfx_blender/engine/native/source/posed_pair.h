@@ -109,13 +109,21 @@ static inline double reach_of(look *at, side *pair, int64_t unit) {
 static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
   if (at->target->is_flat || at->target->amplitude == 0.0) return 0;
   const hfx_table *table = at->table;
-  if (gap_of(at, pair, unit) * table->means[at->first + unit] <= at->limit) return 1;
+  double mean = table->means[at->first + unit];
+  if (gap_bound(at, pair, unit) * mean <= at->limit || gap_of(at, pair, unit) * mean <= at->limit)
+    return 1;
   if (table->is_simple) return 0;
   if (*cell < 0) {
-    double sum = 0.0;
-    for (int64_t u = from; u < to; u++)
-      sum += gap_of(at, pair, u) * table->means[at->first + u] * table->unit_shares[at->first + u];
-    *cell = sum <= at->limit;
+    // What is no less than the distances first, as they have to be posed for.
+    *cell = 0;
+    for (int is_exact = 0; is_exact < 2 && !*cell; is_exact++) {
+      double sum = 0.0;
+      for (int64_t u = from; u < to; u++) {
+        double gap = is_exact ? gap_of(at, pair, u) : gap_bound(at, pair, u);
+        sum += gap * table->means[at->first + u] * table->unit_shares[at->first + u];
+      }
+      *cell = sum <= at->limit;
+    }
   }
   return *cell;
 }
