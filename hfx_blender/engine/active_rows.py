@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, pairwise
+from math import isfinite
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,12 +27,21 @@ def active_rows(
     """Rows at which each effect is on and all its values are numbers."""
     if not effects:
         return []
-    levels = np.stack([animated.levels for animated in block.effects])
-    parameters = np.concatenate([animated.parameters.ravel() for animated in block.effects])
-    if np.isfinite(levels).all() and np.isfinite(parameters).all():
-        on = levels > 0.0
-        on[:, : block.history] = False
-        return [each.nonzero()[0] for each in on]
+    if len(block.indices) == 1 and not block.history:
+        values = [[*each.levels.tolist(), *each.parameters[0].tolist()] for each in block.effects]
+        if all(map(isfinite, chain(*values))):
+            none, only = np.zeros(0, np.int64), np.zeros(1, np.int64)
+            return [only if level > 0.0 else none for level, *_ in values]
+    parts = [animated.levels for animated in block.effects]
+    parts += [animated.parameters.ravel() for animated in block.effects]
+    together, count = np.concatenate(parts), len(block.indices)
+    if np.isfinite(together).all():
+        on = together[: len(effects) * count].reshape(len(effects), count) > 0.0
+        if block.history:
+            on[:, : block.history] = False
+        numbers, rows = on.nonzero()
+        cuts = np.searchsorted(numbers, np.arange(len(effects) + 1)).tolist()
+        return [rows[first:last] for first, last in pairwise(cuts)]
     return [
         _finite_rows(effect, animated, block, counters)
         for effect, animated in zip(effects, block.effects, strict=True)
@@ -55,15 +67,22 @@ def posed_rows(pose: PoseBlock) -> I64:
     """Rows that were read and hold nothing but numbers that a place can have."""
     finite = pose.valid.copy()
     for values in (pose.to_world, pose.bones, pose.surface):
-        if values is not None:
-            # NaN compares as false, too.
+        # NaN compares as false, too.
+        if values is not None and not _span(values) <= FARTHEST:
             finite &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
-    return np.flatnonzero(finite)
+    return finite.nonzero()[0]
+
+
+def _span(values: npt.NDArray[np.floating[Any]]) -> float:
+    """The largest size of any value; not a number where one is not."""
+    low = np.minimum.reduce(values, axis=None, initial=0.0)
+    high = np.maximum.reduce(values, axis=None, initial=0.0)
+    return float(np.maximum(-low, high))
 
 
 def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) -> I64:
-    """Those of ``rows`` whose pose is known."""
-    if len(posed) and len(posed) == posed[-1] + 1 > rows.max(initial=-1):
+    """Those of ``rows``, ascending, whose pose is known."""
+    if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
         return rows  # all up to the last
     known = np.isin(rows, posed)
     if not known.all():
@@ -82,6 +101,8 @@ def followed(
     A row follows the sample before its own if the effect was on then and the pose is known.
     """
     count = len(block.indices)
+    if count == 1:
+        return rows, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.bool_)
     # Of each row: whether it is asked for; whether the next one follows it.
     is_asked, is_before = np.zeros(count, np.bool_), np.zeros(count + 1, np.bool_)
     is_asked[rows] = True

@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from .body.posing import SkinnedModel
 from .motion import largest_stretch
-from .native.library import pointer
-from .native.skin import GroupPointers
+from .native.cell_groups import CellGroups
 from .scene import PoseBlock
 from .skin_table import SkinTable
 
@@ -99,8 +98,7 @@ class CellSizes:
     ) -> None:
         self._table, self._surface, self._vertices = table, surface, vertices
         self._known: dict[int, _Groups] = {}
-        self._pointers: Any = None
-        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._native = CellGroups(len(surface.clusters))
 
     def means(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """No less than the mean distance of any cell's skin from its vertex.
@@ -154,16 +152,12 @@ class CellSizes:
 
     def pointers(self, clusters: I64) -> Any:
         """All clusters where the library finds them, these filled in."""
-        if self._pointers is None:
-            self._pointers = (GroupPointers * len(self._surface.clusters))()
-        for cluster in clusters.tolist():
-            if cluster not in self._kept:
-                known = self._of(cluster)
-                starts = np.concatenate([[0], np.cumsum(known.counts)])
-                others = known.distances, known.boxes, known.bones, known.shares, known.changes
-                self._kept[cluster] = kept = [starts, *map(np.ascontiguousarray, others)]
-                self._pointers[cluster] = GroupPointers(*map(pointer, kept), len(known.counts))
-        return self._pointers
+        new = self._native.lacking(clusters)
+        if len(new):
+            surface = self._surface.native_clusters(new)
+            own = None if self._vertices is None else self._vertices.native_clusters(new)
+            self._native.add(new, self._table, self._table.mesh, surface, own)
+        return self._native.table
 
     def _of(self, cluster: int) -> _Groups:
         if cluster not in self._known:

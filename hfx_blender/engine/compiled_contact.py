@@ -74,13 +74,12 @@ def begin(
     broad = reach.Broad(
         matrices,
         boxes,
-        bounds.low,
-        bounds.high,
+        skin.surface.outline,
+        bounds.boxes,
         np.searchsorted(bounds.rows, rows),
         follows,
         heard,
         turns if turns is not None and turns.any() else None,
-        skin.surface.pairs,
         skin.skin.edge_m,
         skin.skin.is_split,
     )
@@ -102,10 +101,11 @@ def begin(
     columns, column_of = gathering.columns_of(pairs, table)
     weights: gathering.Weights = np.zeros((len(rows), len(columns)), falloff.precision)
     drifts = {}
-    for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
+    if turns is not None:
         ways = (matrices[:-1], matrices[1:]), (to_world[:-1], to_world[1:])
-        drift = Drift.of(*ways, number)
-        drifts[number] = drift.from_before, drift.from_after
+        for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
+            drift = Drift.of(*ways, number)
+            drifts[number] = drift.from_before, drift.from_after
     looked = native.look_at_skin(pairs, table, posing, target, drifts, weights, column_of, workers)
 
     def found() -> Found:
@@ -119,16 +119,16 @@ def _posing(skin: BodySkin, pairs: reach.Pairs, bones: PosedBones) -> native.Pos
     """How places come about; skin that is covered or followed is filled in."""
     assert isinstance(skin.surface, SkinnedModel)
     table = skin.skin.table
-    wide = np.unique(pairs.clusters[(pairs.how == reach.COVERED) | (pairs.steps > 0)])
+    wide = pairs.clusters[(pairs.how == reach.COVERED) | (pairs.steps > 0)]
     if len(wide):
         table.need(wide)
         skin.surface.native_clusters(wide, table)
-    clusters = skin.surface.native_clusters(pairs.distinct)
+    clusters = skin.surface.native_clusters(pairs.clusters)
     own = None
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)
         by_vertex = pairs.how == reach.BY_VERTEX
-        own = skin.vertices.native_clusters(np.unique(pairs.clusters[by_vertex]))
+        own = skin.vertices.native_clusters(pairs.clusters[by_vertex])
     return native.Posing(clusters, own, bones)
 
 

@@ -18,11 +18,13 @@ import numpy.typing as npt
 
 from . import compiled_contact
 from .active_rows import FARTHEST
+from .body.posing import SkinnedModel
 from .counters import Counters
 from .coverage import BodySkin
 from .details import Details
 from .finding import Found
 from .motion import largest_stretch
+from .native import skin as native_skin
 from .placed import Placed
 from .placed import ReachableBounds as ReachableBounds
 from .scene import EffectBlock, PoseBlock
@@ -54,11 +56,16 @@ class Contacts:
 def bounds_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> ReachableBounds:
     """World boxes of a model's skin, cluster by cluster, at ``rows`` of the block."""
     to_world = pose.to_world[rows]
-    low, high = skin.surface.cluster_bounds(pose, rows, to_world)
-    if skin.skin.margins_m is not None:
-        bulge = largest_stretch(to_world)[:, None, None] * skin.skin.margins_m[:, None]
+    surface, margins_m = skin.surface, skin.skin.margins_m
+    if isinstance(surface, SkinnedModel) and native_skin.is_there():
+        assert pose.bones is not None
+        found = surface.outline.bounds(pose.bones, rows, to_world, margins_m)
+        return ReachableBounds(rows, *found)
+    low, high = surface.cluster_bounds(pose, rows, to_world)
+    if margins_m is not None:
+        bulge = largest_stretch(to_world)[:, None, None] * margins_m[:, None]
         low, high = low - bulge, high + bulge
-    return ReachableBounds(rows, low, high)
+    return ReachableBounds.around(rows, low, high)
 
 
 def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:

@@ -21,10 +21,12 @@ from .body.clusters import clusters_of
 from .body.model import PerceptualModel
 from .body.posing import PosableModel, SkinnedModel
 from .cell_sizes import CellSizes
-from .indexing import ramp
-from .native import skin as native
+from .indexing import ramp, sorted_by
+from .native import skin as native_skin
+from .native import skin_outline as native
 from .native.skin import PosedBones
 from .scene import PoseBlock
+from .skin_mesh import SkinMesh
 from .skin_table import SkinTable
 from .tolerance import Tolerance
 
@@ -134,35 +136,32 @@ class Skin:
 
     def _outlined(self) -> tuple[list[I32], F64]:
         """Each cluster's units and the corners around them, and how far skin may bulge there."""
-        order, starts = self._units_of_cells
-        cores = []
-        for cells in self.clusters:
-            step, cell_of = ramp(starts[cells + 1] - starts[cells])
-            cores.append(order[starts[cells][cell_of] + step].astype(np.int32))
-        cluster_of = np.zeros(len(self.surface), np.int64)
-        cluster_of[np.concatenate(cores)] = np.repeat(
-            np.arange(len(cores)), [len(core) for core in cores]
-        )
+        order, firsts = sorted_by(self._owner, len(self.model))
+        cells = np.concatenate(self.clusters)
+        step, cell_of = ramp(firsts[cells + 1] - firsts[cells])
+        units = order[firsts[cells][cell_of] + step].astype(np.int32)
+        cluster_of = owners_of(self.clusters, len(self.model))[self._owner]
+        starts = sorted_by(cluster_of, len(self.clusters))[1]
+        if native.is_there():
+            mesh = SkinMesh.of(self.surface)
+            return native.outlined(mesh, starts, units, cluster_of)
         triangles = self.surface.triangles
         clusters = cluster_of[triangles]
-        mixed = np.flatnonzero((clusters != clusters[:, :1]).any(axis=1))
-        pairs = [
-            clusters[mixed, a] * len(self.surface) + triangles[mixed, b]
-            for a in range(3)
-            for b in range(3)
-            if a != b
-        ]
+        pairs = []
+        for a, b in ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)):
+            apart = np.flatnonzero(clusters[:, a] != clusters[:, b])
+            pairs.append(clusters[apart, a] * len(self.surface) + triangles[apart, b])
         cluster, vertex = np.divmod(np.unique(np.concatenate(pairs)), len(self.surface))
-        foreign = cluster_of[vertex] != cluster
-        cluster, vertex = cluster[foreign], vertex[foreign]
-        cuts = np.searchsorted(cluster, np.arange(len(cores) + 1))
+        cuts = np.searchsorted(cluster, np.arange(len(starts)))
         outlines = [
-            np.concatenate([core, vertex[cuts[k] : cuts[k + 1]].astype(np.int32)])
-            for k, core in enumerate(cores)
+            np.concatenate([units[starts[k] : starts[k + 1]], vertex[cuts[k] : cuts[k + 1]]])
+            for k in range(len(starts) - 1)
         ]
-        margins = np.zeros(len(cores))
-        np.maximum.at(margins, clusters.ravel(), np.repeat(self._bulge_bounds(), 3))
-        return outlines, margins
+        margins = np.zeros(len(outlines))
+        bounds = self._bulge_bounds()
+        for column in clusters.T:
+            np.maximum.at(margins, column, bounds)
+        return [each.astype(np.int32) for each in outlines], margins
 
     def _bulge_bounds(self) -> npt.NDArray[np.float32]:
         """No sample of a triangle is higher over it, (F,) metres."""
@@ -189,12 +188,6 @@ class Skin:
             self._distance,
             np.asarray(self._distance < spacing) & self.is_split,
         )
-
-    @cached_property
-    def _units_of_cells(self) -> tuple[I64, I64]:
-        order = np.argsort(self._owner, kind="stable")
-        starts = np.searchsorted(self._owner[order], np.arange(len(self.model) + 1))
-        return order, starts.astype(np.int64)
 
 
 class BodySkin:
@@ -223,7 +216,7 @@ class BodySkin:
 
     def posed_bones(self, pose: PoseBlock, rows: I64, to_target: F64) -> PosedBones | None:
         """What bones do to the skin, to target space; None without bones, or the library."""
-        if not isinstance(self.surface, SkinnedModel) or not native.is_there():
+        if not isinstance(self.surface, SkinnedModel) or not native_skin.is_there():
             return None
         assert pose.bones is not None
         return PosedBones(pose.bones, rows, to_target, self._used_bones)
@@ -246,7 +239,7 @@ class BodySkin:
     @cached_property
     def cluster_of(self) -> I64:
         """The skin's cluster of each vertex of the model."""
-        return _owners(self.skin.clusters, len(self.skin.model))
+        return owners_of(self.skin.clusters, len(self.skin.model))
 
     @cached_property
     def groups(self) -> PosableModel:
@@ -276,11 +269,12 @@ class BodySkin:
     def _members(self) -> Bool:
         """Which clusters each group has a part of, (groups, clusters)."""
         members = np.zeros((len(self.groups.clusters), len(self.skin.clusters)), np.bool_)
-        members[_owners(self.groups.clusters, len(self.skin.model)), self.cluster_of] = True
+        members[owners_of(self.groups.clusters, len(self.skin.model)), self.cluster_of] = True
         return members
 
 
-def _owners(clusters: list[I32], count: int) -> I64:
+def owners_of(clusters: list[I32], count: int) -> I64:
+    """The cluster of each of so many vertices."""
     owners = np.zeros(count, np.int64)
     owners[np.concatenate(clusters)] = np.repeat(
         np.arange(len(clusters)), [len(ids) for ids in clusters]

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -24,3 +26,21 @@ def largest(values: F64, owners: I64, count: int) -> F64:
     if len(firsts):
         largest[owners[firsts]] = np.maximum.reduceat(values, firsts, axis=0)
     return largest
+
+
+def each_once(ascending: I64) -> I64:
+    """The numbers of an ascending array (n,), each once."""
+    is_first = np.ones(len(ascending), np.bool_)
+    np.not_equal(ascending[1:], ascending[:-1], out=is_first[1:])
+    return ascending[is_first]
+
+
+def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
+    """Places of keys (E,), each below ``count``, key by key and else as they are; and where the
+    places of each key begin, (count + 1,)."""
+    # Numpy sorts 16 bits in one pass.
+    short = keys.astype(np.uint16) if count <= 1 << 16 else keys
+    order = np.argsort(short, kind="stable").astype(np.int64, copy=False)
+    starts = np.zeros(count + 1, np.int64)
+    np.cumsum(np.bincount(keys, minlength=count), out=starts[1:])
+    return order, starts

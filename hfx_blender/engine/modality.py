@@ -9,6 +9,7 @@ temperature that product scales the deviation from a neutral temperature.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -51,6 +52,15 @@ class Modality:
     model: str  # modality of the perceptual model that it is felt on
     parameters: tuple[Parameter, ...]
     strength: str
+
+    @cached_property
+    def limits(self) -> F64:
+        """The least and the largest value of each parameter, (2, P)."""
+        import numpy as np  # Blender's start does not wait for it
+
+        return np.array(
+            [[p.minimum for p in self.parameters], [p.maximum for p in self.parameters]]
+        )
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -32,6 +32,23 @@ class ReachableBounds:
     rows: I64  # (n,) rows whose pose is known, ascending
     low: F64  # (n, C, 3)
     high: F64  # (n, C, 3)
+    of_rows: F64  # (n, 2, 3) around all clusters at a row
+    of_clusters: F64  # (C, 2, 3) around a cluster at all rows
+
+    @property
+    def boxes(self) -> tuple[F64, F64, F64, F64]:
+        """All but the rows."""
+        return self.low, self.high, self.of_rows, self.of_clusters
+
+    @classmethod
+    def around(cls, rows: I64, low: F64, high: F64) -> ReachableBounds:
+        """Of the boxes of clusters."""
+        of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
+        # Where a row's is not a number, what the cluster does at the others still counts.
+        lowest = np.fmin.reduce(low, axis=0, initial=np.inf)
+        highest = np.fmax.reduce(high, axis=0, initial=-np.inf)
+        of_clusters = np.stack([lowest, highest], axis=1)
+        return cls(rows, low, high, np.stack(of_rows, axis=1), of_clusters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +196,10 @@ class Placed:
         for turns, (matrices, low, high) in zip(self._turns, (own, skin), strict=True):
             angles = turns[later]
             if angles.any():
-                origins = matrices[:, None, :3, 3]
-                arms = np.maximum(np.abs(low - origins), np.abs(high - origins))
-                longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=1))
+                lowest, highest = low.min(axis=1), high.max(axis=1)
+                origins = matrices[:, :3, 3]
+                arms = np.maximum(np.abs(lowest - origins), np.abs(highest - origins))
+                longest = np.sqrt(np.square(arms).sum(axis=1))
                 arm = np.maximum(longest[later - 1], longest[later])
                 swing += arm * (1.0 - np.cos(0.5 * angles))
         return swing

@@ -16,6 +16,7 @@ from .active_rows import posed_rows
 from .bound_skins import BoundSkins
 from .contact import bounds_of, box_of
 from .motion import turned_by
+from .native import volume_boxes as native
 from .placed import ReachableBounds
 from .scene import AnimationBlock, BodyDescription, EffectBlock
 
@@ -52,7 +53,7 @@ class BlockReach:
         self._posed: dict[str, I64] = {}
         self._turns: dict[str, float] = {}
         self._bounds: dict[tuple[str, str], ReachableBounds] = {}
-        self._near: dict[tuple[str, str], Bool] = {}
+        self._near: dict[tuple[str, str], list[bool]] = {}
         self._boxes: _VolumeBoxes | None = None
 
     def posed(self, body: BodyDescription) -> I64:
@@ -74,14 +75,16 @@ class BlockReach:
 
         A volume that is flattened or not a number is never clear: it is to be told of.
         """
-        if self._boxes is None:
-            self._boxes = _VolumeBoxes(self._block)
-        if self._boxes.size < _FEWEST or animated not in self._boxes.number:
+        boxes = self._boxes
+        if boxes is None:
+            boxes = self._boxes = _VolumeBoxes(self._block)
+        number = boxes.number.get(animated)
+        if number is None or boxes.size < _FEWEST:
             return False
         key = (body.id, model_id)
         if key not in self._near:
-            self._near[key] = self._boxes.meet(*self._body_box(body, model_id))
-        return not self._near[key][self._boxes.number[animated]]
+            self._near[key] = boxes.meet(*self._body_box(body, model_id))
+        return not self._near[key][number]
 
     def _largest_turn(self, body: BodyDescription) -> float:
         """By how much a body turns at most from a row to the next, radians."""
@@ -115,43 +118,62 @@ class _VolumeBoxes:
         self.size = len(volumes) * len(block.indices)
         if self.size < _FEWEST:
             return
-        matrices = np.stack([np.asarray(each.matrices)[:, :3] for each in volumes])  # (E, T, 3, 4)
-        # Rows where a volume is off may hold anything; rows before count if it was on there.
-        on = np.stack([each.levels for each in volumes]) > 0.0
-        low, high = _bounds(volumes)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        linear, origins = matrices[..., :3], matrices[..., 3]
-        with np.errstate(all="ignore"):
-            lengths = np.sqrt(np.square(linear).sum(axis=2))
-            upright = np.abs(_determinants(linear)) >= _UPRIGHT * lengths.prod(axis=2)
-            sizes = (lengths > 1e-90) & (lengths < 1e90)
-            usable = upright & sizes.all(axis=2) & np.isfinite(origins).all(axis=2)
-            self._sure = (~on | usable).all(axis=1)
-            centres = np.einsum("etij,ej->eti", linear, middle) + origins
-            reaches = np.einsum("etij,ej->eti", np.abs(linear), half)
-            arms = np.einsum("etij,ej->eti", np.abs(linear), np.abs(middle) + half)
-            reaches += _ROUNDING * (arms + np.abs(origins))
-            # Between two rows a turning volume stays within its longest arm of both boxes.
-            turns = (linear[:, 1:] != linear[:, :-1]).any(axis=(1, 2, 3))
-            longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=1, initial=0.0, where=on))
-            swing = np.where(turns, longest, 0.0)[:, None]
-            self._low = (centres - reaches).min(axis=1, initial=np.inf, where=on[..., None]) - swing
-            self._high = (centres + reaches).max(
-                axis=1, initial=-np.inf, where=on[..., None]
-            ) + swing
+        matrices = np.concatenate([each.matrices for each in volumes if each.matrices is not None])
+        levels = np.concatenate([each.levels for each in volumes])
+        shape = len(volumes), len(block.indices)
+        made = native.volume_boxes if native.is_there() else _boxes
+        self._low, self._high, self._sure = made(
+            matrices.reshape(*shape, 4, 4), levels.reshape(shape), _bounds(volumes)
+        )
 
-    def meet(self, low: F64, high: F64) -> Bool:
+    def meet(self, low: F64, high: F64) -> list[bool]:
         """Which volumes may meet a box, (number of volumes,)."""
-        meets: Bool = ((self._low <= high) & (self._high >= low)).all(axis=1)
-        return meets | ~self._sure
+        meets = ((self._low <= high) & (self._high >= low)).all(axis=1)
+        found: list[bool] = (meets | ~self._sure).tolist()
+        return found
 
 
-def _bounds(volumes: list[EffectBlock]) -> tuple[F64, F64]:
-    """Boxes of all shapes of each volume, shape space, (E, 3) each."""
-    boxes = [[shape.bounds for shape in each.shapes] for each in volumes]
-    low = np.array([np.min([box[0] for box in some], axis=0) for some in boxes])
-    high = np.array([np.max([box[1] for box in some], axis=0) for some in boxes])
-    return low, high
+def _bounds(volumes: list[EffectBlock]) -> F64:
+    """Boxes around all shapes of each volume, shape space, (E, 2, 3)."""
+    known: dict[int, F64] = {}
+    boxes = []
+    for volume in volumes:
+        for shape in volume.shapes:
+            if id(shape) not in known:
+                known[id(shape)] = shape.bounds
+        box = known[id(volume.shapes[0])]
+        if len(volume.shapes) > 1:
+            low, high = np.stack([known[id(shape)] for shape in volume.shapes], axis=1)
+            box = np.stack([low.min(axis=0), high.max(axis=0)])
+        boxes.append(box)
+    return np.concatenate(boxes).reshape(-1, 2, 3)
+
+
+def _boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:
+    """See :func:`.native.volume_boxes.volume_boxes`."""
+    # Rows where a volume is off may hold anything; rows before count if it was on there.
+    on = levels > 0.0
+    low, high = bounds[:, 0], bounds[:, 1]
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    linear, origins = matrices[..., :3, :3], matrices[..., :3, 3]
+    with np.errstate(all="ignore"):
+        lengths = np.sqrt(np.square(linear).sum(axis=2))
+        upright = np.abs(_determinants(linear)) >= _UPRIGHT * lengths.prod(axis=2)
+        sizes = (lengths > 1e-90) & (lengths < 1e90)
+        usable = upright & sizes.all(axis=2) & np.isfinite(origins).all(axis=2)
+        is_sure: Bool = (~on | usable).all(axis=1)
+        centres = np.einsum("etij,ej->eti", linear, middle) + origins
+        reaches = np.einsum("etij,ej->eti", np.abs(linear), half)
+        arms = np.einsum("etij,ej->eti", np.abs(linear), np.abs(middle) + half)
+        reaches += _ROUNDING * (arms + np.abs(origins))
+        # Between two rows a turning volume stays within its longest arm of both boxes.
+        turns = (linear[:, 1:] != linear[:, :-1]).any(axis=(1, 2, 3))
+        longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=1, initial=0.0, where=on))
+        swing = np.where(turns, longest, 0.0)[:, None]
+        counts = on[..., None]
+        lowest = (centres - reaches).min(axis=1, initial=np.inf, where=counts) - swing
+        highest = (centres + reaches).max(axis=1, initial=-np.inf, where=counts) + swing
+    return lowest, highest, is_sure
 
 
 def _determinants(linear: F64) -> F64:

@@ -72,17 +72,13 @@ class RunMaker:
     ) -> SampleRun:
         """A run of an effect on a body at some rows of a block; see :class:`SampleRun`."""
         indices = block.indices[rows]
-        parameters = MODALITIES[effect.modality].parameters
+        least, largest = MODALITIES[effect.modality].limits
         return SampleRun(
             stream=Stream(effect.id, body_id, effect.modality, effect.model_id),
             indices=indices,
             times_s=self.scene.time.times_s(indices),
-            levels=np.clip(animated.levels[rows], 0.0, 1.0),
-            parameters=np.clip(
-                animated.parameters[rows],
-                [parameter.minimum for parameter in parameters],
-                [parameter.maximum for parameter in parameters],
-            ),
+            levels=np.minimum(np.maximum(animated.levels[rows], 0.0), 1.0),
+            parameters=np.minimum(np.maximum(animated.parameters[rows], least), largest),
             sets=None if self.record else sets,
             offsets=offsets,
             vertices=vertices,

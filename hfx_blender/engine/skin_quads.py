@@ -17,6 +17,11 @@ I32 = npt.NDArray[np.int32]
 _BULGE_LIMIT: Final = 0.25  # of a triangle's size; more is a crease, not a curve
 
 
+def closeness(areas_m2: npt.NDArray[np.float32]) -> F64:
+    """One over the spacing of vertices that have these areas, but for a factor."""
+    return (1.0 / np.sqrt(np.maximum(areas_m2, 1e-12))).astype(np.float64)
+
+
 @dataclass(frozen=True, eq=False)
 class Quads:
     """The quads at the first corners of triangles; see :class:`.skin_table.SkinTable`."""
@@ -33,10 +38,11 @@ class Quads:
     @classmethod
     def of(cls, surface: PerceptualModel, ring: I32) -> Quads:
         corners = ring.T
-        points = [surface.vertices[corner].T.astype(np.float64) for corner in corners]
-        normals = [surface.normals[corner].T.astype(np.float64) for corner in corners]
-        closeness = [1.0 / np.sqrt(np.maximum(surface.areas_m2[c], 1e-12)) for c in corners]
-        one, two, three = (each.astype(np.float64) for each in closeness)
+        points, normals = (
+            [np.ascontiguousarray(each[corner].T, np.float64) for corner in corners]
+            for each in (surface.vertices, surface.normals)
+        )
+        one, two, three = (closeness(surface.areas_m2[corner]) for corner in corners)
         along, across = points[1] - points[0], points[2] - points[0]
         cross = _cross(along, across)
         doubled = np.sqrt(_dot(cross, cross))

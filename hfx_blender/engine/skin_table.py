@@ -17,7 +17,9 @@ import numpy.typing as npt
 
 from .body.model import PerceptualModel
 from .indexing import largest, ramp
-from .skin_quads import Quads
+from .native import skin_filling as native
+from .skin_mesh import SkinMesh
+from .skin_quads import Quads, closeness
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -58,6 +60,8 @@ class SkinTable:
     ----------
     surface : PerceptualModel
         As given.
+    mesh : SkinMesh
+        Its triangles.
     starts : (clusters + 1,) int64
         Each cluster's first place.
     place_counts : (clusters,) int64
@@ -95,15 +99,14 @@ class SkinTable:
         distance: F64,
         is_split: Bool,
     ) -> None:
-        self.surface = surface
+        self.surface, self.mesh = surface, SkinMesh.of(surface)
         self._distance, self._is_split = distance, is_split
         self.cells = np.concatenate(cells)
-        counts = np.bincount(owner, minlength=len(self.cells))
-        sizes = [len(some) for some in cells]
+        counts = np.bincount(owner, minlength=len(self.cells)).astype(np.int64, copy=False)
         self.starts = np.cumsum([0, *(len(some) for some in outlines)], dtype=np.int64)
         self.place_counts = np.diff(self.starts)
-        self.cell_starts = np.cumsum([0, *sizes], dtype=np.int64)
-        self.unit_counts = np.array([counts[some].sum() for some in cells], np.int64)
+        self.cell_starts = np.cumsum([0, *(len(some) for some in cells)], dtype=np.int64)
+        self.unit_counts = np.add.reduceat(counts[self.cells], self.cell_starts[:-1])
         self.is_simple = len(self.cells) == int(self.unit_counts.sum())
         self.vertices = np.concatenate(outlines)
         total = len(self.vertices)
@@ -113,7 +116,7 @@ class SkinTable:
         is_unit = np.arange(total) - self.starts[self._cluster] < self.unit_counts[self._cluster]
         self.cell_of = np.zeros(total, np.int64)
         self.cell_of[is_unit] = np.repeat(np.arange(len(self.cells)), counts[self.cells])
-        numbers = np.where(is_unit & is_split.any(), self._corner_counts[self.vertices], 0)
+        numbers = np.where(is_unit & is_split.any(), np.diff(self.mesh.starts)[self.vertices], 0)
         self.quad_starts = np.concatenate([[0], np.cumsum(numbers, dtype=np.int64)])
         quads = int(self.quad_starts[-1])
         self.unit_shares, self.vertex_shares = np.zeros(total), np.zeros(total)
@@ -150,31 +153,33 @@ class SkinTable:
         """Units of a cluster, ascending, and those next to them, places in the cluster."""
         ids = self.vertices[self.starts[cluster] : self.starts[cluster + 1]]
         units = ids[: self.unit_counts[cluster]]
-        order, starts = self._corner_order
+        order, starts = self.mesh.corners, self.mesh.starts
         step, unit = ramp(starts[units + 1] - starts[units])
         face, turn = np.divmod(order[starts[units][unit] + step], 3)
         place = np.zeros(len(self.surface), np.int64)
         place[ids] = np.arange(len(ids))
         return unit, place[self.surface.triangles[face, _TURNED[1].take(turn)]]
 
-    @cached_property
-    def _corner_order(self) -> tuple[I64, I64]:
-        """Corners of triangles (3 f + k) by their vertex, and where each vertex's begin."""
-        corners = self.surface.triangles.ravel()
-        order = np.argsort(corners, kind="stable")
-        return order, np.searchsorted(corners[order], np.arange(len(self.surface) + 1))
-
-    @property
-    def _corner_counts(self) -> I64:
-        counts: I64 = np.diff(self._corner_order[1])
-        return counts
-
     def need(self, clusters: I64) -> None:
         """Fill in the skin of some clusters, where that has not been done."""
-        new = np.unique(clusters[~self._is_made[clusters]])
+        new = clusters[~self._is_made[clusters]]
         if not len(new):
             return
+        new = np.unique(new)
+        if native.is_there():
+            self._fill(new)
+        else:
+            self._fill_in_numpy(new)
         self._is_made[new] = True
+
+    def _fill(self, new: I64) -> None:
+        is_split = self._is_split.view(np.uint8)
+        filling = native.Filling(self, self.mesh, self._distance, is_split, self._closeness)
+        count = filling.fill(new, self._sample_count)
+        self._make_room(count)
+        filling.place_samples(self._samples)
+
+    def _fill_in_numpy(self, new: I64) -> None:
         step, which = ramp(self.unit_counts[new])
         units = self.starts[new][which] + step
         vertices = self.vertices[units]
@@ -217,7 +222,7 @@ class SkinTable:
 
     def _rings(self, clusters: I64, units: I64) -> tuple[I64, I64, I32, I64]:
         """The quads of units: number, unit, triangle from the unit on, places around it."""
-        corner_order, corner_starts = self._corner_order
+        corner_order, corner_starts = self.mesh.corners, self.mesh.starts
         step, unit = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
         vertices = self.vertices[units]
         face, turn = np.divmod(corner_order[corner_starts[vertices][unit] + step], 3)
@@ -234,15 +239,23 @@ class SkinTable:
         wanted = self._cluster[units][unit][:, None] * size + ring[:, 1:]
         return step, unit, ring, places[order[np.searchsorted(keys[order], wanted)]]
 
+    def _make_room(self, count: int) -> None:
+        """For so many samples: in a new array, others may be looking at the one there is."""
+        self._sample_count = count
+        if count > self._samples.shape[1]:
+            larger = np.empty((4, max(count, 2 * self._samples.shape[1])))
+            larger[:, : self._samples.shape[1]] = self._samples
+            self._samples = larger
+
+    @cached_property
+    def _closeness(self) -> F64:
+        """One over the spacing of vertices, but for a factor, (skin vertices,)."""
+        return closeness(self.mesh.areas_m2)
+
     def _place_samples(self, at: I64, quads: Quads, steps: I64, scale: F64) -> None:
         counts = steps * steps
         self.sample_starts[at] = self._sample_count + np.cumsum(counts) - counts
-        self._sample_count += int(counts.sum())
-        if self._sample_count > self._samples.shape[1]:
-            room = max(self._sample_count, 2 * self._samples.shape[1])
-            larger = np.empty((4, room))
-            larger[:, : self._samples.shape[1]] = self._samples
-            self._samples = larger
+        self._make_room(self._sample_count + int(counts.sum()))
         curved = self.heights_m[at] > 0.0
         for number in np.unique(steps[steps > 0]).tolist():
             mine = np.flatnonzero(steps == number)

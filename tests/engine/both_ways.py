@@ -4,22 +4,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from unittest import mock
 
 import pytest
 
-from hfx_blender.engine.native import reach, skin
+from hfx_blender.engine.native import (
+    clusters,
+    reach,
+    skin,
+    skin_binding,
+    skin_filling,
+    skin_outline,
+    volume_boxes,
+)
 from hfx_blender.engine.native.library import library
 
 needs_library = pytest.mark.skipif(library() is None, reason="no library was built")
+
+_PARTS = (clusters, reach, skin, skin_binding, skin_filling, skin_outline, volume_boxes)
 
 
 @contextmanager
 def in_numpy() -> Iterator[None]:
     """Without the library, for what is felt of volumes that have a formula."""
-    with (
-        mock.patch.object(reach, "_calls", lambda: None),
-        mock.patch.object(skin, "_calls", lambda: None),
-    ):
+    with ExitStack() as without:
+        for part in _PARTS:
+            without.enter_context(mock.patch.object(part, "_calls", lambda: None))
         yield

@@ -90,6 +90,15 @@ def told(scene, block, tolerance):
     return rows, (engine.counters.volume_tests, engine.counters.clusters_tested)
 
 
+def weights_at(time, rows):
+    return {
+        v: w
+        for t, vertices, weights in rows
+        if t == time
+        for v, w in zip(vertices, weights, strict=True)
+    }
+
+
 @pytest.mark.parametrize("modality", ["temperature", "pressure"])
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
 @settings(max_examples=3, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
@@ -97,6 +106,7 @@ def told(scene, block, tolerance):
     seed=st.integers(0, 2**31), strength=st.floats(0.0, 0.6), speed=st.sampled_from([0.0, 0.1, 1.0])
 )
 @example(seed=300017, strength=0.08168121312481758, speed=0.4)  # passes, and ends far away
+@example(seed=2358, strength=0.32276461900142983, speed=1.0)  # a vertex on the boundary
 def test_both_feel_the_same(modality, tolerance, seed, strength, speed):
     scene, block = moving_scene(load(f"hfx-{modality}-1"), seed, strength, speed)
     found, counted = told(scene, block, tolerance)
@@ -105,9 +115,16 @@ def test_both_feel_the_same(modality, tolerance, seed, strength, speed):
     assert counted == counted_in_numpy
     assert found.keys() == expected.keys()
     for name, rows in found.items():
-        for one, other in zip(rows, expected[name], strict=True):
-            assert one[:2] == other[:2], f"{name} at {one[0]}"
-            np.testing.assert_allclose(one[2], other[2], rtol=0, atol=2e-7)
+        for time in {row[0] for row in (*rows, *expected[name])}:
+            one, other = weights_at(time, rows), weights_at(time, expected[name])
+            # What only rounding puts on one side of a boundary has no weight to speak of.
+            vertices = one.keys() | other.keys()
+            np.testing.assert_allclose(
+                [one.get(v, 0.0) for v in vertices],
+                [other.get(v, 0.0) for v in vertices],
+                *(0, 2e-7),
+                err_msg=f"{name} at {time}",
+            )
 
 
 def test_the_library_was_asked(monkeypatch):

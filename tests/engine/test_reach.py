@@ -8,6 +8,7 @@ import pytest
 from coverage_synthetic import evaluated, placed, rigid, sheet
 
 from hfx_blender.engine import reach
+from hfx_blender.engine.placed import ReachableBounds
 from hfx_blender.engine.volume.analytic import Cuboid, Sphere
 
 
@@ -75,3 +76,10 @@ def test_a_volume_that_cannot_be_is_told_of_wherever_it_is(
     matrices[1, 0, 0] = value
     _, _, engine = _both_ways(monkeypatch, Sphere(), matrices)
     assert list(engine.counters.warnings.values()) == [1]
+
+
+def test_a_row_that_is_no_place_hides_no_other_of_its_cluster() -> None:
+    low = np.zeros((2, 1, 3))
+    low[0] = np.nan
+    bounds = ReachableBounds.around(np.arange(2), low, low + 1.0)
+    assert bounds.of_clusters.tolist() == [[[0.0] * 3, [1.0] * 3]]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ..native import clusters as native
 from .model import PerceptualModel
 
 I32 = npt.NDArray[np.int32]
@@ -34,11 +35,13 @@ def clusters_of(
         Ascending vertex ids; every vertex is in exactly one cluster.
     """
     label = model.part.astype(np.int32) * 4 + model.side
+    pieces = [np.flatnonzero(label == value).astype(np.int32) for value in np.unique(label)]
+    if native.is_there():
+        return native.split(pieces, model.vertices, load, leaf_size)
     leaves: list[I32] = []
     if load is None:
         load = np.ones(len(model), np.int64)
-    for value in np.unique(label):
-        ids = np.flatnonzero(label == value).astype(np.int32)
+    for ids in pieces:
         _split(ids, model.vertices, load, leaf_size, leaves)
     return leaves
 

@@ -11,6 +11,7 @@ import hashlib
 import json
 import zipfile
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -153,7 +154,7 @@ def _content_hash(item: PerceptualModel | Avatar) -> str:
     digest.update("\0".join((item.id, *names)).encode())
     for name, array in sorted(_arrays(item).items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(np.ascontiguousarray(array).reshape(-1).data)
     return digest.hexdigest()
 
 
@@ -179,10 +180,33 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
     InputError
         The file is missing, is not such a file, or is of a newer version.
     """
+    meta, arrays = _read(kind, path)
+    skeleton = _taken(arrays, "skeleton")
+    if skeleton:
+        meta["skeleton"] = _skeleton(meta, skeleton)
+    weights = _taken(arrays, "weights")
+    if weights:
+        meta["weights"] = SkinWeights(**weights)
+    if "bone_names" in meta:
+        meta["bone_names"] = tuple(meta["bone_names"])
+    return kind(**meta, **arrays)
+
+
+def _taken(arrays: dict[str, Any], part: str) -> dict[str, Any]:
+    """The arrays of a part, which are no longer among the others."""
+    mine = [name for name in arrays if name.startswith(f"{part}.")]
+    return {name.partition(".")[2]: arrays.pop(name) for name in mine}
+
+
+def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
+    return Skeleton(bone_names=tuple(meta["skeleton"]["bone_names"]), **arrays)
+
+
+def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
+    """Facts and arrays of a file, of these only those of a part; see :func:`load`."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        meta = json.loads(arrays.pop("meta").tobytes())
+        arrays = _stored_arrays(path, part)
+        meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
@@ -191,20 +215,31 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
         raise InputError(
             f"{path}: expected a {kind.__name__} of version {FORMAT_VERSION} or older."
         )
-    for name in ("weights", "skeleton"):
-        members = {
-            key.partition(".")[2]: arrays.pop(key)
-            for key in list(arrays)
-            if key.startswith(name + ".")
-        }
-        if name == "skeleton" and members:
-            bones = tuple(meta["skeleton"]["bone_names"])
-            meta["skeleton"] = Skeleton(bone_names=bones, **members)
-        elif members:
-            meta[name] = SkinWeights(**members)
-    if "bone_names" in meta:
-        meta["bone_names"] = tuple(meta["bone_names"])
-    return kind(**meta, **arrays)
+    return meta, arrays
+
+
+_WORTH_THREADS = 1 << 18
+"""Bytes of a file from which on two threads unpack it: they need not wait for each other."""
+
+
+def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
+    with np.load(path, allow_pickle=False) as stored:
+        names = [name for name in stored.files if name == "meta" or name.startswith(part)]
+        if part or path.stat().st_size < _WORTH_THREADS:
+            return {name: stored[name] for name in names}
+        sizes = {name: stored.zip.getinfo(f"{name}.npy").compress_size for name in names}
+        halves: tuple[list[str], list[str]] = ([], [])
+        for name in sorted(names, key=sizes.__getitem__, reverse=True):
+            min(halves, key=lambda half: sum(sizes[each] for each in half)).append(name)
+
+        def unpacked() -> dict[str, Any]:
+            with np.load(path, allow_pickle=False) as again:  # readers cannot share a file
+                return {name: again[name] for name in halves[1]}
+
+        with ThreadPoolExecutor(1) as pool:
+            others = pool.submit(unpacked)
+            arrays = {name: stored[name] for name in halves[0]}
+            return arrays | others.result()
 
 
 @lru_cache(maxsize=8)
@@ -233,11 +268,18 @@ def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
     return _loaded(Avatar, library.find(avatar_id, "avatar"))
 
 
+@lru_cache(maxsize=1)
+def load_skeleton() -> Skeleton:
+    """The canonical skeleton: that of the shipped avatar, of which nothing else is read."""
+    meta, arrays = _read(Avatar, library.find(AVATAR_ID, "avatar").path, "skeleton.")
+    return _skeleton(meta, _taken(arrays, "skeleton"))
+
+
 def _loaded(kind: type[_Hashed], entry: library.Entry) -> _Hashed:
     found = load(kind, entry.path)
     # What is shipped was tested; what a user has copied or mended by hand was not.
-    stated, is_so = entry.content_hash, (found.id, found.content_hash)
-    if not entry.is_shipped and is_so != (entry.id, stated):
+    stated = entry.content_hash
+    if not entry.is_shipped and (found.id, found.content_hash) != (entry.id, stated):
         raise InputError(
             f"{entry.path}: holds '{found.id}' ({found.content_hash[:12]}...), where the "
             f"manifest beside it says '{entry.id}' ({stated[:12]}...); build or copy it again."

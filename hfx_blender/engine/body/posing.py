@@ -18,10 +18,12 @@ import numpy.typing as npt
 from ..indexing import largest, ramp
 from ..motion import largest_stretch
 from ..native import skin as native
+from ..native.bounds import Outline
 from ..native.skin import PosedBones
 from ..native.skin_table import Table
 from ..products import stacked_product
 from ..scene import PoseBlock, SkinBinding
+from .bound_weights import BoneBoxes, BoundWeights
 from .clusters import clusters_of
 from .model import PerceptualModel
 
@@ -104,83 +106,37 @@ class SkinnedModel:
     def __init__(
         self, model: PerceptualModel, binding: SkinBinding, clusters: list[I32] | None = None
     ) -> None:
-        index = {name: i for i, name in enumerate(binding.bone_names)}
-        weights = model.weights
-        bone_of = np.array([index.get(name, -1) for name in model.bone_names], np.int64)
-        missing = np.unique(weights.bones[bone_of[weights.bones] < 0])
-        if len(missing):
-            raise ValueError(
-                f"bones missing from the pose: {[model.bone_names[b] for b in missing]}"
-            )
         self.clusters = clusters_of(model) if clusters is None else clusters
-        self._still = len(binding.bone_names)
-        owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
-        bones = bone_of[weights.bones]
-        # Rows sum to 1 only up to float32; in float64 they must, or a body far from the origin
-        # of its armature would shrink towards it.
-        values = weights.values.astype(np.float64)
-        sums = np.bincount(owners, values, len(model))
-        # What no bone moves stays in its rest pose, as in Blender.
-        idle = np.flatnonzero(~(sums > 0.0))
-        if len(idle):
-            moved_too = np.flatnonzero(sums[owners] > 0.0)
-            owners = np.concatenate([owners[moved_too], idle])
-            order = np.argsort(owners, kind="stable")
-            owners = owners[order]
-            bones = np.concatenate([bones[moved_too], np.full(len(idle), self._still)])[order]
-            values = np.concatenate([values[moved_too], np.ones(len(idle))])[order]
-            sums[idle] = 1.0
-        self._bones, self._values = bones, values / sums[owners]
-        self._offsets = np.searchsorted(owners, np.arange(len(model) + 1)).astype(np.int64)
-        self._rest = np.hstack([model.vertices.astype(np.float64), np.ones((len(model), 1))])
-        self._cluster_bones: dict[int, I64] = {}
+        self._weights = BoundWeights.of(model, binding.bone_names)
+        self._still = self._weights.bone_count
         self._factors: dict[int, tuple[I64, F64]] = {}
         self._sparse: dict[int, tuple[I64, F64, I64]] = {}
         self._links: dict[int, _Links] = {}
         self._moved_by: dict[int, F64] = {}
-        self._native = native.Clusters(len(self.clusters))
 
-        # A pair is a cluster and a bone that moves some of it, with the box of what it moves.
-        members = np.concatenate(self.clusters)
-        cluster_of = np.repeat(np.arange(len(self.clusters)), [len(ids) for ids in self.clusters])
-        entries, owners = self._entries(members)
-        pair_of = cluster_of[owners] * (self._still + 1) + self._bones[entries]
-        order = np.argsort(pair_of, kind="stable")
-        pairs, firsts = np.unique(pair_of[order], return_index=True)
-        moved = self._rest[members[owners[order]], :3]
-        low = np.minimum.reduceat(moved, firsts, axis=0)
-        high = np.maximum.reduceat(moved, firsts, axis=0)
-        self._pair_centres = (low + high) / 2
-        self._pair_halves = (high - low) / 2
-        pair_clusters, pair_bones = np.divmod(pairs, self._still + 1)
-        self._pair_ends = np.searchsorted(pair_clusters, np.arange(len(self.clusters) + 1))
-        self._pair_starts = self._pair_ends[:-1]
-        self._pair_bones = pair_bones
-        self._used_bones, self._pair_slots = np.unique(pair_bones, return_inverse=True)
-        bone_low = np.full((len(self._used_bones), 3), np.inf)
-        bone_high = -bone_low
-        np.minimum.at(bone_low, self._pair_slots, low)
-        np.maximum.at(bone_high, self._pair_slots, high)
-        self._bone_centres, self._bone_halves = (
-            (bone_low + bone_high) / 2,
-            (bone_high - bone_low) / 2,
-        )
+    @cached_property
+    def _boxes(self) -> BoneBoxes:
+        return BoneBoxes.of(self._weights, self.clusters)
+
+    @cached_property
+    def _native(self) -> native.Clusters:
+        bound = self._weights.clusters(self.clusters)
+        return native.Clusters(bound, self._boxes.ends, self._boxes.bones)
 
     def cluster_bones(self, cluster: int) -> I64:
         """Bones that move anything in a cluster, ascending."""
-        if cluster not in self._cluster_bones:
-            entries, _ = self._entries(self.clusters[cluster])
-            self._cluster_bones[cluster] = np.unique(self._bones[entries])
-        return self._cluster_bones[cluster]
+        return self._boxes.bones[self._boxes.ends[cluster] : self._boxes.ends[cluster + 1]]
 
     def cluster_factors(self, cluster: int) -> tuple[I64, F64]:
         """Bones of a cluster, and weight times homogeneous rest position (Vc, 4 Bc)."""
         if cluster not in self._factors:
             ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
-            entries, owners = self._entries(ids)
-            column = np.searchsorted(bones, self._bones[entries])
+            entries, owners = self._weights.entries(ids)
+            column = np.searchsorted(bones, self._weights.bones[entries])
             factors = np.zeros((len(ids), len(bones), 4))
-            factors[owners, column] = self._values[entries, None] * self._rest[ids[owners]]
+            factors[owners, column] = (
+                self._weights.values[entries, None] * self._weights.rest[ids[owners]]
+            )
             self._factors[cluster] = bones, factors.reshape(len(ids), -1)
         return self._factors[cluster]
 
@@ -189,24 +145,15 @@ class SkinnedModel:
         and where those of each vertex begin."""
         if cluster not in self._sparse:
             ids = self.clusters[cluster]
-            entries, owners = self._entries(ids)
-            factors = self._values[entries, None] * self._rest[ids[owners]]
-            firsts = np.searchsorted(owners, np.arange(len(ids)))
-            self._sparse[cluster] = self._bones[entries], factors, firsts
+            bones, owners, factors = self._weights.factors(ids)
+            self._sparse[cluster] = bones, factors, np.searchsorted(owners, np.arange(len(ids)))
         return self._sparse[cluster]
-
-    def _entries(self, ids: I32) -> tuple[I64, I64]:
-        """Positions in the weight arrays of some vertices' weights, and whose each is."""
-        counts = self._offsets[ids + 1] - self._offsets[ids]
-        owners = np.repeat(np.arange(len(ids)), counts)
-        firsts = np.repeat(np.cumsum(counts) - counts, counts)
-        return np.repeat(self._offsets[ids], counts) + np.arange(len(owners)) - firsts, owners
 
     def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
         if native.is_there():
-            return native.bone_matrices(pose.bones, rows, to_target, bones)[0]
+            return PosedBones(pose.bones, rows, to_target, bones).matrices
         if len(bones) and bones.max() == self._still:
             posed = np.tile(np.eye(3, 4), (len(rows), len(bones), 1, 1))
             moving = np.flatnonzero(bones < self._still)
@@ -218,29 +165,40 @@ class SkinnedModel:
         return moved
 
     def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
         if native.is_there():
-            boxes = self._pair_centres, self._pair_halves
-            return native.cluster_bounds(matrices, self._pair_ends, self._pair_slots, *boxes)
-        pairs = matrices[:, self._pair_slots]
-        centres = np.einsum("npij,pj->npi", pairs[..., :3], self._pair_centres) + pairs[..., 3]
-        halves = np.einsum("npij,pj->npi", np.abs(pairs[..., :3]), self._pair_halves)
-        low = np.minimum.reduceat(centres - halves, self._pair_starts, axis=1)
-        high = np.maximum.reduceat(centres + halves, self._pair_starts, axis=1)
+            assert pose.bones is not None
+            return self.outline.bounds(pose.bones, rows, to_target, None)[:2]
+        matrices = self.bone_matrices(pose, rows, to_target, self._boxes.used)
+        pairs = matrices[:, self._boxes.slots]
+        centres = np.einsum("npij,pj->npi", pairs[..., :3], self._boxes.centres) + pairs[..., 3]
+        halves = np.einsum("npij,pj->npi", np.abs(pairs[..., :3]), self._boxes.halves)
+        low = np.minimum.reduceat(centres - halves, self._boxes.ends[:-1], axis=1)
+        high = np.maximum.reduceat(centres + halves, self._boxes.ends[:-1], axis=1)
         return low, high
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        matrices = self.bone_matrices(pose, rows, to_target, self._used_bones)
         if native.is_there():
-            each = np.arange(len(self._used_bones), dtype=np.int64)
-            whole, boxes = each[[0, 0]], (self._bone_centres, self._bone_halves)
-            whole[1] = len(each)
-            low, high = native.cluster_bounds(matrices, whole, each, *boxes)
-            return low[:, 0], high[:, 0]
-        linear = matrices[..., :3]
-        centres = np.einsum("nbij,bj->nbi", linear, self._bone_centres) + matrices[..., 3]
-        halves = np.einsum("nbij,bj->nbi", np.abs(linear), self._bone_halves)
+            assert pose.bones is not None
+            around = self._whole.bounds(pose.bones, rows, to_target, None)[2]
+            return around[:, 0], around[:, 1]
+        matrices = self.bone_matrices(pose, rows, to_target, self._boxes.used)
+        linear, (middles, edges) = matrices[..., :3], self._boxes.of_bones
+        centres = np.einsum("nbij,bj->nbi", linear, middles) + matrices[..., 3]
+        halves = np.einsum("nbij,bj->nbi", np.abs(linear), edges)
         return (centres - halves).min(axis=1), (centres + halves).max(axis=1)
+
+    @cached_property
+    def outline(self) -> Outline:
+        """What bones move of each cluster, as the library knows it."""
+        slots, boxes = self._boxes.slots, (self._boxes.centres, self._boxes.halves)
+        return Outline(self._boxes.used, self._boxes.ends, slots, *boxes)
+
+    @cached_property
+    def _whole(self) -> Outline:
+        """The same of all of the model as one."""
+        bones = np.arange(len(self._boxes.used), dtype=np.int64)
+        boxes = self._boxes.of_bones
+        return Outline(self._boxes.used, np.array([0, len(bones)]), bones, *boxes)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         bones = self.cluster_bones(cluster)
@@ -262,48 +220,42 @@ class SkinnedModel:
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
     ) -> F64:
-        starts = self._pair_starts[clusters]
-        counts = np.append(self._pair_starts, len(self._pair_slots))[clusters + 1] - starts
+        starts = self._boxes.ends[clusters]
+        counts = self._boxes.ends[clusters + 1] - starts
         firsts = np.cumsum(counts) - counts
         pairs = np.repeat(starts - firsts, counts) + np.arange(int(counts.sum()))
-        bones, slots = np.unique(self._pair_slots[pairs], return_inverse=True)
+        bones, slots = np.unique(self._boxes.slots[pairs], return_inverse=True)
         before, after = (
-            self.bone_matrices(pose, row, target, self._used_bones[bones])
+            self.bone_matrices(pose, row, target, self._boxes.used[bones])
             for row, target in zip(rows, to_target, strict=True)
         )
         changes = (after - before)[:, slots]
         moves = np.abs(
-            np.einsum("npij,pj->npi", changes[..., :3], self._pair_centres[pairs]) + changes[..., 3]
+            np.einsum("npij,pj->npi", changes[..., :3], self._boxes.centres[pairs])
+            + changes[..., 3]
         )
-        moves += np.einsum("npij,pj->npi", np.abs(changes[..., :3]), self._pair_halves[pairs])
+        moves += np.einsum("npij,pj->npi", np.abs(changes[..., :3]), self._boxes.halves[pairs])
         squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
         return np.sqrt(squared)
 
     @property
     def used_bones(self) -> I64:
         """Bones that move anything, ascending; the number of bones stands for what rests."""
-        return self._used_bones
+        return self._boxes.used
 
     def native_clusters(self, clusters: I64, table: Table | None = None) -> native.Clusters:
         """All clusters where the library finds them, these filled in.
 
         Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
         """
-        for cluster in self._native.lacking(clusters, with_links=table is not None):
-            self._native.add(
-                cluster,
-                self.cluster_entries(cluster),
-                self.cluster_bones(cluster),
-                self._moved(cluster),
-                table,
-            )
+        self._native.add(clusters, table)
         return self._native
 
     @property
     def pairs(self) -> tuple[I64, I64, F64, F64]:
         """Bones of clusters, and boxes of what each moves at rest: each cluster's first pair
         (C + 1,), bones (P,), centres and half edges of boxes (P, 3)."""
-        return self._pair_ends, self._pair_bones, self._pair_centres, self._pair_halves
+        return self._boxes.ends, self._boxes.bones, self._boxes.centres, self._boxes.halves
 
     def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
         """As :meth:`cluster_moves` between ``rows`` of the bones, in the space that ``linear``
@@ -321,10 +273,12 @@ class SkinnedModel:
     def _made_links(self, cluster: int, units: int, links: I64) -> _Links:
         ids = self.clusters[cluster]
         bones = self.cluster_bones(cluster)
-        entries, owners = self._entries(ids)
+        entries, owners = self._weights.entries(ids)
         weights = np.zeros((len(ids), len(bones)))
-        weights[owners, np.searchsorted(bones, self._bones[entries])] = self._values[entries]
-        rest = self._rest[ids, :3]
+        weights[owners, np.searchsorted(bones, self._weights.bones[entries])] = (
+            self._weights.values[entries]
+        )
+        rest = self._weights.rest[ids, :3]
         one, other = links.T
         gaps = np.sqrt(np.square(rest[one] - rest[other]).sum(axis=1))
         distances = largest(gaps, one, units)
@@ -336,24 +290,24 @@ class SkinnedModel:
         if cluster in self._moved_by:
             return self._moved_by[cluster]
         ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
-        entries, _ = self._entries(ids)
-        columns = np.searchsorted(bones, self._bones[entries])
-        rest = self._rest[ids, :3]
+        entries, _ = self._weights.entries(ids)
+        columns = np.searchsorted(bones, self._weights.bones[entries])
+        rest = self._weights.rest[ids, :3]
         low, high = rest.min(axis=0), rest.max(axis=0)
         moved = np.zeros((len(bones), 6))
-        moved[:, 0] = np.bincount(columns, self._values[entries], len(bones)) / len(ids)
+        moved[:, 0] = np.bincount(columns, self._weights.values[entries], len(bones)) / len(ids)
         moved[:, 1:4], moved[:, 4] = 0.5 * (low + high), 1.0
-        moved[:, 5] = 0.5 * float(np.linalg.norm(high - low))
+        moved[:, 5] = 0.5 * np.sqrt(np.square(high - low).sum())
         self._moved_by[cluster] = moved
         return moved
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
-        entries, owners = self._entries(vertices)
-        bones, slot = np.unique(self._bones[entries], return_inverse=True)
+        entries, owners = self._weights.entries(vertices)
+        bones, slot = np.unique(self._weights.bones[entries], return_inverse=True)
         matrices = self.bone_matrices(pose, np.array([row]), to_target[None], bones)[0]
         blended = np.zeros((len(vertices), 3, 4))
-        np.add.at(blended, owners, self._values[entries, None, None] * matrices[slot])
-        return np.einsum("vij,vj->iv", blended, self._rest[vertices])
+        np.add.at(blended, owners, self._weights.values[entries, None, None] * matrices[slot])
+        return np.einsum("vij,vj->iv", blended, self._weights.rest[vertices])
 
 
 @dataclass(frozen=True, eq=False)

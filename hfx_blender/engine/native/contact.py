@@ -114,7 +114,7 @@ def look_at_skin(
     return lambda: sum(each.result() for each in begun)
 
 
-_WORTH: Final = 1 << 13
+_WORTH: Final = 1 << 16
 """Places of pairs that pay for a call of their own where threads share the work: some of it takes
 much longer than the rest."""
 
@@ -150,14 +150,11 @@ class _Look:
         weights: Weights,
         column_of: I64,
     ) -> None:
-        some = pairs.distinct
         known = [each for each in (posing.clusters, posing.own) if each is not None]
         most_bones = max((each.most_bones for each in known), default=0)
-        cells = table.cell_starts[some + 1] - table.cell_starts[some]
-        sizes = 6 * table.place_counts[some] + table.unit_counts[some] + cells
         points = None if posing.points is None else f64(posing.points)
-        room = np.empty(2 * int(sizes.max()) + 48 * most_bones + 2)
-        events = np.empty((2 * int(table.most_samples[some].max()) + 2, 2))
+        room = np.empty(2 * pointers.most_room + 48 * most_bones + 2)
+        events = np.empty((2 * int(table.most_samples.max()) + 2, 2))
         self._kept = (
             *(pairs, pointers, posing, target, drift, weights, column_of),
             *(points, room, events),

@@ -20,6 +20,8 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 Weights = npt.NDArray[np.floating[Any]]
 
+_REALS: Final = {4: "single", 8: "double"}
+
 
 @cache
 def _library() -> ctypes.CDLL:
@@ -27,12 +29,9 @@ def _library() -> ctypes.CDLL:
     assert found is not None
     found.hfx_columns.argtypes = [INTEGER, POINTER, INTEGER, POINTER, INTEGER] + [POINTER] * 5
     found.hfx_columns.restype = INTEGER
-    for real in ("single", "double"):
-        changes = getattr(found, f"hfx_changes_{real}")
+    for real in _REALS.values():
         gather = getattr(found, f"hfx_gather_{real}")
-        changes.argtypes = [INTEGER] * 2 + [POINTER] * 2 + [INTEGER, POINTER]
-        changes.restype = INTEGER
-        gather.argtypes = [INTEGER] * 2 + [POINTER] * 6
+        gather.argtypes = [INTEGER] * 2 + [POINTER] * 3 + [INTEGER] + [POINTER] * 6
         gather.restype = None
     return found
 
@@ -77,18 +76,27 @@ def gathered(
     -------
     rows, sets, offsets, vertices, weights
     """
-    real = "single" if weights.dtype == np.float32 else "double"
-    kinds, heard_at = np.empty(len(weights), np.uint8), np.ascontiguousarray(heard, np.uint8)
-    calls = _library()
-    total = getattr(calls, f"hfx_changes_{real}")(
-        *weights.shape, pointer(weights), pointer(heard_at), int(own_sets), pointer(kinds)
+    count, width = weights.shape
+    at, sets, offsets = (
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+        np.empty(count + 1, np.int64),
     )
-    rows = kinds.nonzero()[0]
-    sets = np.cumsum(kinds[rows] == 2) - 1
-    offsets = np.empty(int(sets[-1]) + 2 if len(rows) else 1, np.int64)
-    vertices, values = np.empty(total, np.int32), np.empty(total, weights.dtype)
-    getattr(calls, f"hfx_gather_{real}")(
-        *weights.shape,
-        *map(pointer, (weights, kinds, columns, offsets, vertices, values)),
+    vertices, values = np.empty(weights.size, np.int32), np.empty(weights.size, weights.dtype)
+    counts = np.empty(3, np.int64)
+    getattr(_library(), f"hfx_gather_{_REALS[weights.dtype.itemsize]}")(
+        count,
+        width,
+        *[pointer(each) for each in (weights, np.ascontiguousarray(heard, np.uint8), columns)],
+        int(own_sets),
+        *[pointer(each) for each in (at, sets, offsets, vertices, values, counts)],
     )
-    return rows, sets, offsets, vertices, values
+    felt, set_count, total = counts.tolist()
+    # Copies, as what is kept must not hold the room for all that might have been felt.
+    return (
+        at[:felt],
+        sets[:felt],
+        offsets[: set_count + 1],
+        vertices[:total].copy(),
+        values[:total].copy(),
+    )

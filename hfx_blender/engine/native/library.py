@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from . import sources
 
-INTERFACE: Final = 1
+INTERFACE: Final = 2
 """That of ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
@@ -115,12 +115,15 @@ def pointer(array: npt.NDArray[Any] | None) -> int | None:
     """Where an array begins. It must be contiguous, and live until the call is over."""
     if array is None:
         return None
-    assert array.flags.c_contiguous
     memory: Any = array
     try:  # four times as fast as asking the array
-        return ctypes.addressof(ctypes.c_char.from_buffer(memory))
-    except (TypeError, ValueError):  # it is not to be written, or empty
+        return _address(_first(memory))
+    except (TypeError, ValueError):  # it is not to be written, empty, or not contiguous
+        assert array.flags.c_contiguous
         return array.ctypes.data
+
+
+_address, _first = ctypes.addressof, ctypes.c_char.from_buffer
 
 
 def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..volume.shape import Falloff, FalloffKind, Shape
+from .bounds import Outline
 from .library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
 from .skin import PosedBones
 
@@ -46,26 +47,18 @@ _Pairs = structure(
     total=INTEGER,
 )
 _BROAD_ARRAYS: Final = (
-    "matrices",
-    "boxes",
-    "low",
-    "high",
-    "at",
-    "follows",
-    "heard",
-    "turns",
-    "pair_starts",
-    "pair_bones",
-    "centres",
-    "halves",
+    *("outline", "matrices", "boxes", "low", "high", "of_rows", "of_clusters"),
+    *("at", "follows", "heard", "turns"),
 )
 _Broad = structure(
     "hfx_broad",
     rows=INTEGER,
-    clusters=INTEGER,
     **dict.fromkeys(_BROAD_ARRAYS, POINTER),
     edge_m=DOUBLE,
     is_split=INTEGER,
+    flags=POINTER,
+    near=POINTER,
+    near_count=INTEGER,
 )
 
 
@@ -74,10 +67,10 @@ def _calls() -> ctypes.CDLL | None:
     found = library()
     if found is not None:
         found.hfx_place.argtypes = [INTEGER] + [POINTER] * 3 + [DOUBLE] + [POINTER] * 3
-        found.hfx_overlaps.argtypes = [POINTER] * 3
-        found.hfx_reach.argtypes = [POINTER] * 6
-        found.hfx_place.restype = found.hfx_overlaps.restype = INTEGER
-        found.hfx_reach.restype = None
+        found.hfx_overlaps.argtypes = [POINTER] * 2
+        found.hfx_reach.argtypes = found.hfx_pair_up.argtypes = [POINTER] * 4
+        found.hfx_place.restype = found.hfx_overlaps.restype = found.hfx_reach.restype = INTEGER
+        found.hfx_pair_up.restype = None
     return found
 
 
@@ -199,16 +192,16 @@ class Broad:
         Shape space to the world.
     boxes : (n, 2, 3) float64
         World boxes of the volume.
-    low, high : (m, C, 3) float64
-        World boxes of the body's clusters.
+    outline : Outline
+        Of the body's clusters.
+    bounds : tuple
+        Their world boxes at m rows; see :meth:`.bounds.Outline.bounds`.
     at : (n,) int64
         The row of these that each row is.
     follows, heard : (n,) bool
-        See :func:`..contact.find`.
+        See :func:`..contact.begin`.
     turns : (2, n) float64 or None
         By how much volume and body turn since the row before, radians.
-    boxes_of_bones : tuple
-        See :attr:`..body.posing.SkinnedModel.pairs`.
     edge_m : float
         How far off the edge of a contact may be.
     is_split : bool
@@ -219,57 +212,53 @@ class Broad:
         self,
         matrices: F64,
         boxes: F64,
-        low: F64,
-        high: F64,
+        outline: Outline,
+        bounds: tuple[F64, F64, F64, F64],
         at: I64,
         follows: Bool,
         heard: Bool,
         turns: F64 | None,
-        boxes_of_bones: tuple[I64, I64, F64, F64],
         edge_m: float,
         is_split: bool,
     ) -> None:
+        size = len(at), bounds[0].shape[1]
+        self._flags, self._near = np.empty(size, np.uint8), np.empty(size[1], np.int64)
         self._arrays = (
             f64(matrices),
             f64(boxes),
-            f64(low),
-            f64(high),
+            *map(f64, bounds),
             i64(at),
-            np.ascontiguousarray(follows, np.uint8),
-            np.ascontiguousarray(heard, np.uint8),
+            np.ascontiguousarray(follows, np.bool_),
+            np.ascontiguousarray(heard, np.bool_),
             None if turns is None else f64(turns),
-            *boxes_of_bones,
         )
-        self._size = len(at), low.shape[1]
+        self._outline = outline  # is to live
         self._pointers = _Broad(
-            *self._size, *(pointer(each) for each in self._arrays), edge_m, int(is_split)
+            size[0],
+            outline.address,
+            *[pointer(each) for each in self._arrays],
+            edge_m,
+            int(is_split),
+            pointer(self._flags),
+            pointer(self._near),
         )
-        self._flags = np.empty(self._size, np.uint8)
 
     def overlaps(self) -> I64:
         """Clusters whose boxes the volume's meets anywhere; to be called first."""
-        is_met = np.empty(self._size[1], np.uint8)
-        _library().hfx_overlaps(ctypes.byref(self._pointers), pointer(self._flags), pointer(is_met))
+        is_met = np.empty(len(self._near), np.uint8)
+        _library().hfx_overlaps(ctypes.byref(self._pointers), pointer(is_met))
         return is_met.nonzero()[0]
 
     def reach(self, target: Target, bones: PosedBones, groups: Any) -> Pairs:
-        """What is looked at.
+        """What is looked at; to be called once.
 
         ``groups`` are those of :meth:`..cell_sizes.CellSizes.pointers` for the clusters that are
         met, or None where nothing falls off or amplitudes must be exact.
         """
-        total = self._size[0] * self._size[1]
+        calls = _library()
+        shared = [ctypes.byref(each) for each in (self._pointers, target.pointers, bones.pointers)]
+        total = calls.hfx_reach(*shared, groups)
         clusters, rows, steps = np.empty((3, total), np.int64)
-        how = np.empty(total, np.uint8)
-        pairs = Pairs(clusters, rows, how, steps)
-        found = pairs.pointers()
-        _library().hfx_reach(
-            ctypes.byref(self._pointers),
-            ctypes.byref(target.pointers),
-            ctypes.byref(bones.pointers),
-            groups,
-            pointer(self._flags),
-            ctypes.byref(found),
-        )
-        count: int = found.count
-        return Pairs(clusters[:count], rows[:count], how[:count], steps[:count])
+        pairs = Pairs(clusters, rows, np.empty(total, np.uint8), steps)
+        calls.hfx_pair_up(*shared, ctypes.byref(pairs.pointers()))
+        return pairs

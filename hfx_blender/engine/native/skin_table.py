@@ -50,6 +50,7 @@ class Table(Protocol):
     unit_counts: I64
     cell_starts: I64
     cells: I32
+    vertices: I32
     is_simple: bool
     most_samples: I64
 
@@ -57,14 +58,23 @@ class Table(Protocol):
     def samples(self) -> F64: ...
 
 
-_TABLES: WeakKeyDictionary[Table, tuple[Any, list[npt.NDArray[Any]]]] = WeakKeyDictionary()
+_TABLES: WeakKeyDictionary[Table, tuple[Any, F64]] = WeakKeyDictionary()
 
 
 def table_of(table: Table) -> Any:
-    """``hfx_table``; made anew where the table has more samples than before."""
-    if table not in _TABLES or _TABLES[table][1][-1] is not table.samples:
-        arrays = [getattr(table, name) for name in _TABLE_ARRAYS]
-        made = _Table(*map(pointer, arrays), table.samples.shape[1], int(table.is_simple))
-        made.arrays = arrays  # as long as anybody looks at them
-        _TABLES[table] = made, arrays
+    """``hfx_table``, which holds on to its arrays; made anew where the table has more samples
+    than before."""
+    samples = table.samples
+    if table not in _TABLES or _TABLES[table][1] is not samples:
+        arrays = [getattr(table, name) for name in _TABLE_ARRAYS[:-1]]
+        arrays.append(samples)
+        made = _Table(*map(pointer, arrays), samples.shape[1], int(table.is_simple))
+        made.arrays = arrays
+        made.most_room = int(_rooms(table).max(initial=0))
+        _TABLES[table] = made, samples
     return _TABLES[table][0]
+
+
+def _rooms(table: Table) -> I64:
+    """Numbers that the library notes of each cluster at a row; see ``hfx_look_at_skin``."""
+    return 6 * table.place_counts + table.unit_counts + np.diff(table.cell_starts)

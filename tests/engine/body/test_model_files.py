@@ -90,6 +90,33 @@ def test_an_unknown_id_names_those_there_are() -> None:
         model.load_model("hfx-wind-1")
 
 
+def test_the_skeleton_alone_is_that_of_the_avatar() -> None:
+    assert_equal(model.load_skeleton(), model.load_avatar().skeleton)
+
+
+def test_what_is_large_and_what_is_small_is_read_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    item = model.load_model("hfx-temperature-1")
+    model.save(item, tmp_path / "one.npz")
+    monkeypatch.setattr(model, "_WORTH_THREADS", 0)
+    assert_equal(item, model.load(model.PerceptualModel, tmp_path / "one.npz"))
+
+
+@pytest.mark.parametrize("where", (0.1, 0.3, 0.5, 0.7, 0.9))
+def test_damage_is_found_by_whoever_reads_it(
+    where: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(model, "_WORTH_THREADS", 0)
+    path = tmp_path / "bad.npz"
+    model.save(model.load_model("hfx-temperature-1"), path)
+    data = bytearray(path.read_bytes())
+    data[int(where * len(data))] ^= 0xFF
+    path.write_bytes(bytes(data))
+    with pytest.raises(InputError, match=r"bad\.npz"):
+        model.load(model.PerceptualModel, path)
+
+
 def test_an_unwritable_place_is_an_output_error(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         model.save(model.load_walk(), tmp_path / "no folder" / "walk.npz")

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ..model import load_avatar
+from ..model import load_skeleton
 from .names import is_deform, read_names, without_role
 
 F64 = npt.NDArray[np.float64]
@@ -93,7 +93,7 @@ class Rig:
 @lru_cache(maxsize=1)
 def canonical_parents() -> dict[str, str | None]:
     """Parent of each canonical bone, parents before children."""
-    skeleton = load_avatar().skeleton
+    skeleton = load_skeleton()
     names = skeleton.bone_names
     return {
         name: None if parent < 0 else names[parent]
@@ -104,6 +104,6 @@ def canonical_parents() -> dict[str, str | None]:
 @lru_cache(maxsize=1)
 def canonical_heads() -> dict[str, F64]:
     """Head of each canonical bone, (3,) metres in rest space."""
-    skeleton = load_avatar().skeleton
+    skeleton = load_skeleton()
     heads = skeleton.rest[:, :3, 3].astype(np.float64)
     return dict(zip(skeleton.bone_names, heads, strict=True))

@@ -38,21 +38,24 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
     }
   }
   if (!near) return at_vertex * table->unit_shares[place];
+  gap_of(at, pair, unit);  // poses all around it
   double sum = at_vertex * table->vertex_shares[place];
   double margin = table->bulge_m[at->number] * at->stretch;
   int64_t count = table->steps[place] * table->steps[place];
   for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
     triangle t;
     corners_of(at, pair, unit, q, t.corners);
-    if (hfx_parted(at->shape, (const double(*)[3])t.corners, 3, margin)) continue;
-    if (target->is_flat) {
-      double deepest = gap;
-      for (int k = 0; k < 2; k++)
-        deepest = hfx_larger(deepest, pair->clear[table->around[2 * q + k] - at->first]);
-      if (deepest <= -table->heights_m[q] * at->stretch) {
-        sum += table->wholes[q];
-        continue;
-      }
+    double deepest = gap, shallowest = gap;
+    for (int k = 0; k < 2; k++) {
+      double clear = pair->clear[table->around[2 * q + k] - at->first];
+      deepest = hfx_larger(deepest, clear), shallowest = hfx_smaller(shallowest, clear);
+    }
+    // Where a corner is inside, nothing parts them.
+    if (!(shallowest <= 0.0) && hfx_parted(at->shape, (const double(*)[3])t.corners, 3, margin))
+      continue;
+    if (target->is_flat && deepest <= -table->heights_m[q] * at->stretch) {
+      sum += table->wholes[q];
+      continue;
     }
     find_edges(at, pair->row, q, &t);
     for (int64_t s = table->sample_starts[q]; s < table->sample_starts[q] + count; s++) {
@@ -81,17 +84,49 @@ enum { INSIDE = 1, PASSED = 2 };
 // What a cell may be: inside at a pair, or have passed on the way from the one before it. `least`
 // is the clearance that no place of the cluster is below at the pair.
 static int may_be(const look *at, const side *before, side *now, int64_t from, int64_t to,
-                  double least) {
+                  double least, int is_followed) {
   const double *reaches = at->table->reaches + at->first;
   int may = 0;
   for (int64_t u = from; u < to; u++) {
-    double bound = hfx_larger(gap_bound(at, before, u), gap_bound(at, now, u)) * reaches[u];
+    double bound = gap_bound(at, now, u);
+    if (is_followed) bound = hfx_larger(gap_bound(at, before, u), bound);
+    bound *= reaches[u];
     double since = before->least[u] - at->moved - SPARE * (fabs(before->least[u]) + at->moved);
     now->least[u] = since > least ? since : least;
-    if (!(since > bound)) may |= PASSED;
+    if (is_followed && !(since > bound)) may |= PASSED;
     if (!(now->least[u] > bound)) may |= INSIDE;
   }
   return may;
+}
+
+// The most of what gap_bound takes of any unit of a cluster, times how far its skin reaches.
+typedef struct {
+  double along, apart;
+} widest;
+
+static widest widest_of(const look *at, int64_t units) {
+  widest most = {0.0, 0.0};
+  const double *reaches = at->table->reaches + at->first;
+  for (int64_t u = 0; at->cluster && u < units; u++) {
+    most.along = hfx_larger(most.along, at->cluster->distances[u] * reaches[u]);
+    most.apart = hfx_larger(most.apart, at->cluster->differences[u] * reaches[u]);
+  }
+  return most;
+}
+
+// Whether no cell of a cluster can be inside at a pair, nor, if it is followed, have passed since the
+// one before it.
+static int is_apart(const look *at, const side *before, const side *now, widest most,
+                    int is_followed) {
+  if (!at->cluster) return 0;
+  double floor = now->floor;
+  hfx_spread spread = now->spread;
+  if (is_followed) {
+    spread.along = hfx_larger(spread.along, before->spread.along);
+    spread.apart = hfx_larger(spread.apart, before->spread.apart);
+    floor = hfx_smaller(floor, before->floor - at->moved - SPARE * (fabs(before->floor) + at->moved));
+  }
+  return floor > (spread.along * most.along + spread.apart * most.apart) * SLACK * SLACK;
 }
 
 // Room in a double array: the next `count`, and where what follows begins.
@@ -101,8 +136,21 @@ static double *take(double **room, int64_t count) {
   return taken;
 }
 
-static void make_sides(side sides[2], double *room, int64_t places, int64_t units, int64_t cells,
-                       int64_t bones) {
+// Vertices of cells where these are not units of the surface.
+typedef struct {
+  const hfx_cluster *clusters;  // NULL: they are
+  hfx_two *columns;
+  int64_t has_columns;
+} own_vertices;
+
+// What is known of a cluster's pairs begins anew.
+static void make_sides(const look *at, const own_vertices *own, side sides[2]) {
+  const hfx_table *table = at->table;
+  int64_t c = at->number, places = table->place_counts[c], units = table->unit_counts[c];
+  int64_t cells = table->cell_starts[c + 1] - table->cell_starts[c];
+  int64_t bones = at->cluster ? at->cluster->bone_count : 0;
+  double *room = (double *)own->columns;
+  if (own->clusters) room += 16 * own->clusters[c].bone_count;
   for (int k = 0; k < 2; k++) sides[k].columns = (hfx_two *)take(&room, 16 * bones);
   for (int k = 0; k < 2; k++) {
     side *each = sides + k;
@@ -114,16 +162,64 @@ static void make_sides(side sides[2], double *room, int64_t places, int64_t unit
     each->weights = take(&room, cells);
     each->row = each->pair = -2;  // before no row
     each->spread.along = each->spread.apart = 0.0;
+    each->floor = -INFINITY;
     for (int64_t p = 0; p < places; p++) each->posed[p] = -1;
     for (int64_t u = 0; u < units; u++) each->least[u] = -INFINITY;
   }
+}
+
+// From one cluster to the next one.
+static void turn_to_cluster(look *at, const hfx_cluster *clusters, own_vertices *own, int64_t c,
+                            double *room) {
+  at->number = c, at->first = at->table->starts[c];
+  at->cluster = clusters ? clusters + c : NULL;
+  own->columns = (hfx_two *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
+}
+
+// From one pair to the next one of its cluster. The clearance that no place of it is below.
+static double turn_to_pair(look *at, const side *before, side *now, int64_t pair, int64_t row,
+                           int64_t steps) {
+  const hfx_target *target = at->target;
+  now->row = row, now->pair = pair, now->has_columns = 0;
+  at->stretch = hfx_stretch(target->to_shape + 16 * row, 4);
+  at->has_turns = 0;
+  at->is_same = before->row == row - 1 && at->shape.kind == target->kinds[row - 1] &&
+                at->shape.half == target->halves[row - 1];
+  at->moved = INFINITY;
+  now->floor = -INFINITY;
+  if (!at->cluster) return now->floor;
+  now->spread = hfx_spread_of(at->cluster, at->bones, row);
+  double share = hfx_share(at->shape, now->spread.middle), radius = now->spread.radius;
+  now->floor = share - 1.0 - radius - SPARE * (share + radius);
+  if (at->is_same && steps < 2) at->moved = hfx_moved(at->cluster, at->bones, row - 1, row);
+  return now->floor;
+}
+
+// How much of a cell of a pair is inside.
+static double inside(look *at, own_vertices *own, int64_t row, side *now, int64_t cell, int64_t from,
+                     int64_t to, int how, int may) {
+  if (how == HFX_WHOLE) return 1.0;
+  if (how == HFX_BY_VERTEX && own->clusters) {
+    const hfx_cluster *cluster = own->clusters + at->number;
+    if (!own->has_columns) hfx_find_columns(cluster, at->bones, row, own->columns);
+    own->has_columns = 1, at->posed++;
+    double vertex[3];
+    hfx_pose(cluster, own->columns, cell, vertex);
+    return weight_of(at, vertex);
+  }
+  if (!(may & INSIDE) || how == HFX_NOT) return 0.0;
+  if (how == HFX_BY_VERTEX) return weight_of(at, place_of(at, now, cell));
+  double share = 0.0;
+  int told = -1;
+  for (int64_t u = from; u < to; u++) share += cover(at, now, u, from, to, &told);
+  return share > WHOLE ? 1.0 : share;
 }
 
 // Contact weights of pairs; what is less than what is there already is left out.
 //
 // `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
 // `room` has space for 3 * 16 bones + 2 (6 places + units + cells) + 2 doubles of the largest cluster,
-// `events` for twice the most samples of a cell. 
+// `events` for twice the most samples of a cell.
 HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_cluster *clusters, const hfx_cluster *own,
                                  const hfx_bones *bones, const hfx_target *target,
@@ -132,66 +228,56 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
   look at = {.table = table, .target = target, .bones = bones};
   at.steepest = hfx_steepest(target);
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
-  hfx_two *own_columns = NULL;
+  own_vertices vertices = {own, NULL, 0};
   side sides[2], *now = &sides[0], *before = &sides[1];
-  int64_t shift = 0;
+  widest most = {0.0, 0.0};
+  double least = -INFINITY;
+  int64_t shift = 0, has_sides = 0;
   for (int64_t p = 0; p < pairs->count; p++) {
     int64_t c = pairs->clusters[p], row = pairs->rows[p], steps = pairs->steps[p];
     int64_t places = table->place_counts[c], units = table->unit_counts[c];
     int64_t first_cell = table->cell_starts[c], cells = table->cell_starts[c + 1] - first_cell;
+    int how = pairs->how[p], is_followed = steps > 0;
+    int is_last = p + 1 == pairs->count || pairs->clusters[p + 1] != c || !pairs->steps[p + 1];
     if (p == 0 || c != pairs->clusters[p - 1]) {
-      at.number = c, at.first = table->starts[c];
-      at.cluster = pairs->points ? NULL : clusters + c;
-      int64_t of_own = own ? own[c].bone_count : 0;
-      own_columns = (hfx_two *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
-      make_sides(sides, (double *)own_columns + 16 * of_own, places, units, cells,
-                 at.cluster ? at.cluster->bone_count : 0);
+      turn_to_cluster(&at, pairs->points ? NULL : clusters, &vertices, c, room);
+      has_sides = 0;
     }
-    side *swapped = before;
-    before = now, now = swapped;
-    now->row = row, now->pair = p, now->has_columns = 0;
     at.shape.kind = target->kinds[row], at.shape.half = target->halves[row];
-    at.stretch = hfx_stretch(target->to_shape + 16 * row, 4);
-    at.has_turns = 0;
-    double least = -INFINITY;
-    at.moved = INFINITY;
-    at.is_same = before->row == row - 1 && at.shape.kind == target->kinds[row - 1] &&
-                 at.shape.half == target->halves[row - 1];
-    if (at.cluster) {
-      now->spread = hfx_spread_of(at.cluster, bones, row);
-      double share = hfx_share(at.shape, now->spread.middle), radius = now->spread.radius;
-      least = share - 1.0 - radius - SPARE * (share + radius);
-      if (at.is_same && steps < 2) at.moved = hfx_moved(at.cluster, bones, row - 1, row);
-    } else {
-      for (int64_t k = 0; k < places; k++)
+    vertices.has_columns = 0;
+    // Whether what is inside, or what passed, asks for units.
+    int asks = how == HFX_COVERED || (how == HFX_BY_VERTEX && !own), is_kept = is_followed || !is_last;
+    if (asks || is_kept) {
+      if (!has_sides) make_sides(&at, &vertices, sides), most = widest_of(&at, units);
+      has_sides = 1;
+      side *swapped = before;
+      before = now, now = swapped;
+      least = turn_to_pair(&at, before, now, p, row, steps);
+      for (int64_t k = 0; pairs->points && k < places; k++)
         for (int i = 0; i < 3; i++)
           now->points[3 * k + i] = pairs->points[i * pairs->total + shift + k];
+      if (asks || is_followed) asks = !is_apart(&at, before, now, most, is_followed);
+      for (int64_t u = 0; !asks && u < units; u++) now->least[u] = least;
     }
     shift += places;
-    int64_t to = 0, has_own = 0;
+    if (!asks) {
+      for (int64_t k = 0; k < cells; k++) {
+        int64_t column = found->column_of[first_cell + k] + row * found->columns;
+        double share = inside(&at, &vertices, row, now, k, 0, 0, how, 0);
+        if (share != 0.0) store(found, column, share);
+        if (is_kept) now->weights[k] = loaded(found, column);
+      }
+      continue;
+    }
+    int64_t to = 0;
     for (int64_t k = 0; k < cells; k++) {
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
       while (to < units && table->cell_of[at.first + to] == first_cell + k) to++;
-      int may = may_be(&at, before, now, from, to, least);
-      double share = 0.0;
-      if (pairs->how[p] == HFX_WHOLE) {
-        share = 1.0;
-      } else if (pairs->how[p] == HFX_BY_VERTEX && own) {
-        double vertex[3];
-        if (!has_own) hfx_find_columns(own + c, bones, row, own_columns);
-        has_own = 1, at.posed++;
-        hfx_pose(own + c, own_columns, k, vertex);
-        share = weight_of(&at, vertex);
-      } else if ((may & INSIDE) && pairs->how[p] == HFX_BY_VERTEX) {
-        share = weight_of(&at, place_of(&at, now, k));
-      } else if ((may & INSIDE) && pairs->how[p] == HFX_COVERED) {
-        int told = -1;
-        for (int64_t u = from; u < to; u++) share += cover(&at, now, u, from, to, &told);
-        if (share > WHOLE) share = 1.0;
-      }
+      int may = may_be(&at, before, now, from, to, least, is_followed);
+      double share = inside(&at, &vertices, row, now, k, from, to, how, may);
       if (share != 0.0) store(found, column, share);
       now->weights[k] = loaded(found, column);
-      if (!(may & PASSED) || !steps || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;
+      if (!(may & PASSED) || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;
       int told[2] = {-1, -1};
       int64_t count = 0;
       for (int64_t u = from; u < to; u++)

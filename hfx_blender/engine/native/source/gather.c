@@ -26,37 +26,30 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
   return count;
 }
 
-// Which rows have any weight, and which of these have others than the row before: 0, 1, 2. How
-// many weights those have. `own_sets`: all of them are taken to be others.
-#define GATHERING(name, real)                                                                    \
-  HFX_EXPORT int64_t hfx_changes_##name(int64_t rows, int64_t columns, const real *weights,     \
-                                        const uint8_t *heard, int64_t own_sets, uint8_t *kinds) { \
-    const real *before = 0;                                                                      \
-    int64_t total = 0;                                                                           \
-    for (int64_t n = 0; n < rows; n++, weights += columns) {                                     \
-      int64_t count = 0, changed = 0;                                                            \
-      kinds[n] = 0;                                                                              \
-      if (!heard[n]) continue;                                                                   \
-      for (int64_t k = 0; k < columns; k++) count += weights[k] != 0;                            \
-      if (!count) continue;                                                                      \
-      for (int64_t k = 0; before && k < columns; k++) changed |= weights[k] != before[k];        \
-      kinds[n] = !before || own_sets || changed ? 2 : 1;                                         \
-      if (kinds[n] == 2) total += count;                                                         \
-      before = weights;                                                                          \
-    }                                                                                            \
-    return total;                                                                                \
-  }                                                                                              \
-  HFX_EXPORT void hfx_gather_##name(int64_t rows, int64_t columns, const real *weights,         \
-                                    const uint8_t *kinds, const int32_t *vertices,               \
-                                    int64_t *offsets, int32_t *found, real *values) {            \
-    int64_t total = 0;                                                                           \
-    *offsets++ = 0;                                                                              \
-    for (int64_t n = 0; n < rows; n++, weights += columns) {                                     \
-      if (kinds[n] != 2) continue;                                                               \
-      for (int64_t k = 0; k < columns; k++)                                                      \
-        if (weights[k] != 0) found[total] = vertices[k], values[total++] = weights[k];           \
-      *offsets++ = total;                                                                        \
-    }                                                                                            \
+// Rows with any weight, ascending, and which set of vertices each has: a new one where it differs
+// from that of the row before, or `own_sets` says so. `offsets` (rows + 1,) are where sets begin among
+// the vertices found and their values, (rows * columns,). How many rows, sets and vertices there are.
+#define GATHERING(name, real)                                                                      \
+  HFX_EXPORT void hfx_gather_##name(int64_t rows, int64_t columns, const real *weights,           \
+                                    const uint8_t *heard, const int32_t *vertices,                 \
+                                    int64_t own_sets, int64_t *at, int64_t *sets, int64_t *offsets, \
+                                    int32_t *found, real *values, int64_t counts[3]) {             \
+    const real *before = 0;                                                                        \
+    int64_t felt = 0, set = 0, total = 0;                                                          \
+    offsets[0] = 0;                                                                                \
+    for (int64_t n = 0; n < rows; n++, weights += columns) {                                       \
+      int64_t any = 0, changed = !before || own_sets;                                              \
+      if (!heard[n]) continue;                                                                     \
+      for (int64_t k = 0; k < columns; k++) any |= weights[k] != 0;                                \
+      if (!any) continue;                                                                          \
+      for (int64_t k = 0; !changed && k < columns; k++) changed = weights[k] != before[k];         \
+      before = weights;                                                                            \
+      for (int64_t k = 0; changed && k < columns; k++)                                             \
+        if (weights[k] != 0) found[total] = vertices[k], values[total++] = weights[k];             \
+      if (changed) offsets[++set] = total;                                                         \
+      at[felt] = n, sets[felt++] = set - 1;                                                        \
+    }                                                                                              \
+    counts[0] = felt, counts[1] = set, counts[2] = total;                                          \
   }
 
 GATHERING(single, float)

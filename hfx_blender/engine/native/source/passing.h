@@ -151,7 +151,12 @@ static inline int64_t follow(look *at, side *before, side *now, int64_t unit, in
     triangle a, b;
     corners_of(at, before, unit, q, a.corners);
     corners_of(at, now, unit, q, b.corners);
-    if (steps == 1) {
+    double shallowest = hfx_smaller(before->clear[unit], now->clear[unit]);
+    for (int k = 0; k < 2; k++) {
+      int64_t corner = table->around[2 * q + k] - at->first;
+      shallowest = hfx_smaller(shallowest, hfx_smaller(before->clear[corner], now->clear[corner]));
+    }
+    if (steps == 1 && !(shallowest <= 0.0)) {  // else a corner is inside
       double corners[6][3];
       for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) corners[k][i] = a.corners[k][i], corners[3 + k][i] = b.corners[k][i];

@@ -27,6 +27,7 @@ typedef struct {
   double *exact;         // (places,) of those, distance to the farthest neighbour; below 0: not yet
   int64_t *posed;        // (places,) the number of the pair for which it was
   double *least;         // (units,) clearance is no less
+  double floor;          // nor is that of any unit less than this
   double *weights;       // (cells,) before what passed
   hfx_two *columns;      // see hfx_find_columns
   hfx_spread spread;
@@ -173,12 +174,12 @@ typedef struct {
   double corners[3][3], edges[2][3], out[3];
 } triangle;
 
-static inline void corners_of(look *at, side *pair, int64_t unit, int64_t quad,
-                       double corners[3][3]) {
+// Where these are all posed.
+static inline void corners_of(const look *at, const side *pair, int64_t unit, int64_t quad,
+                              double corners[3][3]) {
   for (int k = 0; k < 3; k++) {
     int64_t place = k ? at->table->around[2 * quad + k - 1] - at->first : unit;
-    const double *point = place_of(at, pair, place);
-    for (int i = 0; i < 3; i++) corners[k][i] = point[i];
+    for (int i = 0; i < 3; i++) corners[k][i] = pair->points[3 * place + i];
   }
 }
 

@@ -24,6 +24,17 @@ static inline double hfx_stretch(const double *m, int width) {
   return sqrt(most);
 }
 
+// The matrix of a bone of `all` in a pose, rest to target space, (3, 4); any other rests.
+static inline void hfx_find_matrix(const double *posed, int64_t all, int64_t bone,
+                                   const double *target, double *matrix) {
+  static const double rest[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  const double *m = bone < 0 || bone >= all ? rest : posed + 12 * bone;
+  for (int i = 0; i < 3; i++, matrix += 4, target += 4) {
+    for (int j = 0; j < 4; j++) matrix[j] = target[0] * m[j] + target[1] * m[4 + j] + target[2] * m[8 + j];
+    matrix[3] += target[3];
+  }
+}
+
 typedef double hfx_two __attribute__((vector_size(16)));
 
 // The matrices of a cluster's bones at a row, by columns, for hfx_pose: 4 of each bone, (x, y) and
@@ -114,9 +125,36 @@ static inline hfx_spread hfx_spread_of(const hfx_cluster *cluster, const hfx_bon
   return spread;
 }
 
+// As in arrays of doubles, which need not be aligned.
+typedef double hfx_loose __attribute__((vector_size(16), aligned(8), may_alias));
+typedef int64_t hfx_mask __attribute__((vector_size(16)));
+
+static inline hfx_two hfx_sizes(hfx_two values) {
+  return (hfx_two)((hfx_mask)values & (hfx_mask){INT64_MAX, INT64_MAX});
+}
+
+// How far anything in a box can have moved from one matrix to another, squared. `linear`, whose rows
+// are `width` apart, leads from the space of the matrices to that of moves.
+static inline double hfx_moved_squared(const double *earlier, const double *later, const double *linear,
+                                       int width, const double *centre, const double *half) {
+  const hfx_loose *one = (const hfx_loose *)earlier, *other = (const hfx_loose *)later;
+  hfx_two middle[2] = {{centre[0], centre[1]}, {centre[2], 1.0}};
+  hfx_two size[2] = {{half[0], half[1]}, {half[2], 0.0}}, d[6];
+  double squared = 0.0;
+  for (int i = 0; i < 6; i++) d[i] = other[i] - one[i];
+  for (int i = 0; i < 3; i++, linear += width) {
+    hfx_two m[2] = {d[0] * linear[0] + d[2] * linear[1] + d[4] * linear[2],
+                    d[1] * linear[0] + d[3] * linear[1] + d[5] * linear[2]};
+    hfx_two moved = m[0] * middle[0] + m[1] * middle[1];
+    hfx_two turned = hfx_sizes(m[0]) * size[0] + hfx_sizes(m[1]) * size[1];
+    double way = fabs(moved[0] + moved[1]) + (turned[0] + turned[1]);
+    squared += way * way;
+  }
+  return squared;
+}
+
 // How far anything in boxes that bones move can have moved from one row to another. A pair is a
-// bone and a box; `linear`, whose rows are `width` apart, leads from the space of the matrices to
-// that of moves.
+// bone and a box.
 static inline double hfx_box_moves(const hfx_bones *bones, int64_t before, int64_t after,
                                    const double *linear, int width, int64_t first, int64_t last,
                                    const int64_t *pair_bones, const double *centres,
@@ -125,58 +163,67 @@ static inline double hfx_box_moves(const hfx_bones *bones, int64_t before, int64
   const double *later = bones->matrices + 12 * after * bones->count;
   double most = 0.0;
   for (int64_t p = first; p < last; p++) {
-    const double *centre = centres + 3 * p, *half = halves + 3 * p;
     int64_t slot = 12 * bones->slots[pair_bones[p]];
-    double d[12], squared = 0.0;
-    for (int i = 0; i < 12; i++) d[i] = later[slot + i] - earlier[slot + i];
-    for (int i = 0; i < 3; i++) {
-      const double *turn = linear + width * i;
-      double m[4];
-      for (int j = 0; j < 4; j++) m[j] = turn[0] * d[j] + turn[1] * d[4 + j] + turn[2] * d[8 + j];
-      double way = fabs(m[0] * centre[0] + m[1] * centre[1] + m[2] * centre[2] + m[3]);
-      way += fabs(m[0]) * half[0] + fabs(m[1]) * half[1] + fabs(m[2]) * half[2];
-      squared += way * way;
-    }
-    most = hfx_larger(most, squared);
+    most = hfx_larger(most, hfx_moved_squared(earlier + slot, later + slot, linear, width,
+                                              centres + 3 * p, halves + 3 * p));
   }
   return sqrt(most);
 }
 
 // How far a bone takes the cells of a group from where all together do, whose matrix is `mean`.
-static inline double hfx_apart(const double *matrix, const double *mean, const double *box) {
+static inline double hfx_apart(const double *matrix, const hfx_two *mean, const double *box) {
+  const hfx_loose *m = (const hfx_loose *)matrix;
+  hfx_two middle[2] = {{box[0], box[1]}, {box[2], 1.0}}, half[2] = {{box[3], box[4]}, {box[5], 0.0}};
   double squared = 0.0;
   for (int i = 0; i < 3; i++) {
-    double d[4];
-    for (int j = 0; j < 4; j++) d[j] = matrix[4 * i + j] - mean[4 * i + j];
-    double way = fabs(d[0] * box[0] + d[1] * box[1] + d[2] * box[2] + d[3]);
-    way += fabs(d[0]) * box[3] + fabs(d[1]) * box[4] + fabs(d[2]) * box[5];
+    hfx_two d[2] = {m[2 * i] - mean[2 * i], m[2 * i + 1] - mean[2 * i + 1]};
+    hfx_two moved = d[0] * middle[0] + d[1] * middle[1];
+    hfx_two turned = hfx_sizes(d[0]) * half[0] + hfx_sizes(d[1]) * half[1];
+    double way = fabs(moved[0] + moved[1]) + (turned[0] + turned[1]);
     squared += way * way;
   }
   return sqrt(squared);
 }
 
-// See CellSizes.means: no less than the mean distance of any cell's skin from its vertex at a row.
+// No less than the mean distance of any cell's skin of a group from its vertex, in the matrices of a
+// row.
+static inline double hfx_group_mean(const hfx_groups *known, int64_t group, const int64_t *slots,
+                                    const double *matrices, const double *stretches) {
+  int64_t first = known->starts[group], last = known->starts[group + 1];
+  double stretch = 0.0, bent = 0.0;
+  hfx_two mean[6] = {{0.0, 0.0}};
+  for (int64_t p = first; p < last; p++) {
+    int64_t slot = slots[known->bones[p]];
+    const hfx_loose *m = (const hfx_loose *)(matrices + 12 * slot);
+    stretch = hfx_larger(stretch, stretches[slot]);
+    if (last - first > 1)
+      for (int i = 0; i < 6; i++) mean[i] += known->shares[p] * m[i];
+  }
+  for (int64_t p = first; p < last && last - first > 1; p++)
+    if (known->changes[p] != 0.0)
+      bent += known->changes[p] *
+              hfx_apart(matrices + 12 * slots[known->bones[p]], mean, known->boxes + 6 * group);
+  return stretch * known->distances[group] + bent;
+}
+
+// See CellSizes.means: the same of all groups of a cluster.
 static inline double hfx_cell_mean(const hfx_bones *bones, const hfx_groups *known, int64_t row) {
   const double *matrices = bones->matrices + 12 * row * bones->count;
   const double *stretches = bones->stretches + row * bones->count;
   double most = 0.0;
-  for (int64_t g = 0; g < known->count; g++) {
-    int64_t first = known->starts[g], last = known->starts[g + 1];
-    double stretch = 0.0, bent = 0.0, mean[12] = {0.0};
-    for (int64_t p = first; p < last; p++) {
-      int64_t slot = bones->slots[known->bones[p]];
-      stretch = hfx_larger(stretch, stretches[slot]);
-      if (last - first > 1)
-        for (int i = 0; i < 12; i++) mean[i] += known->shares[p] * matrices[12 * slot + i];
-    }
-    for (int64_t p = first; p < last && last - first > 1; p++) {
-      int64_t slot = bones->slots[known->bones[p]];
-      if (known->changes[p] != 0.0)
-        bent += known->changes[p] * hfx_apart(matrices + 12 * slot, mean, known->boxes + 6 * g);
-    }
-    most = hfx_larger(most, stretch * known->distances[g] + bent);
-  }
+  for (int64_t g = 0; g < known->count; g++)
+    most = hfx_larger(most, hfx_group_mean(known, g, bones->slots, matrices, stretches));
   return most;
+}
+
+// Whether that is no more than `limit` when `scale` times as large.
+static inline int hfx_is_even(const hfx_bones *bones, const hfx_groups *known, int64_t row,
+                              double scale, double limit) {
+  const double *matrices = bones->matrices + 12 * row * bones->count;
+  const double *stretches = bones->stretches + row * bones->count;
+  for (int64_t g = 0; g < known->count; g++)
+    if (!(scale * hfx_group_mean(known, g, bones->slots, matrices, stretches) <= limit)) return 0;
+  return 1;
 }
 
 #endif

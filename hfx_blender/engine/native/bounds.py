@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Boxes around clusters that bones move; ``bounds.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import INTEGER, POINTER, f64, i64, library, pointer, structure
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_ROOM: Final = 22  # numbers for each bone
+
+_Outline = structure(
+    "hfx_outline",
+    bone_count=INTEGER,
+    clusters=INTEGER,
+    **dict.fromkeys(
+        ("bones", "starts", "slots", "pair_bones", "centres", "halves", "boxes"), POINTER
+    ),
+)
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    found = library()
+    assert found is not None
+    found.hfx_bounds.argtypes = [POINTER] + [INTEGER] * 2 + [POINTER] * 9
+    found.hfx_bounds.restype = None
+    return found
+
+
+class Outline:
+    """What of a model bones move, cluster by cluster. A pair is a cluster and one of its bones.
+
+    Parameters
+    ----------
+    bones : (B,) int64
+        Of the pose, all that move anything; those that a pose has not, rest.
+    starts : (C + 1,) int64
+        Each cluster's first pair.
+    slots : (P,) int64
+        Which of the bones each pair has.
+    centres, halves : (P, 3) float64
+        The boxes of what pairs' bones move at rest.
+
+    Attributes
+    ----------
+    address : int
+        Of ``hfx_outline``, as long as this lives.
+    """
+
+    def __init__(self, bones: I64, starts: I64, slots: I64, centres: F64, halves: F64) -> None:
+        bones, slots, boxes = i64(bones), i64(slots), np.stack([centres, halves], axis=2)
+        self._arrays = bones, i64(starts), slots, bones[slots], f64(centres), f64(halves), boxes
+        self._size = len(bones), len(starts) - 1
+        self._structure = _Outline(*self._size, *map(pointer, self._arrays))
+        self.address = ctypes.addressof(self._structure)
+
+    def bounds(
+        self, posed: F64, rows: I64, to_target: F64, margins: F64 | None
+    ) -> tuple[F64, F64, F64, F64]:
+        """World boxes of skin.
+
+        Parameters
+        ----------
+        posed : (T, B, 3, 4) float64
+            Rest space to posed armature space.
+        rows : (n,) int64
+            Of these.
+        to_target : (n, 4, 4) float64
+            From armature space.
+        margins : (C,) float64 or None
+            How far skin may be beyond what bones move, at rest.
+
+        Returns
+        -------
+        low, high : (n, C, 3) float64
+            Of each cluster at each row.
+        of_rows : (n, 2, 3) float64
+            Around all clusters at each row.
+        of_clusters : (C, 2, 3) float64
+            Around each cluster at all rows.
+        """
+        bones, clusters = self._size
+        low, high = np.empty((2, len(rows), clusters, 3))
+        of_rows, of_clusters = np.empty((len(rows), 2, 3)), np.empty((clusters, 2, 3))
+        posed, rows, to_target = f64(posed), i64(rows), f64(to_target)
+        margins = None if margins is None else f64(margins)
+        room = np.empty(_ROOM * bones)
+        arrays = posed, rows, to_target, margins, room, low, high, of_rows, of_clusters
+        _library().hfx_bounds(
+            self.address, len(rows), posed.shape[1], *[pointer(each) for each in arrays]
+        )
+        return low, high, of_rows, of_clusters

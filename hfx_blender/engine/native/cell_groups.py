@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known at rest of how large cells can be in a pose; ``cell_groups.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import INTEGER, POINTER, library, pointer, structure
+from .skin_binding import Clusters
+from .skin_mesh import Mesh, mesh_of
+from .skin_table import Table, table_of
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_FIELDS: Final = ("starts", "distances", "boxes", "bones", "shares", "changes")
+_Groups = structure("hfx_groups", **dict.fromkeys(_FIELDS, POINTER), count=INTEGER)
+_Found = structure(
+    "hfx_found_groups", **dict.fromkeys(("first_groups", "first_pairs", *_FIELDS), POINTER)
+)
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    found = library()
+    assert found is not None
+    found.hfx_cell_groups.argtypes = [POINTER] * 5 + [INTEGER] + [POINTER] * 5
+    found.hfx_cell_groups.restype = None
+    return found
+
+
+class CellGroups:
+    """Groups of cells of the clusters of a skin; see :class:`..cell_sizes.CellSizes`.
+
+    Parameters
+    ----------
+    count : int
+        Of clusters.
+
+    Attributes
+    ----------
+    table : array of ``hfx_groups``
+        Of all clusters; only those are filled in that :meth:`add` was given.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.table: Any = (_Groups * count)()
+        self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
+        self._is_known = np.zeros(count, np.bool_)
+        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+
+    def lacking(self, clusters: I64) -> I64:
+        """Those that are not filled in, ascending."""
+        return np.unique(clusters[~self._is_known[clusters]])
+
+    def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
+        """What is filled in of a cluster, in the order of ``hfx_groups``."""
+        return tuple(self._kept[cluster])
+
+    def add(
+        self, clusters: I64, table: Table, mesh: Mesh, surface: Clusters, own: Clusters | None
+    ) -> None:
+        """Fill in some clusters.
+
+        Parameters
+        ----------
+        clusters : (k,) int64
+        table : Table
+            None of it needs to be filled.
+        mesh : Mesh
+            Its surface.
+        surface, own : Clusters
+            Those of the surface and of the model's own vertices, with these filled in; None
+            where they are the same.
+        """
+        places = table.place_counts[clusters]
+        cells = table.cell_starts[clusters + 1] - table.cell_starts[clusters]
+        bones = surface.most_bones + (0 if own is None else own.most_bones)
+        most = int(max(places.max(), cells.max()))
+        groups, pairs = int(cells.sum()), int(cells.sum()) * bones
+        place = np.zeros(len(mesh.vertices), np.int64)
+        counts = np.empty(2 * most + bones * (bones + 3), np.int64)
+        room = np.empty(most * (10 + 8 * bones) + bones)
+        firsts = np.empty((2, len(clusters) + 1), np.int64)
+        arrays: list[npt.NDArray[Any]] = [
+            np.empty(groups + len(clusters), np.int64),
+            np.empty(groups),
+            np.empty((groups, 2, 3)),
+            np.empty(pairs, np.int64),
+            np.empty(pairs),
+            np.empty(pairs),
+        ]
+        _library().hfx_cell_groups(
+            ctypes.byref(table_of(table)),
+            ctypes.byref(mesh_of(mesh)),
+            pointer(table.vertices),
+            surface.table,
+            None if own is None else own.table,
+            len(clusters),
+            *map(pointer, (clusters, place, counts, room)),
+            ctypes.byref(_Found(*map(pointer, (*firsts, *arrays)))),
+        )
+        of_groups, of_pairs = firsts
+        before = np.arange(len(clusters) + 1)
+        ends = (of_groups + before, of_groups, of_groups, of_pairs, of_pairs, of_pairs)
+        for field, (array, at) in enumerate(zip(arrays, ends, strict=True)):
+            kept = array[: at[-1]].copy()
+            self._rows[clusters, field] = kept.ctypes.data + at[:-1] * array.strides[0]
+            for k, cluster in enumerate(clusters.tolist()):
+                self._kept.setdefault(cluster, []).append(kept[at[k] : at[k + 1]])
+        self._rows[clusters, len(arrays)] = np.diff(of_groups)
+        self._is_known[clusters] = True

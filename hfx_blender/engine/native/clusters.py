@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Splitting the vertices of a model into clusters; ``clusters.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import INTEGER, POINTER, i64, library, pointer
+
+F32 = npt.NDArray[np.float32]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+_DEPTH = 64  # no more halvings follow each other
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    found = library()
+    if found is not None:
+        found.hfx_split.argtypes = [INTEGER] + [POINTER] * 4 + [INTEGER] + [POINTER] * 2
+        found.hfx_split.restype = INTEGER
+    return found
+
+
+def is_there() -> bool:
+    """Whether this can be called."""
+    return _calls() is not None
+
+
+def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) -> list[I32]:
+    """Halve pieces at the median of their longest axis until every one is small enough.
+
+    Parameters
+    ----------
+    pieces : list of (n,) int32
+        Vertex ids, none in two places.
+    vertices : (V, 3) float32
+    load : (V,) int64 or None
+        How much of ``leaf_size`` each vertex takes; 1 by default.
+
+    Returns
+    -------
+    list of (n,) int32
+        Ascending vertex ids, in the order of the pieces.
+    """
+    calls = _calls()
+    assert calls is not None
+    if not pieces:
+        return []
+    ids = np.concatenate(pieces)
+    todo = np.zeros(len(pieces) + _DEPTH, np.int64)
+    todo[: len(pieces)] = np.cumsum([len(some) for some in pieces])[::-1]
+    vertices, load = np.ascontiguousarray(vertices, np.float32), None if load is None else i64(load)
+    ends, room = np.empty(len(ids), np.int64), np.empty((2, len(ids)), np.uint64)
+    found = calls.hfx_split(
+        len(pieces),
+        *map(pointer, (todo, ids, vertices, load)),
+        leaf_size,
+        *map(pointer, (ends, room)),
+    )
+    return cut(ids, ends[:found])
+
+
+def cut(ids: I32, ends: I64) -> list[I32]:
+    """Pieces of an array that end there."""
+    last = ends.tolist()
+    return [ids[first:end] for first, end in zip([0, *last], last, strict=False)]

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What bones do to the clusters of a model that is bound to them; ``skin_binding.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import INTEGER, POINTER, f64, i64, library, pointer, structure
+from .skin_table import Table, table_of
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+_BOUND_ARRAYS = ("offsets", "bones", "values", "rest", "starts", "members")
+_Bound = structure(
+    "hfx_bound", **dict.fromkeys(_BOUND_ARRAYS, POINTER), count=INTEGER, bone_count=INTEGER
+)
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    """The library, with the arguments of these functions."""
+    found = library()
+    if found is not None:
+        found.hfx_bone_boxes.argtypes = [POINTER] * 7
+        found.hfx_bone_boxes.restype = INTEGER
+        found.hfx_bind.argtypes = [POINTER] * 3 + [INTEGER] + [POINTER] * 6
+        found.hfx_find_links.argtypes = [POINTER] * 2 + [INTEGER] + [POINTER] * 5
+        found.hfx_bind.restype = found.hfx_find_links.restype = None
+    return found
+
+
+def is_there() -> bool:
+    """Whether these functions can be called."""
+    return _calls() is not None
+
+
+def _library() -> ctypes.CDLL:
+    calls = _calls()
+    assert calls is not None
+    return calls
+
+
+class BoundClusters:
+    """A model's weights and its clusters, none of which is empty.
+
+    Parameters
+    ----------
+    offsets : (V + 1,) int64
+        Each vertex's first weight.
+    bones, values : (E,) int64 and float64
+        Of weights.
+    rest : (V, 4) float64
+        Homogeneous.
+    clusters : list of (n,) int32
+        Vertices.
+    bone_count : int
+        One more than the highest bone.
+    """
+
+    def __init__(
+        self,
+        offsets: I64,
+        bones: I64,
+        values: F64,
+        rest: F64,
+        clusters: list[I32],
+        bone_count: int,
+    ) -> None:
+        self.place_counts = np.array([len(ids) for ids in clusters], np.int64)
+        self.bone_count = bone_count
+        starts = np.zeros(len(clusters) + 1, np.int64)
+        np.cumsum(self.place_counts, out=starts[1:])
+        self._members = np.concatenate([np.zeros(0, np.int32), *clusters])
+        self._offsets, self._starts = i64(offsets), starts
+        self._arrays = self._offsets, i64(bones), f64(values), f64(rest), starts, self._members
+        self.structure = _Bound(*map(pointer, self._arrays), len(clusters), bone_count)
+
+    @cached_property
+    def weight_counts(self) -> I64:
+        """How many weights each cluster has, (C,)."""
+        ends = np.cumsum(np.diff(self._offsets)[self._members])
+        counts: I64 = np.diff(ends[self._starts[1:] - 1], prepend=0)
+        return counts
+
+    def bone_boxes(self) -> tuple[I64, I64, F64, F64]:
+        """Bones of clusters, and boxes of what each moves at rest.
+
+        Returns
+        -------
+        starts : (C + 1,) int64
+            Each cluster's first pair: itself and a bone.
+        bones : (P,) int64
+            Ascending in each cluster.
+        low, high : (P, 3) float64
+            Corners of the boxes.
+        """
+        most = int(np.minimum(self.weight_counts, self.bone_count).sum())
+        starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
+        low, high = np.empty((2, most, 3))
+        is_there, room = np.empty(self.bone_count, np.uint8), np.empty((self.bone_count, 6))
+        found = _library().hfx_bone_boxes(
+            ctypes.byref(self.structure),
+            *map(pointer, (is_there, room, starts, bones, low, high)),
+        )
+        return starts, bones[:found].copy(), low[:found].copy(), high[:found].copy()
+
+
+class ClusterPointers(ctypes.Structure):
+    """``hfx_cluster``."""
+
+    _fields_ = [
+        *(
+            (name, POINTER)
+            for name in (
+                "entry_bones",
+                "factors",
+                "firsts",
+                "bones",
+                "moved",
+                "distances",
+                "differences",
+            )
+        ),
+        ("bone_count", INTEGER),
+    ]
+
+
+class Clusters:
+    """What bones do to the clusters of one model, where the library finds it.
+
+    Arrays that it has are never changed: what is learnt of a cluster later has new ones.
+
+    Parameters
+    ----------
+    bound : BoundClusters
+    pair_starts, pair_bones : (C + 1,), (P,) int64
+        See :meth:`BoundClusters.bone_boxes`.
+
+    Attributes
+    ----------
+    table : array of ClusterPointers
+        Of all clusters; only those are filled in that :meth:`add` was given.
+    most_bones : int
+        Of any cluster.
+    """
+
+    def __init__(self, bound: BoundClusters, pair_starts: I64, pair_bones: I64) -> None:
+        count = len(bound.place_counts)
+        self.table: Any = (ClusterPointers * count)()
+        self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
+        self._bound, self._starts, self._bones = bound, i64(pair_starts), i64(pair_bones)
+        self._bone_counts = np.diff(self._starts)
+        self.most_bones = int(self._bone_counts.max(initial=0))
+        self._unlinked = np.zeros(int(bound.place_counts.max(initial=0)))
+        self._kept: dict[int, list[npt.NDArray[Any]]] = {}
+        self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
+
+    def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
+        """What is filled in of a cluster, in the order of ClusterPointers."""
+        return tuple(self._kept[cluster])
+
+    def add(self, clusters: I64, table: Table | None) -> None:
+        """Fill in some clusters; of their skin, if that is filled, what neighbours are like."""
+        new = clusters[~self._is_known[clusters]]
+        if len(new):
+            self._bind(np.unique(new))
+        if table is not None:
+            new = clusters[~self._is_linked[clusters]]
+            if len(new):
+                self._link(np.unique(new), table)
+
+    def _bind(self, clusters: I64) -> None:
+        places, bones = self._bound.place_counts[clusters], self._bone_counts[clusters]
+        entry_at, first_at, pair_at = map(
+            _starts, (self._bound.weight_counts[clusters], places + 1, bones)
+        )
+        entry_bones = np.empty(entry_at[-1], np.int64)
+        factors, moved = np.empty((entry_at[-1], 4)), np.empty((pair_at[-1], 6))
+        firsts, column = (
+            np.empty(first_at[-1], np.int64),
+            np.empty(self._bound.bone_count, np.int64),
+        )
+        _library().hfx_bind(
+            ctypes.byref(self._bound.structure),
+            pointer(self._starts),
+            pointer(self._bones),
+            len(clusters),
+            *map(pointer, (clusters, column, entry_bones, factors, firsts, moved)),
+        )
+        some = self._starts[clusters]
+        arrays = (
+            (entry_bones, entry_at[:-1], entry_at[1:]),
+            (factors, entry_at[:-1], entry_at[1:]),
+            (firsts, first_at[:-1], first_at[1:]),
+            (self._bones, some, some + bones),
+            (moved, pair_at[:-1], pair_at[1:]),
+            (self._unlinked, np.zeros_like(places), places),
+            (self._unlinked, np.zeros_like(places), places),
+        )
+        for field, (array, first, _) in enumerate(arrays):
+            self._rows[clusters, field] = array.ctypes.data + first * array.strides[0]
+        self._rows[clusters, len(arrays)] = bones
+        for k, cluster in enumerate(clusters.tolist()):
+            self._kept[cluster] = [array[first[k] : last[k]] for array, first, last in arrays]
+        self._is_known[clusters] = True
+
+    def _link(self, clusters: I64, table: Table) -> None:
+        at = _starts(table.unit_counts[clusters])
+        distances, differences = np.empty((2, at[-1]))
+        room = np.empty(2 * self.most_bones)
+        _library().hfx_find_links(
+            ctypes.byref(table_of(table)),
+            self.table,
+            len(clusters),
+            *map(pointer, (clusters, at, room, distances, differences)),
+        )
+        for field, array in ((5, distances), (6, differences)):
+            self._rows[clusters, field] = array.ctypes.data + at[:-1] * array.itemsize
+            for k, cluster in enumerate(clusters.tolist()):
+                self._kept[cluster][field] = array[at[k] : at[k + 1]]
+        self._is_linked[clusters] = True
+
+
+def _starts(counts: I64) -> I64:
+    """Where each begins, and where the last ends."""
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])

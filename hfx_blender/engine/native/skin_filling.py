@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Filling in where the skin of clusters is sampled; ``skin_filling.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import INTEGER, POINTER, library, pointer, structure
+from .skin_mesh import Mesh, mesh_of
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+U8 = npt.NDArray[np.uint8]
+
+_TABLE_ARRAYS: Final = (
+    "starts",
+    "unit_counts",
+    "cell_starts",
+    "vertices",
+    "cell_of",
+    "quad_starts",
+    "steps",
+    "unit_shares",
+    "vertex_shares",
+    "reaches",
+    "means",
+    "is_ringed",
+    "unit_of",
+    "around",
+    "sample_starts",
+    "heights_m",
+    "wholes",
+    "bulge_m",
+    "most_samples",
+)
+_Filling = structure(
+    "hfx_filling", **dict.fromkeys((*_TABLE_ARRAYS, "distance", "is_split", "closeness"), POINTER)
+)
+_QUAD: Final = 10  # numbers in hfx_quad
+_EXTENT: Final = 5  # and in extent
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    """The library, with the arguments of these functions."""
+    found = library()
+    if found is not None:
+        found.hfx_fill.argtypes = [POINTER] * 2 + [INTEGER, POINTER, INTEGER] + [POINTER] * 7
+        found.hfx_fill.restype = INTEGER
+        found.hfx_place_samples.argtypes = [POINTER, INTEGER] + [POINTER] * 2 + [INTEGER, POINTER]
+        found.hfx_place_samples.restype = None
+    return found
+
+
+def is_there() -> bool:
+    """Whether these functions can be called."""
+    return _calls() is not None
+
+
+class Table(Protocol):
+    """See :class:`..skin_table.SkinTable`."""
+
+    starts: I64
+    unit_counts: I64
+    cell_starts: I64
+    quad_starts: I64
+
+
+class Filling:
+    """Fills in some clusters of a table.
+
+    Parameters
+    ----------
+    table : Table
+        Its arrays are written to.
+    mesh : Mesh
+        Its surface.
+    distance : (V,) float64
+        How far apart samples may be, metres.
+    is_split : (V,) uint8
+        Which vertices stand for more than themselves.
+    closeness : (V,) float64
+        One over the spacing of vertices, but for a factor.
+    """
+
+    def __init__(
+        self, table: Table, mesh: Mesh, distance: F64, is_split: U8, closeness: F64
+    ) -> None:
+        self._table, self._mesh = table, mesh
+        arrays = [getattr(table, name) for name in _TABLE_ARRAYS]
+        self._kept = [*arrays, distance, is_split, closeness]
+        self._structure = _Filling(*map(pointer, self._kept))
+
+    def fill(self, clusters: I64, samples: int) -> int:
+        """Fill in clusters, ascending, all but the samples.
+
+        Parameters
+        ----------
+        clusters : (k,) int64
+        samples : int
+            How many the table has.
+
+        Returns
+        -------
+        int
+            How many it is to have.
+        """
+        table, vertices = self._table, len(self._mesh.vertices)
+        first = table.starts[clusters]
+        quads = table.quad_starts[first + table.unit_counts[clusters]] - table.quad_starts[first]
+        cells = int((table.cell_starts[clusters + 1] - table.cell_starts[clusters]).max())
+        self._clusters, self._quads = clusters, np.empty((int(quads.sum()), _QUAD))
+        rooms = (
+            *np.zeros((2, vertices), np.int64),
+            np.empty((int(quads.max()), _EXTENT)),
+            np.empty(int(table.unit_counts[clusters].max())),
+            np.empty(cells),
+            np.empty(cells, np.int64),
+        )
+        calls = _calls()
+        assert calls is not None
+        count: int = calls.hfx_fill(
+            ctypes.byref(self._structure),
+            ctypes.byref(mesh_of(self._mesh)),
+            len(clusters),
+            pointer(clusters),
+            samples,
+            *map(pointer, (*rooms, self._quads)),
+        )
+        return count
+
+    def place_samples(self, samples: F64) -> None:
+        """Write the samples of these clusters, (4, S)."""
+        calls = _calls()
+        assert calls is not None
+        calls.hfx_place_samples(
+            ctypes.byref(self._structure),
+            len(self._clusters),
+            *map(pointer, (self._clusters, self._quads)),
+            samples.shape[1],
+            pointer(samples),
+        )

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The triangles that are the skin of a model, where the library finds them; ``skin_mesh.h``."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Protocol
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import POINTER, pointer, structure
+
+_ARRAYS: Final = ("vertices", "normals", "areas_m2", "triangles", "corners", "starts")
+_Mesh = structure("hfx_skin_mesh", **dict.fromkeys(_ARRAYS, POINTER))
+
+
+class Mesh(Protocol):
+    """See :class:`..skin_mesh.SkinMesh`."""
+
+    @property
+    def vertices(self) -> npt.NDArray[np.float32]: ...
+    @property
+    def triangles(self) -> npt.NDArray[np.int32]: ...
+
+
+_MESHES: WeakKeyDictionary[Mesh, Any] = WeakKeyDictionary()
+
+
+def mesh_of(mesh: Mesh) -> Any:
+    """``hfx_skin_mesh``; the arrays live as long as the mesh."""
+    if mesh not in _MESHES:
+        _MESHES[mesh] = _Mesh(*(pointer(getattr(mesh, name)) for name in _ARRAYS))
+    return _MESHES[mesh]

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the skin of clusters lies between; ``skin_outline.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from .clusters import cut
+from .library import INTEGER, POINTER, library, pointer
+from .skin_mesh import Mesh, mesh_of
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    """The library, with the arguments of these functions."""
+    found = library()
+    if found is not None:
+        found.hfx_margins.argtypes = [POINTER, INTEGER] + [POINTER] * 2
+        found.hfx_outlines.argtypes = [POINTER, INTEGER] + [POINTER] * 3 + [INTEGER] + [POINTER] * 3
+        found.hfx_margins.restype = found.hfx_outlines.restype = None
+    return found
+
+
+def is_there() -> bool:
+    """Whether these functions can be called."""
+    return _calls() is not None
+
+
+def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list[I32], F64]:
+    """Each cluster's units and the corners around them, and how far skin may bulge there.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    starts : (C + 1,) int64
+        Each cluster's first unit.
+    units : (V,) int32
+        Vertices of the mesh, cluster by cluster.
+    cluster_of : (V,) int64
+        The cluster of each.
+
+    Returns
+    -------
+    outlines : list of (n,) int32
+        A cluster's units as they are given, then corners, ascending.
+    margins : (C,) float64
+        Metres.
+    """
+    calls = _calls()
+    assert calls is not None
+    clusters, surface = len(starts) - 1, ctypes.byref(mesh_of(mesh))
+    margins = np.zeros(clusters)
+    calls.hfx_margins(surface, len(mesh.triangles), pointer(cluster_of), pointer(margins))
+    outlines = np.empty(len(units) + 2 * mesh.triangles.size, np.int32)
+    seen, ends = np.empty(len(units), np.int64), np.zeros(clusters, np.int64)
+    calls.hfx_outlines(
+        surface,
+        clusters,
+        *(pointer(each) for each in (starts, units, cluster_of)),
+        len(units),
+        *(pointer(each) for each in (seen, outlines, ends)),
+    )
+    return cut(outlines[: ends[-1]].copy(), ends), margins

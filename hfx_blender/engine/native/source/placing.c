@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Where volumes are, and boxes around them. See engine/volume/placement.py and engine/reach.py.
+
+#include <float.h>
+#include <math.h>
+
+#include "analytic.h"
+#include "hfx_native.h"
+#include "skin_posing.h"
+
+#define FLATTEST 1e-6
+#define TURNS 30  // of Jacobi's method: it arrives after five or so
+
+// The largest and the least stretch of a matrix, by Jacobi's one-sided method.
+static void stretches_of(const double m[9], double *largest, double *least) {
+  double a[3][3];  // columns
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) a[j][i] = m[3 * i + j];
+  for (int turn = 0; turn < TURNS; turn++) {
+    int is_done = 1;
+    for (int p = 0; p < 2; p++)
+      for (int q = p + 1; q < 3; q++) {
+        double pp = hfx_dot(a[p], a[p]), qq = hfx_dot(a[q], a[q]), pq = hfx_dot(a[p], a[q]);
+        if (!(fabs(pq) > 1e-15 * sqrt(pp * qq))) continue;
+        is_done = 0;
+        double ratio = (qq - pp) / (2.0 * pq);
+        double t = (ratio >= 0.0 ? 1.0 : -1.0) / (fabs(ratio) + sqrt(1.0 + ratio * ratio));
+        double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
+        for (int i = 0; i < 3; i++) {
+          double one = a[p][i], other = a[q][i];
+          a[p][i] = c * one - s * other, a[q][i] = s * one + c * other;
+        }
+      }
+    if (is_done) break;
+  }
+  *largest = 0.0, *least = INFINITY;
+  for (int k = 0; k < 3; k++) {
+    double size = sqrt(hfx_dot(a[k], a[k]));
+    if (size > *largest) *largest = size;
+    if (size < *least) *least = size;
+  }
+}
+
+static int exponent_of(double a, double b, double c) {
+  int exponent;
+  frexp(fmax(fmax(fabs(a), fabs(b)), fabs(c)), &exponent);
+  return exponent;
+}
+
+// See inverse_placement. Whether the inverse can be used.
+static int invert(const double matrix[16], double inverse[16]) {
+  double balanced[9], back[9], offset[3];
+  int columns[3], rows[3];
+  for (int i = 0; i < 12; i++)
+    if (!isfinite(matrix[i])) return 0;
+  for (int j = 0; j < 3; j++) columns[j] = exponent_of(matrix[j], matrix[4 + j], matrix[8 + j]);
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++) balanced[3 * i + j] = ldexp(matrix[4 * i + j], -columns[j]);
+    rows[i] = exponent_of(balanced[3 * i], balanced[3 * i + 1], balanced[3 * i + 2]);
+    for (int j = 0; j < 3; j++) balanced[3 * i + j] = ldexp(balanced[3 * i + j], -rows[i]);
+  }
+  double largest, least;
+  stretches_of(balanced, &largest, &least);
+  if (!(least > FLATTEST * largest)) return 0;
+  const double *b = balanced;
+  double crosses[3][3], found[9];
+  for (int i = 0; i < 3; i++) {
+    const double *next = b + 3 * ((i + 1) % 3), *last = b + 3 * ((i + 2) % 3);
+    for (int j = 0; j < 3; j++)
+      crosses[i][j] = next[(j + 1) % 3] * last[(j + 2) % 3] - next[(j + 2) % 3] * last[(j + 1) % 3];
+  }
+  double determinant = hfx_dot(b, crosses[0]);
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) found[3 * i + j] = crosses[j][i] / determinant;
+  // One step of Newton's iteration takes away what cancellation left.
+  double left[9];
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++)
+      left[3 * i + j] = (i == j ? 2.0 : 0.0) - (b[3 * i] * found[j] + b[3 * i + 1] * found[3 + j] +
+                                                b[3 * i + 2] * found[6 + j]);
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
+      double each = found[3 * i] * left[j] + found[3 * i + 1] * left[3 + j] + found[3 * i + 2] * left[6 + j];
+      back[3 * i + j] = ldexp(each, -columns[i] - rows[j]);
+      if (!isfinite(back[3 * i + j])) return 0;
+    }
+  for (int i = 0; i < 3; i++) {
+    offset[i] = -(back[3 * i] * matrix[3] + back[3 * i + 1] * matrix[7] + back[3 * i + 2] * matrix[11]);
+    if (!isfinite(offset[i])) return 0;
+    for (int j = 0; j < 3; j++) inverse[4 * i + j] = back[3 * i + j];
+    inverse[4 * i + 3] = offset[i];
+  }
+  inverse[12] = inverse[13] = inverse[14] = 0.0, inverse[15] = 1.0;
+  return 1;
+}
+
+// See world_bounds: a box around a volume, (2, 3).
+static void box_of(const double bounds[6], const double matrix[16], double box[6]) {
+  for (int i = 0; i < 3; i++) {
+    const double *m = matrix + 4 * i;
+    double centre = m[3], reach = 0.0, largest = fabs(m[3]);
+    for (int j = 0; j < 3; j++) {
+      double middle = 0.5 * (bounds[j] + bounds[3 + j]), half = 0.5 * (bounds[3 + j] - bounds[j]);
+      centre += m[j] * middle;
+      reach += fabs(m[j]) * half;
+      largest += fabs(m[j]) * (fabs(middle) + half);
+    }
+    reach += 8.0 * DBL_EPSILON * largest;
+    box[i] = centre - reach, box[3 + i] = centre + reach;
+  }
+}
+
+// Where a volume is at some rows: its inverses, how it sees the body, its world boxes (rows, 2, 3).
+// Whether all of it can be used: nothing is flattened, endless or not a number.
+HFX_EXPORT int64_t hfx_place(int64_t rows, const double *matrices, const double *to_world,
+                             const double *bounds, double farthest, double *inverses,
+                             double *to_shape, double *boxes) {
+  for (int64_t n = 0; n < rows; n++) {
+    const double *matrix = matrices + 16 * n, *world = to_world + 16 * n;
+    double *inverse = inverses + 16 * n, *shape = to_shape + 16 * n;
+    for (int i = 0; i < 16; i++)
+      if (!(fabs(matrix[i]) <= farthest)) return 0;
+    if (!invert(matrix, inverse)) return 0;
+    for (int i = 0; i < 4; i++)
+      for (int j = 0; j < 4; j++) {
+        const double *one = inverse + 4 * i, *other = world + j;
+        shape[4 * i + j] = one[0] * other[0] + one[1] * other[4] + one[2] * other[8] + one[3] * other[12];
+      }
+    box_of(bounds + 6 * n, matrix, boxes + 6 * n);
+  }
+  return 1;
+}
+
+// Flatter than this, a volume's box is not sure: determinant over the product of columns' lengths,
+// far above what counts as flattened. Lengths far from overflow.
+#define UPRIGHT 0.05
+#define SHORTEST 1e-90
+#define LONGEST 1e90
+#define ROUNDING 1e-12
+
+// What does not change of a volume's box while its axes stay.
+typedef struct {
+  double shift[3], reach[3], arm[3];  // of the box's centre from the origin; half edges
+  double longest;                     // squared, of a corner from the origin
+  int is_sure;
+} hfx_axes;
+
+static hfx_axes axes_of(const double *matrix, const double bounds[6]) {
+  hfx_axes axes = {.longest = 0.0, .is_sure = 1};
+  double volume = 1.0;
+  for (int j = 0; j < 3; j++) {
+    const double *m = matrix + j;
+    double length = sqrt(m[0] * m[0] + m[4] * m[4] + m[8] * m[8]);
+    axes.is_sure &= length > SHORTEST && length < LONGEST;
+    volume *= length;
+  }
+  const double *a = matrix, *b = matrix + 4, *c = matrix + 8;
+  double determinant = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
+                       a[2] * (b[0] * c[1] - b[1] * c[0]);
+  axes.is_sure &= fabs(determinant) >= UPRIGHT * volume;
+  for (int i = 0; i < 3; i++) {
+    const double *m = matrix + 4 * i;
+    axes.shift[i] = axes.reach[i] = axes.arm[i] = 0.0;
+    for (int j = 0; j < 3; j++) {
+      double middle = 0.5 * (bounds[j] + bounds[3 + j]), half = 0.5 * (bounds[3 + j] - bounds[j]);
+      axes.shift[i] += m[j] * middle;
+      axes.reach[i] += fabs(m[j]) * half;
+      axes.arm[i] += fabs(m[j]) * (fabs(middle) + half);
+    }
+    axes.longest += axes.arm[i] * axes.arm[i];
+  }
+  return axes;
+}
+
+// See reach._VolumeBoxes: around all that volumes are and move through at some rows, (2, 3) each;
+// whether that is sure. `bounds` (2, 3) of each are in shape space. Rows where a volume is off, whose
+// `levels` (count, rows) are not above 0, count only as to whether it turns.
+HFX_EXPORT void hfx_volume_boxes(int64_t count, int64_t rows, const double *matrices,
+                                 const double *levels, const double *bounds, double *boxes,
+                                 uint8_t *is_sure) {
+  for (int64_t e = 0; e < count; e++, boxes += 6, bounds += 6, levels += rows) {
+    hfx_axes axes = {.is_sure = 0};
+    double longest = 0.0;
+    int turns = 0, is_known = 0;
+    is_sure[e] = 1;
+    for (int i = 0; i < 3; i++) boxes[i] = INFINITY, boxes[3 + i] = -INFINITY;
+    for (int64_t n = 0; n < rows; n++) {
+      const double *matrix = matrices + 16 * (e * rows + n);
+      int is_same = n > 0;
+      for (int i = 0; i < 3 && is_same; i++)
+        for (int j = 0; j < 3; j++) is_same &= matrix[4 * i + j] == matrix[4 * i + j - 16];
+      turns |= n > 0 && !is_same;
+      is_known &= is_same;
+      if (!(levels[n] > 0.0)) continue;
+      if (!is_known) axes = axes_of(matrix, bounds), is_known = 1;
+      is_sure[e] &= axes.is_sure;
+      longest = fmax(longest, axes.longest);
+      for (int i = 0; i < 3; i++) {
+        double origin = matrix[4 * i + 3], centre = axes.shift[i] + origin;
+        double reach = axes.reach[i] + ROUNDING * (axes.arm[i] + fabs(origin));
+        is_sure[e] &= isfinite(origin) != 0;
+        boxes[i] = hfx_smaller(boxes[i], centre - reach);
+        boxes[3 + i] = hfx_larger(boxes[3 + i], centre + reach);
+      }
+    }
+    // Between two rows a turning volume stays within its longest arm of both boxes.
+    double swing = turns ? sqrt(longest) : 0.0;
+    for (int i = 0; i < 3; i++) boxes[i] -= swing, boxes[3 + i] += swing;
+  }
+}

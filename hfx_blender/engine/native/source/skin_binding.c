@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What bones do to the clusters of a model that is bound to them. See engine/body/posing.py.
+
+#include <math.h>
+#include <string.h>
+
+#include "hfx_native.h"
+#include "numbers.h"
+#include "skin.h"
+
+// A model's weights, and its clusters.
+typedef struct {
+  const int64_t *offsets;  // (vertices + 1,) of each vertex's weights
+  const int64_t *bones;    // (weights,)
+  const double *values;    // (weights,)
+  const double *rest;      // (vertices, 4) homogeneous
+  const int64_t *starts;   // (clusters + 1,)
+  const int32_t *members;  // vertices of all clusters
+  int64_t count;           // of clusters
+  int64_t bone_count;
+} hfx_bound;
+
+// See BoneBoxes: bones of clusters, ascending, and the box of what each moves; of each cluster the
+// first of these pairs, (clusters + 1,). Returns how many there are. `is_there` holds a number for
+// each bone, `room` six.
+HFX_EXPORT int64_t hfx_bone_boxes(const hfx_bound *model, uint8_t *is_there, double *room,
+                                  int64_t *pair_starts, int64_t *pair_bones, double *lowest,
+                                  double *highest) {
+  int64_t pairs = 0;
+  for (int64_t c = 0; c < model->count; c++) {
+    pair_starts[c] = pairs;
+    memset(is_there, 0, (size_t)model->bone_count);
+    for (int64_t m = model->starts[c]; m < model->starts[c + 1]; m++) {
+      int64_t vertex = model->members[m];
+      const double *place = model->rest + 4 * vertex;
+      for (int64_t e = model->offsets[vertex]; e < model->offsets[vertex + 1]; e++) {
+        double *low = room + 6 * model->bones[e], *high = low + 3;
+        uint8_t *is_known = is_there + model->bones[e];
+        for (int i = 0; i < 3; i++) {
+          low[i] = *is_known ? hfx_smaller(low[i], place[i]) : place[i];
+          high[i] = *is_known ? hfx_larger(high[i], place[i]) : place[i];
+        }
+        *is_known = 1;
+      }
+    }
+    for (int64_t b = 0; b < model->bone_count; b++) {
+      if (!is_there[b]) continue;
+      pair_bones[pairs] = b;
+      for (int i = 0; i < 3; i++) {
+        lowest[3 * pairs + i] = room[6 * b + i];
+        highest[3 * pairs + i] = room[6 * b + 3 + i];
+      }
+      pairs++;
+    }
+  }
+  pair_starts[model->count] = pairs;
+  return pairs;
+}
+
+// See hfx_cluster: its arrays for some clusters, one after the other. `column` holds a number for
+// each bone.
+HFX_EXPORT void hfx_bind(const hfx_bound *model, const int64_t *pair_starts,
+                         const int64_t *pair_bones, int64_t asked, const int64_t *clusters,
+                         int64_t *column, int64_t *entry_bones, double *factors, int64_t *firsts,
+                         double *moved) {
+  for (int64_t k = 0; k < asked; k++) {
+    int64_t c = clusters[k], first = pair_starts[c], bones = pair_starts[c + 1] - first;
+    int64_t start = model->starts[c], places = model->starts[c + 1] - start, entry = 0;
+    memset(moved, 0, (size_t)(6 * bones) * sizeof *moved);
+    for (int64_t b = 0; b < bones; b++) column[pair_bones[first + b]] = b;
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (int64_t m = 0; m < places; m++) {
+      int64_t vertex = model->members[start + m];
+      const double *place = model->rest + 4 * vertex;
+      for (int i = 0; i < 3; i++) {
+        low[i] = hfx_smaller(low[i], place[i]);
+        high[i] = hfx_larger(high[i], place[i]);
+      }
+      *firsts++ = entry;
+      for (int64_t e = model->offsets[vertex]; e < model->offsets[vertex + 1]; e++, entry++) {
+        int64_t bone = column[model->bones[e]];
+        *entry_bones++ = bone;
+        for (int i = 0; i < 4; i++) *factors++ = model->values[e] * place[i];
+        moved[6 * bone] += model->values[e];
+      }
+    }
+    *firsts++ = entry;
+    double squared = 0.0;
+    for (int i = 0; i < 3; i++) squared += (high[i] - low[i]) * (high[i] - low[i]);
+    for (int64_t b = 0; b < bones; b++, moved += 6) {
+      moved[0] /= (double)places;
+      for (int i = 0; i < 3; i++) moved[1 + i] = 0.5 * (low[i] + high[i]);
+      moved[4] = 1.0;
+      moved[5] = 0.5 * sqrt(squared);
+    }
+  }
+}
+
+// See SkinnedModel.links: of each unit of a cluster the distance to its farthest neighbour at rest,
+// and by how much weights differ, the most of any neighbour, all bones together; (units,) each.
+static void links_of(const hfx_table *table, int64_t number, const hfx_cluster *cluster,
+                     double *room, double *distances, double *differences) {
+  int64_t start = table->starts[number], bones = cluster->bone_count;
+  double *apart = room, *most = room + bones;
+  for (int64_t u = 0; u < table->unit_counts[number]; u++) {
+    double squared = 0.0;
+    int corners = table->is_ringed[start + u] ? 1 : 2;  // the others would be the same again
+    for (int64_t b = 0; b < bones; b++) most[b] = 0.0;
+    for (int64_t q = table->quad_starts[start + u]; q < table->quad_starts[start + u + 1]; q++)
+      for (int k = 0; k < corners; k++) {
+        double way[3] = {0.0, 0.0, 0.0};
+        for (int64_t b = 0; b < bones; b++) apart[b] = 0.0;
+        for (int other = 0; other < 2; other++) {
+          int64_t place = other ? table->around[2 * q + k] - start : u;
+          for (int64_t e = cluster->firsts[place]; e < cluster->firsts[place + 1]; e++) {
+            const double *factor = cluster->factors + 4 * e;  // weight times rest position and 1
+            double sign = other ? -1.0 : 1.0;
+            for (int i = 0; i < 3; i++) way[i] += sign * factor[i];
+            apart[cluster->entry_bones[e]] += sign * factor[3];
+          }
+        }
+        double length = way[0] * way[0] + way[1] * way[1] + way[2] * way[2];
+        squared = hfx_larger(squared, length);
+        for (int64_t b = 0; b < bones; b++) most[b] = hfx_larger(most[b], fabs(apart[b]));
+      }
+    distances[u] = sqrt(squared);
+    differences[u] = 0.0;
+    for (int64_t b = 0; b < bones; b++) differences[u] += most[b];
+  }
+}
+
+// The same of some clusters, whose arrays begin at `starts`. `room` holds 2 numbers for each bone
+// of any of them.
+HFX_EXPORT void hfx_find_links(const hfx_table *table, const hfx_cluster *clusters, int64_t asked,
+                               const int64_t *numbers, const int64_t *starts, double *room,
+                               double *distances, double *differences) {
+  for (int64_t k = 0; k < asked; k++)
+    links_of(table, numbers[k], clusters + numbers[k], room, distances + starts[k],
+             differences + starts[k]);
+}

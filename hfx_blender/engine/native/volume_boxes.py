@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Boxes around all that volumes move through; ``placing.c``."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import INTEGER, POINTER, f64, library, pointer
+
+F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+
+@cache
+def _calls() -> Any:
+    found = library()
+    if found is None:
+        return None
+    found.hfx_volume_boxes.argtypes = [INTEGER] * 2 + [POINTER] * 5
+    found.hfx_volume_boxes.restype = None
+    return found
+
+
+def is_there() -> bool:
+    """Whether the library is."""
+    return _calls() is not None
+
+
+def volume_boxes(matrices: F64, levels: F64, bounds: F64) -> tuple[F64, F64, Bool]:
+    """World boxes of volumes over some rows.
+
+    Parameters
+    ----------
+    matrices : (E, T, 4, 4) float64
+        Shape space to world, of each volume.
+    levels : (E, T) float64
+        Where one is not above 0, its volume is off.
+    bounds : (E, 2, 3) float64
+        Lowest and highest corner in shape space.
+
+    Returns
+    -------
+    low, high : (E, 3) float64
+    is_sure : (E,) bool
+        Else the volume may be anywhere.
+    """
+    count, rows = levels.shape
+    arrays = f64(matrices), f64(levels), f64(bounds)
+    boxes, is_sure = np.empty((count, 2, 3)), np.empty(count, np.bool_)
+    _calls().hfx_volume_boxes(count, rows, *map(pointer, (*arrays, boxes, is_sure)))
+    return boxes[:, 0], boxes[:, 1], is_sure

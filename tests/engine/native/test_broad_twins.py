@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Boxes around skin and volumes, and which of them meet: compiled as in numpy."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from both_ways import in_numpy, needs_library
+from test_compiled_contact import TOLERANCES, load, moving_scene
+
+from hfx_blender.engine import contact, reach
+from hfx_blender.engine.active_rows import followed
+from hfx_blender.engine.body.posing import SkinnedModel
+from hfx_blender.engine.bound_skins import BoundSkins
+from hfx_blender.engine.counters import Counters
+from hfx_blender.engine.motion import turns_since_before
+from hfx_blender.engine.native import bounds as native_bounds
+from hfx_blender.engine.native import reach as native_reach
+from hfx_blender.engine.native import volume_boxes
+from hfx_blender.engine.placed import Placed
+from hfx_blender.engine.scene import PoseBlock, SkinBinding
+from hfx_blender.engine.volume.placement import inverse_placement
+
+pytestmark = needs_library
+
+
+def _skin(model, tolerance):
+    skins = BoundSkins(load, tolerance, Counters())
+    scene, _ = moving_scene(model, 0, 0.0, 0.0)
+    return skins.of(scene.bodies[0], model.id)
+
+
+def _boxes(skin, pose, rows):
+    found = contact.bounds_of(skin, pose, rows).boxes
+    with in_numpy(), np.errstate(all="ignore"):
+        return found, contact.bounds_of(skin, pose, rows).boxes
+
+
+# Skin
+
+
+@pytest.mark.parametrize("modality", ["vibration", "temperature"])
+@pytest.mark.parametrize("count", [0, 1, 6])
+def test_boxes_of_skin_are_those_of_numpy(modality, count):
+    model = load(f"hfx-{modality}-1")
+    skin = _skin(model, TOLERANCES[1])
+    assert skin.skin.margins_m is not None and skin.skin.margins_m.any()
+    _, block = moving_scene(model, 5, 0.4, 1.0)
+    rows = np.array([4, 0, 3, 1, 5, 2])[:count]
+    found, expected = _boxes(skin, block.poses[0], rows)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+    low, high, of_rows, of_clusters = found
+    assert (of_rows[:, 0] == low.min(axis=1, initial=np.inf)).all()
+    assert (of_rows[:, 1] == high.max(axis=1, initial=-np.inf)).all()
+    assert (of_clusters[:, 0] == low.min(axis=0, initial=np.inf)).all()
+    assert (of_clusters[:, 1] == high.max(axis=0, initial=-np.inf)).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_what_a_number_that_is_none_moves_is_nowhere_and_the_rest_as_in_numpy(value):
+    model = load("hfx-pressure-1")
+    skin = _skin(model, TOLERANCES[1])
+    _, block = moving_scene(model, 5, 0.4, 1.0)
+    pose = block.poses[0]
+    bones = pose.bones.copy()
+    bones[2, skin.surface.cluster_bones(7)[0], 0, 1] = value
+    pose = PoseBlock(pose.valid, pose.to_world, bones)
+    found, expected = _boxes(skin, pose, np.arange(6))
+    sure = np.isfinite(expected[0]) & (np.abs(expected[0]) < 1e100)
+    assert sure.any() and not sure.all() and (sure == (np.abs(found[0]) < 1e100)).all()
+    for one, other in zip(found[:2], expected[:2], strict=True):
+        np.testing.assert_allclose(one[sure], other[sure], rtol=0, atol=1e-12)
+        assert (np.isnan(one) == np.isnan(other)).all()
+    if np.isnan(value):  # at the other rows the cluster is where it is
+        assert np.isfinite(found[3]).all()
+        np.testing.assert_allclose(found[3], expected[3], rtol=0, atol=1e-12)
+
+
+def test_bones_that_the_pose_has_not_rest():
+    model = load("hfx-pressure-1")
+    bound = SkinnedModel(model, SkinBinding(model.bone_names))
+    boxes = bound.outline.bounds(
+        np.zeros((1, 0, 3, 4)), np.zeros(1, np.int64), np.eye(4)[None], None
+    )
+    for cluster in (0, 9):
+        places = model.vertices[bound.clusters[cluster]].astype(np.float64)
+        np.testing.assert_allclose(boxes[0][0, cluster], places.min(axis=0), atol=1e-12)
+        np.testing.assert_allclose(boxes[1][0, cluster], places.max(axis=0), atol=1e-12)
+
+
+def test_nothing_has_no_box():
+    none, boxes = np.zeros(0, np.int64), np.zeros((0, 3))
+    outline = native_bounds.Outline(none, np.zeros(3, np.int64), none, boxes, boxes)
+    low, high, of_rows, of_clusters = outline.bounds(
+        np.zeros((1, 2, 3, 4)), np.zeros(1, np.int64), np.eye(4)[None], np.ones(2)
+    )
+    assert (low == np.inf).all() and (high == -np.inf).all()
+    assert (of_rows[:, 0] == np.inf).all() and (of_clusters[:, 1] == -np.inf).all()
+
+
+# Volumes
+
+numbers = st.floats(-10.0, 10.0) | st.sampled_from([0.0, 1e-95, 1e95, 1e13, np.nan, np.inf])
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data(), st.integers(0, 3), st.integers(1, 4))
+def test_boxes_of_volumes_are_those_of_numpy(data, volumes, rows):
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**31)))
+    matrices = np.tile(np.eye(4), (volumes, rows, 1, 1))
+    matrices[..., :3, :] = rng.normal(size=(volumes, 1, 3, 4))
+    if data.draw(st.booleans()):
+        matrices[..., :3, :3] += 0.1 * rng.normal(size=(volumes, rows, 3, 3))
+    matrices[..., :3, 3] += rng.normal(size=(volumes, rows, 3))
+    for volume in range(volumes):
+        if data.draw(st.booleans()):
+            at = data.draw(
+                st.tuples(st.integers(0, rows - 1), st.integers(0, 2), st.integers(0, 3))
+            )
+            matrices[volume, *at] = data.draw(numbers)
+    levels = np.array(rng.integers(-1, 2, (volumes, rows)), np.float64)
+    low = rng.normal(size=(volumes, 3))
+    limits = np.stack([low, low + rng.random((volumes, 3))], axis=1)
+    found = volume_boxes.volume_boxes(matrices, levels, limits)
+    expected = reach._boxes(matrices, levels, limits)
+    assert (found[2] == expected[2]).all()
+    for one, other in zip(found[:2], expected[:2], strict=True):
+        # Where it is not sure, numbers do not count.
+        np.testing.assert_allclose(one[found[2]], other[found[2]], rtol=1e-12, atol=1e-9)
+
+
+# Both
+
+
+@pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
+@pytest.mark.parametrize("modality", ["pressure", "temperature"])
+@pytest.mark.parametrize("seed", [3, 4, 11])
+def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
+    model = load(f"hfx-{modality}-1")
+    skin = _skin(model, tolerance)
+    scene, block = moving_scene(model, seed, 0.3, 0.4)
+    pose, counts = block.poses[0], np.zeros(2, np.int64)
+    some = np.array([0, 1, 2, 4, 5])  # the one between is only followed from
+    bounds = contact.bounds_of(skin, pose, np.arange(6))
+    for effect, animated in zip(scene.effects, block.effects, strict=True):
+        rows, heard, follows = followed(some, np.arange(6), animated, block)
+        assert len(rows) == 6 and heard.sum() == 5
+        ways = animated.matrices[rows], pose.to_world[rows]
+        inverses, usable = inverse_placement(ways[0])
+        assert usable.all()
+        falloff = effect.area.falloff
+        placed = Placed.of(animated, falloff, rows, inverses, skin, pose, bounds)
+        reached, simple = placed.reached(falloff)
+        reached &= heard[:, None]
+        later = placed.followed(follows, simple, always=False)
+        needed = reached | later
+        needed[:-1] |= later[1:]
+        target = native_reach.Target(
+            animated.shapes,
+            animated.shapes_at(rows),
+            falloff,
+            tolerance.amplitude,
+            inverses,
+            ways[1],
+        )
+        turns = turns_since_before(*ways)
+        broad = native_reach.Broad(
+            ways[0],
+            placed.boxes,
+            skin.surface.outline,
+            bounds.boxes,
+            rows,
+            follows,
+            heard,
+            turns if turns.any() else None,
+            skin.skin.edge_m,
+            skin.skin.is_split,
+        )
+        met = broad.overlaps()
+        sizes = None
+        if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
+            sizes = skin.cell_sizes.pointers(met)
+        pairs = broad.reach(target, skin.posed_bones(pose, rows, placed.to_shape), sizes)
+        clusters, at = needed.T.nonzero()
+        assert pairs.clusters.tolist() == clusters.tolist()
+        assert pairs.rows.tolist() == at.tolist()
+        assert ((pairs.steps > 0) == later[at, clusters]).all()
+        whole = pairs.how == native_reach.WHOLE
+        assert (whole == (falloff.is_flat & simple[at, clusters])).all()
+        counts += len(clusters), np.count_nonzero(pairs.steps)
+    # What tests vertices alone follows nothing.
+    assert counts.all() or (counts[0] and np.isinf(skin.skin.edge_m))
