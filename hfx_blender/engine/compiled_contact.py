@@ -63,7 +63,7 @@ def begin(
     assert effect.matrices is not None and isinstance(skin.surface, SkinnedModel)
     matrices, to_world = effect.matrices[rows], pose.to_world[rows]
     which = effect.shapes_at(rows)
-    limits = np.array([shape.bounds for shape in effect.shapes])[which]
+    limits = reach.limits_of(effect.shapes)[which]
     placed = reach.place(matrices, to_world, limits, FARTHEST)
     if placed is None:
         return None
@@ -83,8 +83,9 @@ def begin(
         skin.skin.edge_m,
         skin.skin.is_split,
     )
-    counters.volume_tests += int(np.count_nonzero(heard))
-    counters.clusters_tested += int(np.count_nonzero(heard)) * bounds.low.shape[1]
+    tests = int(np.count_nonzero(heard))
+    counters.volume_tests += tests
+    counters.clusters_tested += tests * bounds.low.shape[1]
     met = broad.overlaps()
     if not len(met) and not follows.any():
         return _nothing

@@ -28,13 +28,6 @@ def largest(values: F64, owners: I64, count: int) -> F64:
     return largest
 
 
-def each_once(ascending: I64) -> I64:
-    """The numbers of an ascending array (n,), each once."""
-    is_first = np.ones(len(ascending), np.bool_)
-    np.not_equal(ascending[1:], ascending[:-1], out=is_first[1:])
-    return ascending[is_first]
-
-
 def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
     """Places of keys (E,), each below ``count``, key by key and else as they are; and where the
     places of each key begin, (count + 1,)."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -100,13 +100,29 @@ class Pairs:
     @cached_property
     def distinct(self) -> I64:
         """Each cluster once."""
-        return np.unique(self.clusters)
+        is_first = np.ones(len(self.clusters), np.bool_)
+        np.not_equal(self.clusters[1:], self.clusters[:-1], out=is_first[1:])
+        return self.clusters[is_first]
 
     def pointers(self, points: F64 | None = None) -> ctypes.Structure:
         """``hfx_pairs``; ``points`` (3, N) where the places of all pairs are known."""
+        return self._posed if points is None else self._pointers(points, points.shape[1])
+
+    @cached_property
+    def _posed(self) -> ctypes.Structure:
+        return self._pointers(None, 0)
+
+    def _pointers(self, points: F64 | None, total: int) -> ctypes.Structure:
         arrays = self.clusters, self.rows, self.how, self.steps, points
-        total = 0 if points is None else points.shape[1]
-        return _Pairs(len(self.clusters), *map(pointer, arrays), total)
+        return _Pairs(len(self.clusters), *[pointer(each) for each in arrays], total)
+
+
+@lru_cache(maxsize=256)
+def _formulas(shapes: tuple[Shape, ...]) -> tuple[I64, F64, F64]:
+    """Kinds, halves of segments, and boxes (n, 2, 3) in shape space."""
+    halves = [getattr(shape, "half_segment", 0.0) for shape in shapes]
+    boxes = np.array([shape.bounds for shape in shapes], np.float64).reshape(-1, 2, 3)
+    return i64([_KINDS[type(shape)] for shape in shapes]), f64(halves), boxes
 
 
 class Target:
@@ -114,7 +130,7 @@ class Target:
 
     Parameters
     ----------
-    shapes : sequence of Shape
+    shapes : tuple of Shape
         That :func:`is_possible` knows.
     which : (n,) int64
         The shape of each row.
@@ -127,7 +143,7 @@ class Target:
 
     def __init__(
         self,
-        shapes: Sequence[Shape],
+        shapes: tuple[Shape, ...],
         which: I64,
         falloff: Falloff,
         amplitude: float,
@@ -136,20 +152,20 @@ class Target:
     ) -> None:
         self.count = len(which)
         self.falloff = falloff
-        halves = [getattr(shape, "half_segment", 0.0) for shape in shapes]
-        self._arrays = (
-            i64([_KINDS[type(shape)] for shape in shapes])[which],
-            f64(halves)[which],
-            f64(to_shape),
-            f64(to_world),
-        )
+        kinds, halves, _ = _formulas(shapes)
+        self._arrays = kinds[which], halves[which], f64(to_shape), f64(to_world)
         self.pointers = _Target(
-            *map(pointer, self._arrays),
+            *[pointer(each) for each in self._arrays],
             int(falloff.is_flat),
             int(falloff.kind is FalloffKind.SMOOTH),
             falloff.share,
             amplitude,
         )
+
+
+def limits_of(shapes: tuple[Shape, ...]) -> F64:
+    """Lowest and highest corner of each shape in its own space, (n, 2, 3); not to be changed."""
+    return _formulas(shapes)[2]
 
 
 def place(
