@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .active_rows import posed_rows
-from .body.posing import SkinnedModel
 from .bound_skins import BoundSkins
 from .contact import bounds_of, box_of
 from .motion import turned_by
@@ -98,12 +97,7 @@ class BlockReach:
     def _body_box(self, body: BodyDescription, model_id: str) -> tuple[F64, F64]:
         """Lowest and highest corner of all that a body is and moves through in the block, (3,)."""
         pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
-        skin = self._skins.of(body, model_id)
-        if native.is_there() and isinstance(skin.surface, SkinnedModel):
-            # Boxes of all clusters take the library no longer than one around everything.
-            low, high = self.bounds(body, model_id).of_rows.transpose(1, 0, 2)
-        else:
-            low, high = box_of(skin, pose, rows)
+        low, high = box_of(self._skins.of(body, model_id), pose, rows)
         origins = pose.to_world[rows, :3, 3]
         swing = 0.0
         if len(rows) > 1:

@@ -177,6 +177,10 @@ class SkinnedModel:
         return low, high
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        if native.is_there():
+            assert pose.bones is not None
+            around = self._whole.bounds(pose.bones, rows, to_target, None)[2]
+            return around[:, 0], around[:, 1]
         matrices = self.bone_matrices(pose, rows, to_target, self._boxes.used)
         linear, (middles, edges) = matrices[..., :3], self._boxes.of_bones
         centres = np.einsum("nbij,bj->nbi", linear, middles) + matrices[..., 3]
@@ -188,6 +192,13 @@ class SkinnedModel:
         """What bones move of each cluster, as the library knows it."""
         slots, boxes = self._boxes.slots, (self._boxes.centres, self._boxes.halves)
         return Outline(self._boxes.used, self._boxes.ends, slots, *boxes)
+
+    @cached_property
+    def _whole(self) -> Outline:
+        """The same of all of the model as one."""
+        bones = np.arange(len(self._boxes.used), dtype=np.int64)
+        boxes = self._boxes.of_bones
+        return Outline(self._boxes.used, np.array([0, len(bones)]), bones, *boxes)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         bones = self.cluster_bones(cluster)
