@@ -95,11 +95,11 @@ def begin(
     if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
         assert skin.cell_sizes is not None
         groups = skin.cell_sizes.pointers(met)
-    pairs = broad.reach(target, bones, groups)
-    if not len(pairs.clusters):
+    reached = broad.reach(target, bones, groups)
+    if not len(reached.clusters):
         return _nothing
-    posing = _posing(skin, pairs, bones)
-    columns, column_of = gathering.columns_of(pairs, table)
+    pairs, posing = reached.pairs, _posing(skin, reached, bones)
+    columns, column_of = gathering.columns_of(reached.clusters, table)
     weights: gathering.Weights = np.zeros((len(rows), len(columns)), falloff.precision)
     drifts = {}
     if turns is not None:
@@ -116,20 +116,17 @@ def begin(
     return found
 
 
-def _posing(skin: BodySkin, pairs: reach.Pairs, bones: PosedBones) -> native.Posing:
+def _posing(skin: BodySkin, reached: reach.Reached, bones: PosedBones) -> native.Posing:
     """How places come about; skin that is covered or followed is filled in."""
     assert isinstance(skin.surface, SkinnedModel)
-    table = skin.skin.table
-    wide = pairs.clusters[(pairs.how == reach.COVERED) | (pairs.steps > 0)]
-    if len(wide):
-        table.need(wide)
-        skin.surface.native_clusters(wide, table)
-    clusters = skin.surface.native_clusters(pairs.clusters)
+    if len(reached.wide):
+        skin.skin.table.need(reached.wide)
+        skin.surface.native_clusters(reached.wide, skin.skin.table)
+    clusters = skin.surface.native_clusters(reached.clusters)
     own = None
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)
-        by_vertex = pairs.how == reach.BY_VERTEX
-        own = skin.vertices.native_clusters(pairs.clusters[by_vertex])
+        own = skin.vertices.native_clusters(reached.by_vertex)
     return native.Posing(clusters, own, bones)
 
 

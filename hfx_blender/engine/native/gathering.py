@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .library import INTEGER, POINTER, library, pointer
-from .reach import Pairs
 from .skin_table import Table
 
 I32 = npt.NDArray[np.int32]
@@ -40,14 +39,14 @@ _MOST_COLUMNS: Final = 32
 _COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
 
 
-def columns_of(pairs: Pairs, table: Table) -> tuple[I32, I64]:
-    """Vertices of all pairs' clusters, ascending, and where each of the table's cells is among
-    them, which is only told of these clusters. Not to be changed: they are kept."""
-    known, key = _COLUMNS.setdefault(table, {}), pairs.distinct.tobytes()
+def columns_of(clusters: I64, table: Table) -> tuple[I32, I64]:
+    """Vertices of some clusters, ascending, and where each of the table's cells is among them,
+    which is only told of these clusters. Not to be changed: they are kept."""
+    known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
     if key not in known:
         if len(known) >= _MOST_COLUMNS:
             known.clear()
-        known[key] = _made_columns(pairs.distinct, table)
+        known[key] = _made_columns(clusters, table)
     return known[key]
 
 

@@ -68,7 +68,8 @@ def _calls() -> ctypes.CDLL | None:
     if found is not None:
         found.hfx_place.argtypes = [INTEGER] + [POINTER] * 3 + [DOUBLE] + [POINTER] * 3
         found.hfx_overlaps.argtypes = [POINTER] * 2
-        found.hfx_reach.argtypes = found.hfx_pair_up.argtypes = [POINTER] * 4
+        found.hfx_reach.argtypes = [POINTER] * 4
+        found.hfx_pair_up.argtypes = [POINTER] * 6
         found.hfx_place.restype = found.hfx_overlaps.restype = found.hfx_reach.restype = INTEGER
         found.hfx_pair_up.restype = None
     return found
@@ -97,13 +98,6 @@ class Pairs:
     how: U8  # (p,) NOT, COVERED, BY_VERTEX or WHOLE
     steps: I64  # (p,) in how many straight steps it is followed from the row before; 0: not
 
-    @cached_property
-    def distinct(self) -> I64:
-        """Each cluster once."""
-        is_first = np.ones(len(self.clusters), np.bool_)
-        np.not_equal(self.clusters[1:], self.clusters[:-1], out=is_first[1:])
-        return self.clusters[is_first]
-
     def pointers(self, points: F64 | None = None) -> ctypes.Structure:
         """``hfx_pairs``; ``points`` (3, N) where the places of all pairs are known."""
         return self._posed if points is None else self._pointers(points, points.shape[1])
@@ -115,6 +109,16 @@ class Pairs:
     def _pointers(self, points: F64 | None, total: int) -> ctypes.Structure:
         arrays = self.clusters, self.rows, self.how, self.steps, points
         return _Pairs(len(self.clusters), *[pointer(each) for each in arrays], total)
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """What is looked at."""
+
+    pairs: Pairs
+    clusters: I64  # each of them once
+    wide: I64  # those of them whose skin is covered or followed
+    by_vertex: I64  # those of which vertices tell
 
 
 @lru_cache(maxsize=256)
@@ -265,7 +269,7 @@ class Broad:
         _library().hfx_overlaps(ctypes.byref(self._pointers), pointer(is_met))
         return is_met.nonzero()[0]
 
-    def reach(self, target: Target, bones: PosedBones, groups: Any) -> Pairs:
+    def reach(self, target: Target, bones: PosedBones, groups: Any) -> Reached:
         """What is looked at; to be called once.
 
         ``groups`` are those of :meth:`..cell_sizes.CellSizes.pointers` for the clusters that are
@@ -276,5 +280,8 @@ class Broad:
         total = calls.hfx_reach(*shared, groups)
         clusters, rows, steps = np.empty((3, total), np.int64)
         pairs = Pairs(clusters, rows, np.empty(total, np.uint8), steps)
-        calls.hfx_pair_up(*shared, ctypes.byref(pairs.pointers()))
-        return pairs
+        near = self._pointers.near_count
+        lists, counts = np.empty((3, near), np.int64), np.empty(3, np.int64)
+        calls.hfx_pair_up(*shared, ctypes.byref(pairs.pointers()), pointer(lists), pointer(counts))
+        some = (each[:count] for each, count in zip(lists, counts.tolist(), strict=True))
+        return Reached(pairs, *some)

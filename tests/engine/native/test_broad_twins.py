@@ -189,7 +189,13 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
         sizes = None
         if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
             sizes = skin.cell_sizes.pointers(met)
-        pairs = broad.reach(target, skin.posed_bones(pose, rows, placed.to_shape), sizes)
+        reached = broad.reach(target, skin.posed_bones(pose, rows, placed.to_shape), sizes)
+        pairs = reached.pairs
+        is_wide = (pairs.how == native_reach.COVERED) | (pairs.steps > 0)
+        by_vertex = pairs.how == native_reach.BY_VERTEX
+        assert reached.clusters.tolist() == np.unique(pairs.clusters).tolist()
+        assert reached.wide.tolist() == np.unique(pairs.clusters[is_wide]).tolist()
+        assert reached.by_vertex.tolist() == np.unique(pairs.clusters[by_vertex]).tolist()
         clusters, at = needed.T.nonzero()
         assert pairs.clusters.tolist() == clusters.tolist()
         assert pairs.rows.tolist() == at.tolist()

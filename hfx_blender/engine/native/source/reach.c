@@ -214,28 +214,35 @@ HFX_EXPORT int64_t hfx_reach(hfx_broad *broad, const hfx_target *target, const h
   return count;
 }
 
-// The pairs that hfx_reach counted.
+// How the cells of a pair are looked at.
+static uint8_t how_of(const hfx_broad *broad, const hfx_target *target, uint8_t flag) {
+  if (!(flag & TOUCHES)) return HFX_NOT;
+  if (target->is_flat && (flag & SIMPLE)) return HFX_WHOLE;
+  return (flag & SIMPLE) || !broad->is_split ? HFX_BY_VERTEX : HFX_COVERED;
+}
+
+// The pairs that hfx_reach counted. Of their clusters, each once, ascending: all; those whose skin is
+// covered or followed; those of which vertices tell. `lists` has room for all near clusters thrice.
 HFX_EXPORT void hfx_pair_up(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                            const hfx_pairs *pairs) {
+                            const hfx_pairs *pairs, int64_t *lists, int64_t counts[3]) {
   int64_t rows = broad->rows, p = 0;
+  counts[0] = counts[1] = counts[2] = 0;
   for (int64_t k = 0; k < broad->near_count; k++) {
-    int64_t c = broad->near[k];
+    int64_t c = broad->near[k], is_in[3] = {0, 0, 0};
     for (int64_t n = 0; n < rows; n++) {
       uint8_t flag = broad->flags[c * rows + n];
       if (!(flag & NEEDED)) continue;
-      pairs->clusters[p] = c, pairs->rows[p] = n;
-      pairs->how[p] = HFX_NOT;
-      if (flag & TOUCHES) {
-        if (target->is_flat && (flag & SIMPLE))
-          pairs->how[p] = HFX_WHOLE;
-        else
-          pairs->how[p] = (flag & SIMPLE) || !broad->is_split ? HFX_BY_VERTEX : HFX_COVERED;
-      }
-      pairs->steps[p] = (flag & FOLLOWED) != 0;
+      uint8_t how = how_of(broad, target, flag);
+      int is_followed = (flag & FOLLOWED) != 0;
+      pairs->clusters[p] = c, pairs->rows[p] = n, pairs->how[p] = how;
+      pairs->steps[p] = is_followed;
       double angle = !broad->turns ? 0.0 : broad->turns[n] + broad->turns[rows + n];
-      if (pairs->steps[p] && angle > 0.0)
+      if (is_followed && angle > 0.0)
         pairs->steps[p] = steps_for(angle, moved_m(broad, bones, n, c), broad->edge_m);
+      is_in[0] = 1, is_in[1] |= is_followed || how == HFX_COVERED, is_in[2] |= how == HFX_BY_VERTEX;
       p++;
     }
+    for (int i = 0; i < 3; i++)
+      if (is_in[i]) lists[i * broad->near_count + counts[i]++] = c;
   }
 }
