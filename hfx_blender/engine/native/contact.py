@@ -150,10 +150,9 @@ class _Look:
         weights: Weights,
         column_of: I64,
     ) -> None:
-        known = [each for each in (posing.clusters, posing.own) if each is not None]
-        most_bones = max((each.most_bones for each in known), default=0)
+        most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
         points = None if posing.points is None else f64(posing.points)
-        room = np.empty(2 * pointers.most_room + 48 * most_bones + 2)
+        room = np.empty(2 * pointers.most_room + 32 * most_bones + 2)
         events = np.empty((2 * int(table.most_samples.max()) + 2, 2))
         self._kept = (
             *(pairs, pointers, posing, target, drift, weights, column_of),

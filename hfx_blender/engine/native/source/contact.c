@@ -136,21 +136,13 @@ static double *take(double **room, int64_t count) {
   return taken;
 }
 
-// Vertices of cells where these are not units of the surface.
-typedef struct {
-  const hfx_cluster *clusters;  // NULL: they are
-  hfx_two *columns;
-  int64_t has_columns;
-} own_vertices;
-
 // What is known of a cluster's pairs begins anew.
-static void make_sides(const look *at, const own_vertices *own, side sides[2]) {
+static void make_sides(const look *at, double *room, side sides[2]) {
   const hfx_table *table = at->table;
   int64_t c = at->number, places = table->place_counts[c], units = table->unit_counts[c];
   int64_t cells = table->cell_starts[c + 1] - table->cell_starts[c];
   int64_t bones = at->cluster ? at->cluster->bone_count : 0;
-  double *room = (double *)own->columns;
-  if (own->clusters) room += 16 * own->clusters[c].bone_count;
+  room = (double *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
   for (int k = 0; k < 2; k++) sides[k].columns = (hfx_two *)take(&room, 16 * bones);
   for (int k = 0; k < 2; k++) {
     side *each = sides + k;
@@ -166,14 +158,6 @@ static void make_sides(const look *at, const own_vertices *own, side sides[2]) {
     for (int64_t p = 0; p < places; p++) each->posed[p] = -1;
     for (int64_t u = 0; u < units; u++) each->least[u] = -INFINITY;
   }
-}
-
-// From one cluster to the next one.
-static void turn_to_cluster(look *at, const hfx_cluster *clusters, own_vertices *own, int64_t c,
-                            double *room) {
-  at->number = c, at->first = at->table->starts[c];
-  at->cluster = clusters ? clusters + c : NULL;
-  own->columns = (hfx_two *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
 }
 
 // From one pair to the next one of its cluster. The clearance that no place of it is below.
@@ -195,16 +179,14 @@ static double turn_to_pair(look *at, const side *before, side *now, int64_t pair
   return now->floor;
 }
 
-// How much of a cell of a pair is inside.
-static double inside(look *at, own_vertices *own, int64_t row, side *now, int64_t cell, int64_t from,
+// How much of a cell of a pair is inside. `own` poses its vertex where that is no unit, else it is NULL.
+static double inside(look *at, const hfx_cluster *own, int64_t row, side *now, int64_t cell, int64_t from,
                      int64_t to, int how, int may) {
   if (how == HFX_WHOLE) return 1.0;
-  if (how == HFX_BY_VERTEX && own->clusters) {
-    const hfx_cluster *cluster = own->clusters + at->number;
-    if (!own->has_columns) hfx_find_columns(cluster, at->bones, row, own->columns);
-    own->has_columns = 1, at->posed++;
+  if (how == HFX_BY_VERTEX && own) {
     double vertex[3];
-    hfx_pose(cluster, own->columns, cell, vertex);
+    hfx_pose_one(own, at->bones, row, cell, vertex);
+    at->posed++;
     return weight_of(at, vertex);
   }
   if (!(may & INSIDE) || how == HFX_NOT) return 0.0;
@@ -218,7 +200,7 @@ static double inside(look *at, own_vertices *own, int64_t row, side *now, int64_
 // Contact weights of pairs; what is less than what is there already is left out.
 //
 // `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
-// `room` has space for 3 * 16 bones + 2 (6 places + units + cells) + 2 doubles of the largest cluster,
+// `room` has space for 2 (16 bones + 6 places + units + cells) + 2 doubles of the largest cluster,
 // `events` for twice the most samples of a cell.
 HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_cluster *clusters, const hfx_cluster *own,
@@ -228,7 +210,6 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
   look at = {.table = table, .target = target, .bones = bones};
   at.steepest = hfx_steepest(target);
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
-  own_vertices vertices = {own, NULL, 0};
   side sides[2], *now = &sides[0], *before = &sides[1];
   widest most = {0.0, 0.0};
   double least = -INFINITY;
@@ -240,15 +221,15 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
     int how = pairs->how[p], is_followed = steps > 0;
     int is_last = p + 1 == pairs->count || pairs->clusters[p + 1] != c || !pairs->steps[p + 1];
     if (p == 0 || c != pairs->clusters[p - 1]) {
-      turn_to_cluster(&at, pairs->points ? NULL : clusters, &vertices, c, room);
+      at.number = c, at.first = table->starts[c];
+      at.cluster = pairs->points ? NULL : clusters + c;
       has_sides = 0;
     }
     at.shape.kind = target->kinds[row], at.shape.half = target->halves[row];
-    vertices.has_columns = 0;
     // Whether what is inside, or what passed, asks for units.
     int asks = how == HFX_COVERED || (how == HFX_BY_VERTEX && !own), is_kept = is_followed || !is_last;
     if (asks || is_kept) {
-      if (!has_sides) make_sides(&at, &vertices, sides), most = widest_of(&at, units);
+      if (!has_sides) make_sides(&at, room, sides), most = widest_of(&at, units);
       has_sides = 1;
       side *swapped = before;
       before = now, now = swapped;
@@ -263,7 +244,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
     if (!asks) {
       for (int64_t k = 0; k < cells; k++) {
         int64_t column = found->column_of[first_cell + k] + row * found->columns;
-        double share = inside(&at, &vertices, row, now, k, 0, 0, how, 0);
+        double share = inside(&at, own ? own + c : NULL, row, now, k, 0, 0, how, 0);
         if (share != 0.0) store(found, column, share);
         if (is_kept) now->weights[k] = loaded(found, column);
       }
@@ -274,7 +255,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
       while (to < units && table->cell_of[at.first + to] == first_cell + k) to++;
       int may = may_be(&at, before, now, from, to, least, is_followed);
-      double share = inside(&at, &vertices, row, now, k, from, to, how, may);
+      double share = inside(&at, own ? own + c : NULL, row, now, k, from, to, how, may);
       if (share != 0.0) store(found, column, share);
       now->weights[k] = loaded(found, column);
       if (!(may & PASSED) || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;

@@ -63,6 +63,18 @@ static inline void hfx_pose(const hfx_cluster *cluster, const hfx_two *columns, 
   point[0] = xy[0], point[1] = xy[1], point[2] = z[0];
 }
 
+// The same of a place that is the only one, or nearly, that is asked for at a row.
+static inline void hfx_pose_one(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
+                                int64_t place, double point[3]) {
+  const double *matrices = bones->matrices + 12 * row * bones->count;
+  point[0] = point[1] = point[2] = 0.0;
+  for (int64_t e = cluster->firsts[place]; e < cluster->firsts[place + 1]; e++) {
+    const double *f = cluster->factors + 4 * e;
+    const double *m = matrices + 12 * bones->slots[cluster->bones[cluster->entry_bones[e]]];
+    for (int i = 0; i < 3; i++, m += 4) point[i] += m[0] * f[0] + m[1] * f[1] + (m[2] * f[2] + m[3] * f[3]);
+  }
+}
+
 // How far any place of a cluster can have moved from one row to another, straight.
 static inline double hfx_moved(const hfx_cluster *cluster, const hfx_bones *bones, int64_t before,
                                int64_t after) {
