@@ -28,7 +28,7 @@ from .scene import (
 from .surface_effects import SurfaceEffects
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
+    from .parallel.threads import Threads
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
@@ -37,9 +37,9 @@ I64 = npt.NDArray[np.int64]
 class AllocentricAreas:
     """Runs of haptic volumes, of their responses, and of haptic surfaces."""
 
-    def __init__(self, maker: RunMaker, responses: Answering, workers: Executor | None) -> None:
+    def __init__(self, maker: RunMaker, responses: Answering, threads: Threads | None) -> None:
         self._maker = maker
-        self._workers = workers
+        self._threads = threads
         self._responses = responses
         self._surfaces = SurfaceEffects(1.0 / float(maker.scene.time.rate_hz), maker.counters)
 
@@ -77,7 +77,7 @@ class AllocentricAreas:
             own_sets=bool(self._maker.record),
             with_details=bool(self._maker.record & {"depth", "surface"}),
             with_impact="impact" in self._maker.record,
-            workers=self._workers,
+            threads=self._threads,
         )
         return lambda: self._felt(effect, animated, body, block, pose, skin, found())
 

@@ -25,8 +25,7 @@ from .swept import Drift
 from .volume.shape import Falloff
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
+    from .parallel.threads import Threads
     from .placed import ReachableBounds
 
 F64 = npt.NDArray[np.float64]
@@ -54,7 +53,7 @@ def begin(
     follows: Bool,
     heard: Bool,
     own_sets: bool,
-    workers: Executor | None,
+    threads: Threads | None,
 ) -> Callable[[], Found] | None:
     """Vertices whose skin is inside; None where the volume cannot be used at some row.
 
@@ -107,7 +106,7 @@ def begin(
         for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
             drift = Drift.of(*ways, number)
             drifts[number] = drift.from_before, drift.from_after
-    looked = native.look_at_skin(pairs, table, posing, target, drifts, weights, column_of, workers)
+    looked = native.look_at_skin(pairs, table, posing, target, drifts, weights, column_of, threads)
 
     def found() -> Found:
         counters.vertices_posed += looked()

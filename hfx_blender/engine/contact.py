@@ -32,7 +32,7 @@ from .volume.placement import inverse_placement
 from .volume.shape import Falloff
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
+    from .parallel.threads import Threads
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -92,7 +92,7 @@ def begin(
     own_sets: bool = False,
     with_details: bool = False,
     with_impact: bool = False,
-    workers: Executor | None = None,
+    threads: Threads | None = None,
 ) -> Callable[[], Contacts]:
     """Vertices of a body whose skin is inside a volume at some rows of a block.
 
@@ -111,7 +111,7 @@ def begin(
         Also tell where each contact is.
     with_impact : bool
         And how it began, however slowly.
-    workers : Executor, optional
+    threads : Threads, optional
         Threads for the compiled part, which looks at skin while this one goes on.
 
     Returns
@@ -126,7 +126,7 @@ def begin(
     follows = ~everyone if follows is None else follows
     if not (with_details or with_impact) and compiled_contact.is_possible(effect, skin):
         found = compiled_contact.begin(
-            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets, workers
+            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets, threads
         )
         if found is not None:
             return partial(_told_by, found, rows)

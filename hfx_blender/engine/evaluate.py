@@ -15,6 +15,7 @@ from .body.model import PerceptualModel, load_model
 from .bound_skins import BoundSkins
 from .counters import Counters
 from .egocentric import EgocentricAreas
+from .native import skin
 from .on_demand import ON_DEMAND, ON_DEMAND_HERE
 from .reach import BlockReach
 from .response.answering import Answering
@@ -33,7 +34,7 @@ from .scene import (
 from .tolerance import STANDARD, Tolerance
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
+    from .parallel.threads import Threads
 
 I64 = npt.NDArray[np.int64]
 
@@ -54,6 +55,11 @@ class Engine:
     threads : int
         How many look at skin while this one goes on, where the compiled part is there; 1: none.
         The results are the same.
+
+    Attributes
+    ----------
+    threads : Threads or None
+        Those threads.
     """
 
     def __init__(
@@ -76,8 +82,8 @@ class Engine:
         self.responses = Answering(scene)
         maker = RunMaker(scene, wanted, self._skins, self.counters)
         self._egocentric = EgocentricAreas(maker)
-        self.threads = threads
-        self._allocentric = AllocentricAreas(maker, self.responses, _workers(threads))
+        self.threads = _threads(threads)
+        self._allocentric = AllocentricAreas(maker, self.responses, self.threads)
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Samples of a block: one run for each effect and body that felt something."""
@@ -154,9 +160,10 @@ class Engine:
         return lambda: found
 
 
-def _workers(threads: int) -> Executor | None:
-    if threads < 2:
+def _threads(count: int) -> Threads | None:
+    """None where they would have nothing to do."""
+    if count < 2 or not skin.is_there():
         return None
-    from concurrent.futures import ThreadPoolExecutor  # Blender's start does not wait for it
+    from .parallel.threads import Threads  # Blender's start does not wait for it
 
-    return ThreadPoolExecutor(threads, "hfx-look")
+    return Threads(count)

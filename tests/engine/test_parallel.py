@@ -15,12 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from both_ways import in_numpy, needs_library
 
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.parallel import evaluating
 from hfx_blender.engine.parallel.evaluating import evaluated
 from hfx_blender.engine.parallel.handing_over import packed, unpacked
+from hfx_blender.engine.parallel.threads import Threads
 from hfx_blender.engine.response.controls import CONTROLS, WIDTH, Filter, Kind
 from hfx_blender.engine.scene import (
     AnimationBlock,
@@ -202,11 +204,51 @@ def test_threads_find_and_count_the_same(threads: int, tolerance: Tolerance) -> 
     assert _found(1, ringing, tolerance=tolerance, threads=threads) == alone
 
 
-def test_threads_count_as_processes(alone: Any, helpers: list[evaluating._Helper]) -> None:
+@pytest.mark.parametrize(("share", "count"), [(-1.0, 1), (1e9, 2)])
+@needs_library
+def test_threads_with_much_to_do_count_as_a_process(
+    share: float,
+    count: int,
+    alone: Any,
+    helpers: list[evaluating._Helper],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(evaluating, "_HELP", share)
     assert _found(3, threads=2) == alone
-    assert len(helpers) == 1
+    assert len(helpers) == count
 
 
+@needs_library
+def test_two_processors_are_left_to_threads_that_have_much_to_do(
+    alone: Any, helpers: list[evaluating._Helper], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluating, "_HELP", -1.0)
+    assert _found(2, threads=2) == alone
+    assert not helpers
+
+
+def test_without_the_library_there_are_no_threads() -> None:
+    with in_numpy():
+        assert Engine(_scene(), threads=2).threads is None
+    assert Engine(_scene()).threads is None
+
+
+def test_threads_tell_how_long_they_were_busy_and_pass_errors_on() -> None:
+    def spin() -> str:
+        end_s = time.thread_time() + 0.01
+        while time.thread_time() < end_s:
+            pass
+        return "done"
+
+    threads = Threads(2)
+    begun = [threads.submit(spin) for _ in range(3)]
+    assert [each.result() for each in begun] == ["done"] * 3
+    assert threads.busy_s >= 0.03
+    with pytest.raises(ZeroDivisionError):
+        threads.submit(lambda: 1 // 0).result()
+
+
+@needs_library
 def test_with_threads_a_block_is_begun_before_the_one_before_it_is_given_on() -> None:
     """And counts only when it is given on itself."""
     read: list[int] = []

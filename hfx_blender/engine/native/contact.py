@@ -19,7 +19,7 @@ from .skin import Clusters, PosedBones
 from .skin_table import Table, table_of
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
+    from ..parallel.threads import Threads
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -68,7 +68,7 @@ def look_at_skin(
     drifts: Mapping[int, tuple[F64, F64]],
     weights: Weights,
     column_of: I64,
-    workers: Executor | None = None,
+    threads: Threads | None = None,
 ) -> Callable[[], int]:
     """Contact weights of cells, of what is inside and of what passed; see ``finding.Found``.
 
@@ -86,13 +86,13 @@ def look_at_skin(
         Changed in place: a pair's cells get theirs, what passed only raises them.
     column_of : (cells,) int64
         The column of each of the table's cells.
-    workers : Executor, optional
+    threads : Threads, optional
         Threads that look while this one goes on, each at clusters of its own.
 
     Returns
     -------
     callable
-        Waits until all is looked at, and tells how many places were posed. Without workers it
+        Waits until all is looked at, and tells how many places were posed. Without threads it
         has been by now.
     """
     each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
@@ -106,11 +106,11 @@ def look_at_skin(
         )
     drift.arrays = each_way
     shared = table_of(table), posing, target, drift, weights, column_of
-    if workers is None or posing.points is not None:
+    if threads is None or posing.points is not None:
         count = _Look(pairs, table, *shared).take()
         return lambda: count
     looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]
-    begun = [workers.submit(look.take) for look in looks]
+    begun = [threads.submit(look.take) for look in looks]
     return lambda: sum(each.result() for each in begun)
 
 

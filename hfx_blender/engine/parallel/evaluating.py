@@ -39,6 +39,9 @@ MOST: Final = 8
 
 _AHEAD: Final = 2  # blocks that a helper has at once, so that it never waits
 
+_HELP: Final = 0.3
+"""Threads that are busy for that part of the time of evaluating take a processor of their own."""
+
 
 def evaluated(
     engine: Engine,
@@ -59,16 +62,15 @@ def evaluated(
     samples : int
         How many they hold, to judge whether help pays.
     processes : int
-        How many, with this one; each thread of the engine counts as one.
+        How many, with this one, and less one where threads of the engine have much to do.
     worth_s : float
         See :data:`WORTH_S`.
     """
-    helpers_wanted = min(processes, MOST) - engine.threads
-    is_alone = helpers_wanted < 1 or not _may_be_split(engine)
+    is_alone = processes < 2 or not _may_be_split(engine)
     begun: deque[_Begun] = deque()
-    is_helped, spent_s, done = False, 0.0, 0
+    wanted, spent_s, done = 0, 0.0, 0
     # What a block leaves to threads goes on while the next one is read and begun.
-    ahead = int(engine.threads > 1)
+    ahead = int(engine.threads is not None)
     with short_turns() if ahead else nullcontext():
         for number, block in enumerate(blocks):
             begun.append(_Begun(engine, block))
@@ -81,19 +83,27 @@ def evaluated(
             if is_alone or number == ahead:  # the first loads models
                 continue
             spent_s, done = spent_s + head.taken_s, done + count
-            is_helped = spent_s / max(done, 1) * samples > worth_s
-            if is_helped:
+            if spent_s / max(done, 1) * samples > worth_s:
+                wanted = min(processes, MOST) - 1 - _helping(engine, spent_s)
+                is_alone = wanted < 1
+            if wanted > 0:
                 break
         for each in begun:
             yield each.block, each.ended()
-    if not is_helped:
+    if wanted < 1:
         return
-    helpers = _helpers(engine, helpers_wanted)
+    helpers = _helpers(engine, wanted)
     try:
         yield from _shared(engine, blocks, helpers)
     finally:
         for helper in helpers:
             helper.close()
+
+
+def _helping(engine: Engine, spent_s: float) -> int:
+    """How many processors threads of the engine take while this one spends so long."""
+    busy_s = 0.0 if engine.threads is None else engine.threads.busy_s
+    return int(busy_s > _HELP * spent_s)
 
 
 class _Begun:
