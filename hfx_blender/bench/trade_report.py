@@ -34,14 +34,14 @@ _COLUMNS: Final[tuple[tuple[str, Callable[[_Row], str]], ...]] = (
 )
 
 LEGEND: Final = """\
-Times are medians of processor time, in ms per frame of the scene: reading + engine + rendering
-for devices. Missed and extra: contacts (vertex, effect, sample) that only the exact reference
-has, or that it has not, as shares of its contacts. Skin: area felt too weakly and too strongly,
-mean over samples with contact. From edge: distance of wrong contacts to the boundary, mean
-(95 %). Actuators: error at the devices as share of full scale, mean where anything plays (largest
-that no shift within the setting's own time explains). Onset: begin of contacts against the
-reference at a higher rate, mean (largest). Lost: contacts that nobody felt, of all. MB: most
-memory held.
+Times are processor time of the fastest run, in ms per frame of the scene: reading + engine +
+rendering for devices. Missed and extra: contacts (vertex, effect, sample) that only the exact
+reference has, or that it has not, as shares of its contacts. Skin: area felt too weakly and too
+strongly, mean over samples with contact. From edge: distance of wrong contacts to the boundary,
+mean (95 %). Actuators: error at the devices as share of full scale, mean where anything plays
+(largest that no shift within the setting's own time explains). Onset: begin of contacts against
+the reference at a higher rate, mean (largest). Lost: contacts that nobody felt, of all. MB:
+most memory held.
 * is on the Pareto front: no other setting that bounds its error is faster and as exact in every
 column. 'paper' bounds none: it is what the others are compared with."""
 
