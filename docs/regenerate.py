@@ -4,7 +4,7 @@
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
 ``assets``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib. ``assets`` is the
 library of the Asset Browser, to be made anew when a sensation of ``effect_library`` changes. The
-trade takes a quarter of an hour on an idle machine, a minute or two with ``--short``.
+trade takes half an hour on an idle machine, a minute or two with ``--short``.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ def measure(
     *,
     tolerances: Sequence[Tolerance],
     frames: tuple[int, int] | None = None,
-    rounds: int = 3,
+    rounds: int = 7,
     reference_rate_hz: Fraction | None = REFERENCE_RATE_HZ,
     progress: Progress = lambda share: None,
 ) -> dict[str, Any]:

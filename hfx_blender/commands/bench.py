@@ -147,7 +147,7 @@ def measure_trade(
             opened,
             tolerances=trade.settings(sweep=not short),
             frames=frames,
-            rounds=rounds or (1 if short else 3),
+            rounds=rounds or (1 if short else 7),
             reference_rate_hz=None if short else trade.REFERENCE_RATE_HZ,
             progress=progress,
         )
