@@ -81,10 +81,9 @@ static inline void store(const hfx_found *found, int64_t at, double weight) {
 
 enum { INSIDE = 1, PASSED = 2 };
 
-// What a cell may be: inside at a pair, or have passed on the way from the one before it. `least`
-// is the clearance that no place of the cluster is below at the pair.
+// What a cell may be: inside at a pair, or have passed on the way from the one before it.
 static int may_be(const look *at, const side *before, side *now, int64_t from, int64_t to,
-                  double least, int is_followed) {
+                  int is_followed) {
   const double *reaches = at->table->reaches + at->first;
   int may = 0;
   for (int64_t u = from; u < to; u++) {
@@ -92,7 +91,7 @@ static int may_be(const look *at, const side *before, side *now, int64_t from, i
     if (is_followed) bound = hfx_larger(gap_bound(at, before, u), bound);
     bound *= reaches[u];
     double since = before->least[u] - at->moved - SPARE * (fabs(before->least[u]) + at->moved);
-    now->least[u] = since > least ? since : least;
+    now->least[u] = since > now->floor ? since : now->floor;
     if (is_followed && !(since > bound)) may |= PASSED;
     if (!(now->least[u] > bound)) may |= INSIDE;
   }
@@ -160,9 +159,9 @@ static void make_sides(const look *at, double *room, side sides[2]) {
   }
 }
 
-// From one pair to the next one of its cluster. The clearance that no place of it is below.
-static double turn_to_pair(look *at, const side *before, side *now, int64_t pair, int64_t row,
-                           int64_t steps) {
+// From one pair to the next one of its cluster.
+static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, int64_t row,
+                         int64_t steps) {
   const hfx_target *target = at->target;
   now->row = row, now->pair = pair, now->has_columns = 0;
   at->stretch = hfx_stretch(target->to_shape + 16 * row, 4);
@@ -171,12 +170,11 @@ static double turn_to_pair(look *at, const side *before, side *now, int64_t pair
                 at->shape.half == target->halves[row - 1];
   at->moved = INFINITY;
   now->floor = -INFINITY;
-  if (!at->cluster) return now->floor;
+  if (!at->cluster) return;
   now->spread = hfx_spread_of(at->cluster, at->bones, row);
   double share = hfx_share(at->shape, now->spread.middle), radius = now->spread.radius;
   now->floor = share - 1.0 - radius - SPARE * (share + radius);
   if (at->is_same && steps < 2) at->moved = hfx_moved(at->cluster, at->bones, row - 1, row);
-  return now->floor;
 }
 
 // How much of a cell of a pair is inside. `own` poses its vertex where that is no unit, else it is NULL.
@@ -212,7 +210,6 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
   side sides[2], *now = &sides[0], *before = &sides[1];
   widest most = {0.0, 0.0};
-  double least = -INFINITY;
   int64_t shift = 0, has_sides = 0;
   for (int64_t p = 0; p < pairs->count; p++) {
     int64_t c = pairs->clusters[p], row = pairs->rows[p], steps = pairs->steps[p];
@@ -233,31 +230,22 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       has_sides = 1;
       side *swapped = before;
       before = now, now = swapped;
-      least = turn_to_pair(&at, before, now, p, row, steps);
+      turn_to_pair(&at, before, now, p, row, steps);
       for (int64_t k = 0; pairs->points && k < places; k++)
         for (int i = 0; i < 3; i++)
           now->points[3 * k + i] = pairs->points[i * pairs->total + shift + k];
       if (asks || is_followed) asks = !is_apart(&at, before, now, most, is_followed);
-      for (int64_t u = 0; !asks && u < units; u++) now->least[u] = least;
+      for (int64_t u = 0; !asks && u < units; u++) now->least[u] = now->floor;
     }
     shift += places;
-    if (!asks) {
-      for (int64_t k = 0; k < cells; k++) {
-        int64_t column = found->column_of[first_cell + k] + row * found->columns;
-        double share = inside(&at, own ? own + c : NULL, row, now, k, 0, 0, how, 0);
-        if (share != 0.0) store(found, column, share);
-        if (is_kept) now->weights[k] = loaded(found, column);
-      }
-      continue;
-    }
     int64_t to = 0;
     for (int64_t k = 0; k < cells; k++) {
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;
-      while (to < units && table->cell_of[at.first + to] == first_cell + k) to++;
-      int may = may_be(&at, before, now, from, to, least, is_followed);
+      while (asks && to < units && table->cell_of[at.first + to] == first_cell + k) to++;
+      int may = asks ? may_be(&at, before, now, from, to, is_followed) : 0;
       double share = inside(&at, own ? own + c : NULL, row, now, k, from, to, how, may);
       if (share != 0.0) store(found, column, share);
-      now->weights[k] = loaded(found, column);
+      if (asks || is_kept) now->weights[k] = loaded(found, column);
       if (!(may & PASSED) || before->weights[k] != 0.0 || !(now->weights[k] < 1.0)) continue;
       int told[2] = {-1, -1};
       int64_t count = 0;
