@@ -82,11 +82,11 @@ def gathered(
         np.empty(count + 1, np.int64),
     )
     vertices, values = np.empty(weights.size, np.int32), np.empty(weights.size, weights.dtype)
-    counts = np.empty(3, np.int64)
+    counts, heard = np.empty(3, np.int64), np.ascontiguousarray(heard, np.bool_)
     getattr(_library(), f"hfx_gather_{_REALS[weights.dtype.itemsize]}")(
         count,
         width,
-        *[pointer(each) for each in (weights, np.ascontiguousarray(heard, np.uint8), columns)],
+        *[pointer(each) for each in (weights, heard, columns)],
         int(own_sets),
         *[pointer(each) for each in (at, sets, offsets, vertices, values, counts)],
     )

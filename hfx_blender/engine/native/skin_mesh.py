@@ -30,5 +30,6 @@ _MESHES: WeakKeyDictionary[Mesh, Any] = WeakKeyDictionary()
 def mesh_of(mesh: Mesh) -> Any:
     """``hfx_skin_mesh``; the arrays live as long as the mesh."""
     if mesh not in _MESHES:
-        _MESHES[mesh] = _Mesh(*(pointer(getattr(mesh, name)) for name in _ARRAYS))
+        arrays = [getattr(mesh, name) for name in _ARRAYS]
+        _MESHES[mesh] = _Mesh(*map(pointer, arrays))
     return _MESHES[mesh]
