@@ -67,17 +67,15 @@ def posed_rows(pose: PoseBlock) -> I64:
     """Rows that were read and hold nothing but numbers that a place can have."""
     finite = pose.valid.copy()
     for values in (pose.to_world, pose.bones, pose.surface):
-        # NaN compares as false, too.
-        if values is not None and not _span(values) <= FARTHEST:
+        if values is not None and not _is_near(values):
             finite &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
     return finite.nonzero()[0]
 
 
-def _span(values: npt.NDArray[np.floating[Any]]) -> float:
-    """The largest size of any value; not a number where one is not."""
-    low = np.minimum.reduce(values, axis=None, initial=0.0)
-    high = np.maximum.reduce(values, axis=None, initial=0.0)
-    return float(np.maximum(-low, high))
+def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
+    """Whether surely none of them is beyond FARTHEST, or not a number: by the sum of squares."""
+    flat = values.ravel()
+    return bool(np.einsum("i,i->", flat, flat) <= FARTHEST**2)
 
 
 def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) -> I64:

@@ -16,10 +16,9 @@ from .active_rows import FARTHEST
 from .body.posing import SkinnedModel
 from .counters import Counters
 from .coverage import BodySkin
-from .motion import turns_since_before
 from .native import contact as native
 from .native import gathering, reach
-from .native.skin import PosedBones
+from .native.target import PlacedTarget, is_known
 from .scene import EffectBlock, PoseBlock
 from .swept import Drift
 from .volume.shape import Falloff
@@ -39,7 +38,7 @@ Found = tuple[I64, I64, I64, I32, gathering.Weights]
 
 def is_possible(effect: EffectBlock, skin: BodySkin) -> bool:
     """Whether the library is there and knows this volume and what moves the body."""
-    return isinstance(skin.surface, SkinnedModel) and reach.is_possible(effect.shapes)
+    return isinstance(skin.surface, SkinnedModel) and is_known(effect.shapes)
 
 
 def begin(
@@ -59,28 +58,24 @@ def begin(
 
     As :func:`.contact.begin`; rows are places among ``rows``.
     """
-    assert effect.matrices is not None and isinstance(skin.surface, SkinnedModel)
-    matrices, to_world = effect.matrices[rows], pose.to_world[rows]
-    which = effect.shapes_at(rows)
-    limits = reach.limits_of(effect.shapes)[which]
-    placed = reach.place(matrices, to_world, limits, FARTHEST)
-    if placed is None:
-        return None
-    inverses, to_shape, boxes = placed
+    assert isinstance(skin.surface, SkinnedModel)
+    assert effect.matrices is not None and pose.bones is not None
     tolerance, table = skin.skin.tolerance, skin.skin.table
-    target = reach.Target(effect.shapes, which, falloff, tolerance.amplitude, inverses, to_world)
-    turns = turns_since_before(matrices, to_world) if follows.any() else None
+    target = PlacedTarget(
+        effect.shapes,
+        effect.shape_index,
+        effect.matrices,
+        pose.to_world,
+        rows,
+        falloff,
+        tolerance.amplitude,
+        FARTHEST,
+    )
+    if not target.is_usable:
+        return None
     broad = reach.Broad(
-        matrices,
-        boxes,
-        skin.surface.outline,
-        bounds.boxes,
-        np.searchsorted(bounds.rows, rows),
-        follows,
-        heard,
-        turns if turns is not None and turns.any() else None,
-        skin.skin.edge_m,
-        skin.skin.is_split,
+        *(target, skin.surface.outline, bounds.rows, bounds.boxes, follows, heard),
+        *(skin.skin.edge_m, skin.skin.is_split),
     )
     tests = int(np.count_nonzero(heard))
     counters.volume_tests += tests
@@ -88,21 +83,20 @@ def begin(
     met = broad.overlaps()
     if not len(met) and not follows.any():
         return _nothing
-    bones = skin.posed_bones(pose, rows, to_shape)
-    assert bones is not None
     groups = None
     if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
         assert skin.cell_sizes is not None
         groups = skin.cell_sizes.pointers(met)
-    reached = broad.reach(target, bones, groups)
+    reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, groups)
     if not len(reached.clusters):
         return _nothing
-    pairs, posing = reached.pairs, _posing(skin, reached, bones)
+    pairs, posing = reached.pairs, _posing(skin, reached)
     columns, column_of = gathering.columns_of(reached.clusters, table)
     weights: gathering.Weights = np.zeros((len(rows), len(columns)), falloff.precision)
     drifts = {}
-    if turns is not None:
-        ways = (matrices[:-1], matrices[1:]), (to_world[:-1], to_world[1:])
+    if reached.most_steps > 1:
+        volume, body = target.part("matrices"), target.part("to_world")
+        ways = (volume[:-1], volume[1:]), (body[:-1], body[1:])
         for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
             drift = Drift.of(*ways, number)
             drifts[number] = drift.from_before, drift.from_after
@@ -115,7 +109,7 @@ def begin(
     return found
 
 
-def _posing(skin: BodySkin, reached: reach.Reached, bones: PosedBones) -> native.Posing:
+def _posing(skin: BodySkin, reached: reach.Reached) -> native.Posing:
     """How places come about; skin that is covered or followed is filled in."""
     assert isinstance(skin.surface, SkinnedModel)
     if len(reached.wide):
@@ -126,7 +120,7 @@ def _posing(skin: BodySkin, reached: reach.Reached, bones: PosedBones) -> native
     if skin.is_grouped:
         assert isinstance(skin.vertices, SkinnedModel)
         own = skin.vertices.native_clusters(reached.by_vertex)
-    return native.Posing(clusters, own, bones)
+    return native.Posing(clusters, own, reached.bones)
 
 
 def _nothing() -> Found:

@@ -121,9 +121,8 @@ def begin(
         falloff weakens to nothing is left out.
     """
     assert effect.matrices is not None
-    everyone = np.ones(len(rows), np.bool_)
-    heard = everyone if heard is None else heard
-    follows = ~everyone if follows is None else follows
+    heard = np.ones(len(rows), np.bool_) if heard is None else heard
+    follows = np.zeros(len(rows), np.bool_) if follows is None else follows
     if not (with_details or with_impact) and compiled_contact.is_possible(effect, skin):
         found = compiled_contact.begin(
             effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets, threads

@@ -24,7 +24,8 @@ from .cell_sizes import CellSizes
 from .indexing import ramp, sorted_by
 from .native import skin as native_skin
 from .native import skin_outline as native
-from .native.skin import PosedBones
+from .native.bounds import Outline
+from .native.skin import PosedBones, UsedBones
 from .scene import PoseBlock
 from .skin_mesh import SkinMesh
 from .skin_table import SkinTable
@@ -219,13 +220,22 @@ class BodySkin:
         if not isinstance(self.surface, SkinnedModel) or not native_skin.is_there():
             return None
         assert pose.bones is not None
-        return PosedBones(pose.bones, rows, to_target, self._used_bones)
+        return PosedBones(pose.bones, rows, to_target, self.used_bones)
 
     @cached_property
-    def _used_bones(self) -> I64:
+    def own_outline(self) -> Outline | None:
+        """What bones move of the model's own vertices, where the skin has others."""
+        if not self.is_grouped:
+            return None
+        assert isinstance(self.vertices, SkinnedModel)
+        return self.vertices.outline
+
+    @cached_property
+    def used_bones(self) -> UsedBones:
+        """Bones that move any of the skin, or of the model's own vertices."""
         models = {self.surface, self.vertices} if self.is_grouped else {self.surface}
         used = [each.used_bones for each in models if isinstance(each, SkinnedModel)]
-        return np.unique(np.concatenate(used))
+        return UsedBones(np.unique(np.concatenate(used)))
 
     @cached_property
     def cell_sizes(self) -> CellSizes | None:

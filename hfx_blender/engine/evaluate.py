@@ -111,7 +111,7 @@ class Engine:
 
         def ended() -> list[SampleRun]:
             runs = [run for each in begun for run in each() if run is not None]
-            self.counters.contacts += sum(int(run.sizes.sum()) for run in runs)
+            self.counters.contacts += sum(run.contact_count for run in runs)
             return runs
 
         return ended

@@ -18,6 +18,7 @@ from .narrow import Inside, covered
 from .native import contact as native
 from .native import reach
 from .native.library import i64
+from .native.target import Target, is_known
 from .placed import Placed
 from .posed_skin import PosedSkin
 from .swept import crossings, passing
@@ -96,7 +97,7 @@ class Found:
             return
         table, some = placed.skin.skin.table, np.flatnonzero(needed.any(axis=0))
         table.need(some)
-        if self.details is None and reach.is_possible(placed.target.shapes):
+        if self.details is None and is_known(placed.target.shapes):
             later = followed[rows, clusters]
             steps = placed.followed_in_steps(later, clusters, rows)
             how = np.where(wide[rows, clusters], reach.COVERED, reach.NOT).astype(np.uint8)
@@ -125,7 +126,7 @@ class Found:
             pairs,
             table,
             native.Posing(points=points),
-            reach.Target(
+            Target(
                 target.shapes,
                 target.which,
                 target.falloff,

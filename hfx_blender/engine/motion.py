@@ -12,9 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .native import turning as native
+
 F64 = npt.NDArray[np.float64]
 
 _STILL: float = 1e-9  # radians; less is rounding
+_FLAT: float = 1e-12  # of the largest stretch; less is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,8 @@ def largest_stretch(matrices: F64) -> F64:
 
 def turned_by(before: F64, after: F64) -> F64:
     """By how much placements (n, 4, 4) turn, radians (n,); exactly 0 where they do not."""
+    if native.is_there():
+        return native.turns(before, after)
     still = (before[:, :3, :3] == after[:, :3, :3]).all(axis=(1, 2))
     angles = np.zeros(len(before))
     some = np.flatnonzero(~still)
@@ -79,8 +84,11 @@ def turns_since_before(*placements: F64) -> F64:
 def _polar(linear: F64) -> tuple[F64, F64]:
     """Rotation and symmetric stretch, (n, 3, 3) each; a mirroring is in the stretch."""
     u, s, vt = np.linalg.svd(linear)
+    sign = np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)[:, None, None]
+    is_flat = s[:, 2:, None] <= _FLAT * s[:, :1, None]  # has no side that could be mirrored
+    u[:, :, 2:] *= np.where(is_flat, sign, 1.0)
+    sign = np.where(is_flat, 1.0, sign)
     turns = u @ vt
-    sign = np.where(np.linalg.det(turns) < 0.0, -1.0, 1.0)[:, None, None]
     stretches = (vt.transpose(0, 2, 1) * s[:, None, :]) @ vt
     return turns * sign, stretches * sign
 

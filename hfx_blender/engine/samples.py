@@ -115,6 +115,13 @@ class SampleRun:
         sizes: I64 = np.diff(self.offsets)[self.set_of]
         return sizes
 
+    @property
+    def contact_count(self) -> int:
+        """How many vertices all samples have together."""
+        if self.sets is None or len(self.sets) == len(self.offsets) - 1:
+            return len(self.vertices)  # each sample has a set of its own
+        return int(self.sizes.sum())
+
     def __iter__(self) -> Iterator[Sample]:
         for k, j in enumerate(self.set_of.tolist()):
             part = slice(int(self.offsets[j]), int(self.offsets[j + 1]))

@@ -88,6 +88,8 @@ class SkinTable:
         the cell's area, all samples together; its first sample.
     bulge_m, most_samples : (clusters,)
         The highest bulge of each cluster; the most samples of any of its cells.
+    largest_cell : int
+        The most samples of any cell that is filled in.
     """
 
     def __init__(
@@ -126,7 +128,7 @@ class SkinTable:
         self.heights_m, self.wholes = np.zeros(quads), np.zeros(quads)
         self.sample_starts = np.zeros(quads, np.int64)
         self.bulge_m, self.most_samples = np.zeros(len(cells)), np.ones(len(cells), np.int64)
-        self._sample_count = 0
+        self._sample_count, self.largest_cell = 0, 1
         self._samples = np.zeros((4, 0))
 
     @property
@@ -162,15 +164,16 @@ class SkinTable:
 
     def need(self, clusters: I64) -> None:
         """Fill in the skin of some clusters, where that has not been done."""
-        new = clusters[~self._is_made[clusters]]
-        if not len(new):
+        is_made = self._is_made[clusters]
+        if is_made.all():
             return
-        new = np.unique(new)
+        new = np.unique(clusters[~is_made])
         if native.is_there():
             self._fill(new)
         else:
             self._fill_in_numpy(new)
         self._is_made[new] = True
+        self.largest_cell = int(self.most_samples.max())
 
     def _fill(self, new: I64) -> None:
         is_split = self._is_split.view(np.uint8)

@@ -11,18 +11,19 @@ import pytest
 
 from hfx_blender.engine.native import (
     clusters,
-    reach,
     skin,
     skin_binding,
     skin_filling,
     skin_outline,
+    target,
+    turning,
     volume_boxes,
 )
 from hfx_blender.engine.native.library import library
 
 needs_library = pytest.mark.skipif(library() is None, reason="no library was built")
 
-_PARTS = (clusters, reach, skin, skin_binding, skin_filling, skin_outline, volume_boxes)
+_PARTS = (clusters, skin, skin_binding, skin_filling, skin_outline, target, turning, volume_boxes)
 
 
 @contextmanager

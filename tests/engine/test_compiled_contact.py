@@ -18,7 +18,7 @@ from hfx_blender.engine.bound_skins import BoundSkins
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.native import reach as native
+from hfx_blender.engine.native.target import PlacedTarget
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
@@ -33,6 +33,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.tolerance import PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.placement import inverse_placement, world_bounds
+from hfx_blender.engine.volume.shape import Falloff
 
 pytestmark = needs_library
 
@@ -40,6 +41,7 @@ ROWS = 6
 FINE = Tolerance("fine", 0.001, 0.25, 0.002, 0.0)  # strength is never taken to be even
 TOLERANCES = (PREVIEW, STANDARD, PAPER, FINE)
 SHAPES = (Cuboid(), Sphere(), Cylinder(), Capsule(1.5))
+FLAT = Falloff(), 0.0
 
 
 def moving_scene(model, seed: int, strength: float, speed: float):
@@ -159,15 +161,39 @@ def test_places_are_those_of_numpy(entries, scale, shape):
     with np.errstate(all="ignore"):
         inverse, usable = inverse_placement(matrix[None])
         usable = usable & (np.abs(matrix) <= FARTHEST).all()
-    found = native.place(matrix[None], body[None], shape.bounds[None], FARTHEST)
-    assert (found is not None) == bool(usable[0])
-    if found is not None:
-        size = np.abs(inverse).max()
-        np.testing.assert_allclose(found[0], inverse, rtol=1e-9, atol=1e-12 * size)
+    # The volume stands, and is another at first; only some rows are asked for.
+    matrices, shapes = np.repeat(matrix[None], 4, 0), (Sphere(), shape)
+    which = np.array([0, 1, 1, 1], np.int32)
+    found = PlacedTarget(
+        shapes, which, matrices, np.repeat(body[None], 4, 0), np.array([1, 3]), *FLAT, FARTHEST
+    )
+    assert found.is_usable == bool(usable[0])
+    if found.is_usable:
+        size, boxes = np.abs(inverse).max(), world_bounds(shape, matrix[None])
         expected = inverse @ body
-        np.testing.assert_allclose(found[1], expected, rtol=1e-9, atol=1e-11 * size)
-        boxes = world_bounds(shape, matrix[None])
-        np.testing.assert_allclose(found[2], boxes, rtol=1e-12, atol=1e-12 * np.abs(boxes).max())
+        for part, value, near in (
+            ("to_shape", inverse, 1e-12 * size),
+            ("body_to_shape", expected, 1e-11 * size),
+            ("boxes", boxes, 1e-12 * np.abs(boxes).max()),
+            ("matrices", matrix, 0.0),
+            ("to_world", body, 0.0),
+            ("turns", 0.0, 0.0),
+        ):
+            given = found.part(part)
+            value = np.broadcast_to(value, given.shape)
+            np.testing.assert_allclose(given, value, rtol=1e-9, atol=near)
+
+
+def test_shapes_and_rows_that_are_not_there_are_refused():
+    matrices = np.repeat(np.eye(4)[None], 2, 0)
+    for which in (-1, 1):
+        shape_index, rows = np.full(2, which, np.int32), np.array([0])
+        found = PlacedTarget((Sphere(),), shape_index, matrices, matrices, rows, *FLAT, FARTHEST)
+        assert not found.is_usable
+    for row in (-1, 2):
+        rows = np.array([row])
+        with pytest.raises(IndexError, match="of a block of 2"):
+            PlacedTarget((Sphere(),), None, matrices, matrices, rows, *FLAT, FARTHEST)
 
 
 def test_neighbours_are_those_of_numpy():

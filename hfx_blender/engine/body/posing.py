@@ -19,7 +19,7 @@ from ..indexing import largest, ramp
 from ..motion import largest_stretch
 from ..native import skin as native
 from ..native.bounds import Outline
-from ..native.skin import PosedBones
+from ..native.skin import PosedBones, UsedBones
 from ..native.skin_table import Table
 from ..products import stacked_product
 from ..scene import PoseBlock, SkinBinding
@@ -153,7 +153,7 @@ class SkinnedModel:
         """Rest to target space for some bones, (n, len(bones), 3, 4)."""
         assert pose.bones is not None
         if native.is_there():
-            return PosedBones(pose.bones, rows, to_target, bones).matrices
+            return PosedBones(pose.bones, rows, to_target, UsedBones(bones)).matrices
         if len(bones) and bones.max() == self._still:
             posed = np.tile(np.eye(3, 4), (len(rows), len(bones), 1, 1))
             moving = np.flatnonzero(bones < self._still)

@@ -56,7 +56,8 @@ class CellGroups:
 
     def lacking(self, clusters: I64) -> I64:
         """Those that are not filled in, ascending."""
-        return np.unique(clusters[~self._is_known[clusters]])
+        is_known = self._is_known[clusters]
+        return np.zeros(0, np.int64) if is_known.all() else np.unique(clusters[~is_known])
 
     def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
         """What is filled in of a cluster, in the order of ``hfx_groups``."""

@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .library import INTEGER, POINTER, f64, library, pointer, structure
-from .reach import Pairs, Target
+from .reach import Pairs
 from .skin import Clusters, PosedBones
 from .skin_table import Table, table_of
+from .target import Target
 
 if TYPE_CHECKING:
     from ..parallel.threads import Threads
@@ -95,16 +96,7 @@ def look_at_skin(
         Waits until all is looked at, and tells how many places were posed. Without threads it
         has been by now.
     """
-    each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
-    for number, places in drifts.items():
-        for way, matrices in zip(each_way, places, strict=True):
-            way[number.bit_length() - 1] = f64(matrices)
-    drift = _Drift(intervals=max(target.count - 1, 0))
-    if drifts:
-        drift.before, drift.after = (
-            (POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
-        )
-    drift.arrays = each_way
+    drift = _drift_of(drifts, target.count - 1) if drifts else _STRAIGHT
     shared = table_of(table), posing, target, drift, weights, column_of
     if threads is None or posing.points is not None:
         count = _Look(pairs, table, *shared).take()
@@ -112,6 +104,22 @@ def look_at_skin(
     looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]
     begun = [threads.submit(look.take) for look in looks]
     return lambda: sum(each.result() for each in begun)
+
+
+_STRAIGHT: Final = _Drift()
+
+
+def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> ctypes.Structure:
+    each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
+    for number, places in drifts.items():
+        for way, matrices in zip(each_way, places, strict=True):
+            way[number.bit_length() - 1] = f64(matrices)
+    drift: Any = _Drift(intervals=intervals)
+    drift.before, drift.after = (
+        (POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
+    )
+    drift.arrays = each_way
+    return drift
 
 
 _WORTH: Final = 1 << 16
@@ -153,7 +161,7 @@ class _Look:
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
         points = None if posing.points is None else f64(posing.points)
         room = np.empty(2 * pointers.most_room + 32 * most_bones + 2)
-        events = np.empty((2 * int(table.most_samples.max()) + 2, 2))
+        events = np.empty((2 * table.largest_cell + 2, 2))
         self._kept = (
             *(pairs, pointers, posing, target, drift, weights, column_of),
             *(points, room, events),

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import ctypes
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_bone_matrices.argtypes = [INTEGER] * 3 + [POINTER] * 7
+        found.hfx_bone_matrices.argtypes = [INTEGER] * 3 + [POINTER] * 6
         found.hfx_cluster_moves.argtypes = (
             [POINTER, INTEGER] + [POINTER] * 3 + [INTEGER] + [POINTER] * 6
         )
@@ -48,6 +49,26 @@ class BonePointers(ctypes.Structure):
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class UsedBones:
+    """Bones that move anything, ascending; one that a pose has not, rests."""
+
+    ids: I64  # (k,)
+
+    def slots(self, given: int) -> I64:
+        """Where each bone of a pose of so many, and the one that rests, is among them (B + 1,)."""
+        if given not in self._slots:
+            if len(self.ids) and self.ids[-1] > given:
+                raise IndexError(f"bone {self.ids[-1]} of a pose of {given}")
+            self._slots[given] = slots = np.zeros(given + 1, np.int64)
+            slots[self.ids] = np.arange(len(self.ids))
+        return self._slots[given]
+
+    @cached_property
+    def _slots(self) -> dict[int, I64]:
+        return {}
+
+
 class PosedBones:
     """What bones do to skin at some rows.
 
@@ -57,10 +78,10 @@ class PosedBones:
         Rest space to posed armature space.
     rows : (n,) int64
         Of these.
-    to_target : (n, 4, 4) float64
-        From armature space.
-    bones : (k,) int64
-        Those that matter, ascending; B is one that rests.
+    to_target : (n, 4, 4) float64, optional
+        From armature space. Without it, room is made for what is found out later.
+    bones : UsedBones
+        Those that matter; B is one that rests.
 
     Attributes
     ----------
@@ -68,24 +89,22 @@ class PosedBones:
         Rest to target space.
     stretches : (n, k) float64
         No less than what each matrix stretches any direction by.
-    slots : (B + 1,) int64
-        Where each bone is among the k.
     pointers : BonePointers
         ``hfx_bones``.
     """
 
-    def __init__(self, posed: F64, rows: I64, to_target: F64, bones: I64) -> None:
+    def __init__(self, posed: F64, rows: I64, to_target: F64 | None, bones: UsedBones) -> None:
         calls = _calls()
         assert calls is not None
-        size, given = (len(rows), len(bones)), posed.shape[1]
-        if size[1] and bones[-1] > given:
-            raise IndexError(f"bone {bones[-1]} of a pose of {given}")
-        arrays = f64(posed), i64(rows), i64(bones), f64(to_target)
-        self.matrices, self.stretches = np.empty((*size, 3, 4)), np.empty(size)
-        self.slots = np.empty(given + 1, np.int64)
-        found = [pointer(each) for each in (self.matrices, self.stretches, self.slots)]
-        calls.hfx_bone_matrices(*size, given, *map(pointer, arrays), *found)
-        self.pointers = BonePointers(*found, size[1])
+        count, used, given = len(rows), bones.ids, posed.shape[1]
+        self.matrices = np.empty((count, len(used), 3, 4))
+        self.stretches = np.empty((count, len(used)))
+        self._slots = bones.slots(given)
+        found = [pointer(each) for each in (self.matrices, self.stretches)]
+        self.pointers = BonePointers(*found, pointer(self._slots), len(used))
+        if to_target is not None:
+            arrays = f64(posed), i64(rows), i64(used), f64(to_target)
+            calls.hfx_bone_matrices(count, len(used), given, *map(pointer, arrays), *found)
 
     def cluster_moves(
         self,

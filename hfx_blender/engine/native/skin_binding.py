@@ -168,13 +168,14 @@ class Clusters:
 
     def add(self, clusters: I64, table: Table | None) -> None:
         """Fill in some clusters; of their skin, if that is filled, what neighbours are like."""
-        new = clusters[~self._is_known[clusters]]
-        if len(new):
-            self._bind(np.unique(new))
-        if table is not None:
-            new = clusters[~self._is_linked[clusters]]
-            if len(new):
-                self._link(np.unique(new), table)
+        is_known = self._is_known[clusters]
+        if not is_known.all():
+            self._bind(np.unique(clusters[~is_known]))
+        if table is None:
+            return
+        is_linked = self._is_linked[clusters]
+        if not is_linked.all():
+            self._link(np.unique(clusters[~is_linked]), table)
 
     def _bind(self, clusters: I64) -> None:
         places, bones = self._bound.place_counts[clusters], self._bone_counts[clusters]

@@ -52,7 +52,7 @@ class Table(Protocol):
     cells: I32
     vertices: I32
     is_simple: bool
-    most_samples: I64
+    largest_cell: int
 
     @property
     def samples(self) -> F64: ...

@@ -203,7 +203,7 @@ def _settled(engine: Engine, answer: Answer) -> list[SampleRun]:
     if not touches:
         return runs
     settled = engine.responses.settling.settle_all(touches)
-    engine.counters.contacts += sum(int(run.sizes.sum()) for run in settled)
+    engine.counters.contacts += sum(run.contact_count for run in settled)
     effects = {effect.id: k for k, effect in enumerate(engine.scene.effects)}
     bodies = {body.id: k for k, body in enumerate(engine.scene.bodies)}
     return sorted(

@@ -17,7 +17,7 @@ from both_ways import in_numpy, needs_library
 from test_compiled_contact import TOLERANCES, load, moving_scene
 
 from hfx_blender.engine import contact, reach
-from hfx_blender.engine.active_rows import followed
+from hfx_blender.engine.active_rows import FARTHEST, followed
 from hfx_blender.engine.body.posing import SkinnedModel
 from hfx_blender.engine.bound_skins import BoundSkins
 from hfx_blender.engine.counters import Counters
@@ -25,6 +25,7 @@ from hfx_blender.engine.motion import turns_since_before
 from hfx_blender.engine.native import bounds as native_bounds
 from hfx_blender.engine.native import reach as native_reach
 from hfx_blender.engine.native import volume_boxes
+from hfx_blender.engine.native.target import PlacedTarget
 from hfx_blender.engine.placed import Placed
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
 from hfx_blender.engine.volume.placement import inverse_placement
@@ -141,6 +142,19 @@ def test_boxes_of_volumes_are_those_of_numpy(data, volumes, rows):
 # Both
 
 
+def _check_bones(reached, skin, placed):
+    """What moves anything that is looked at is known as where all is."""
+    whole = skin.posed_bones(placed.pose, placed.rows, placed.to_shape)
+    for model in {skin.surface, skin.vertices}:
+        bones = [*map(model.cluster_bones, reached.clusters.tolist()), np.zeros(0, np.int64)]
+        slots = np.searchsorted(skin.used_bones.ids, np.concatenate(bones))
+        for one, other in (
+            (reached.bones.matrices, whole.matrices),
+            (reached.bones.stretches, whole.stretches),
+        ):
+            np.testing.assert_allclose(one[:, slots], other[:, slots], rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda each: each.name)
 @pytest.mark.parametrize("modality", ["pressure", "temperature"])
 @pytest.mark.parametrize("seed", [3, 4, 11])
@@ -164,32 +178,29 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
         later = placed.followed(follows, simple, always=False)
         needed = reached | later
         needed[:-1] |= later[1:]
-        target = native_reach.Target(
+        target = PlacedTarget(
             animated.shapes,
-            animated.shapes_at(rows),
+            animated.shape_index,
+            animated.matrices,
+            pose.to_world,
+            rows,
             falloff,
             tolerance.amplitude,
-            inverses,
-            ways[1],
+            FARTHEST,
         )
-        turns = turns_since_before(*ways)
+        assert target.is_usable
+        np.testing.assert_allclose(target.part("turns"), turns_since_before(*ways), atol=1e-9)
         broad = native_reach.Broad(
-            ways[0],
-            placed.boxes,
-            skin.surface.outline,
-            bounds.boxes,
-            rows,
-            follows,
-            heard,
-            turns if turns.any() else None,
-            skin.skin.edge_m,
-            skin.skin.is_split,
+            *(target, skin.surface.outline, bounds.rows, bounds.boxes, follows, heard),
+            *(skin.skin.edge_m, skin.skin.is_split),
         )
         met = broad.overlaps()
+        assert set(np.flatnonzero(reached.any(axis=0))) <= set(met.tolist())
         sizes = None
         if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
             sizes = skin.cell_sizes.pointers(met)
-        reached = broad.reach(target, skin.posed_bones(pose, rows, placed.to_shape), sizes)
+        reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, sizes)
+        _check_bones(reached, skin, placed)
         pairs = reached.pairs
         is_wide = (pairs.how == native_reach.COVERED) | (pairs.steps > 0)
         by_vertex = pairs.how == native_reach.BY_VERTEX
@@ -200,6 +211,7 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
         assert pairs.clusters.tolist() == clusters.tolist()
         assert pairs.rows.tolist() == at.tolist()
         assert ((pairs.steps > 0) == later[at, clusters]).all()
+        assert reached.most_steps == pairs.steps.max(initial=0)
         whole = pairs.how == native_reach.WHOLE
         assert (whole == (falloff.is_flat & simple[at, clusters])).all()
         counts += len(clusters), np.count_nonzero(pairs.steps)

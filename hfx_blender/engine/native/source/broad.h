@@ -8,12 +8,18 @@
 
 // A volume at some rows.
 typedef struct {
-  const int64_t *kinds;   // (rows,)
-  const double *halves;   // (rows,)
-  const double *to_shape; // (rows, 4, 4) from the world
-  const double *to_world; // (rows, 4, 4) from the body's own space
+  int64_t rows;
+  int64_t *kinds;                 // (rows,)
+  double *halves;                 // (rows,)
+  double *to_shape;               // (rows, 4, 4) from the world
+  double *to_world;               // (rows, 4, 4) from the body's own space
   int64_t is_flat, is_smooth;
   double share, amplitude;
+  // Only where hfx_place has filled it in.
+  double *matrices;               // (rows, 4, 4) shape space to world
+  double *body_to_shape;          // (rows, 4, 4) the body's own space to shape space
+  double *boxes;                  // (rows, 2, 3) world, of the volume
+  double *turns;                  // (2, rows) of volume and body since the row before, radians
 } hfx_target;
 
 // The largest change of weight for a change of rise.

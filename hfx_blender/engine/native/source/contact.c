@@ -238,6 +238,11 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       for (int64_t u = 0; !asks && u < units; u++) now->least[u] = now->floor;
     }
     shift += places;
+    if (how == HFX_WHOLE && !asks && !is_kept) {
+      const int64_t *columns = found->column_of + first_cell;
+      for (int64_t k = 0; k < cells; k++) store(found, columns[k] + row * found->columns, 1.0);
+      continue;
+    }
     int64_t to = 0;
     for (int64_t k = 0; k < cells; k++) {
       int64_t from = to, column = found->column_of[first_cell + k] + row * found->columns;

@@ -44,8 +44,10 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
       if (!any) continue;                                                                          \
       for (int64_t k = 0; !changed && k < columns; k++) changed = weights[k] != before[k];         \
       before = weights;                                                                            \
-      for (int64_t k = 0; changed && k < columns; k++)                                             \
-        if (weights[k] != 0) found[total] = vertices[k], values[total++] = weights[k];             \
+      for (int64_t k = 0; changed && k < columns; k++) {                                           \
+        found[total] = vertices[k], values[total] = weights[k];                                    \
+        total += weights[k] != 0;  /* without a branch: there is room for all */                   \
+      }                                                                                            \
       if (changed) offsets[++set] = total;                                                         \
       at[felt] = n, sets[felt++] = set - 1;                                                        \
     }                                                                                              \

@@ -3,36 +3,21 @@
 
 #include <float.h>
 #include <math.h>
+#include <string.h>
 
 #include "analytic.h"
+#include "broad.h"
 #include "hfx_native.h"
-#include "skin_posing.h"
+#include "turning.h"
 
 #define FLATTEST 1e-6
-#define TURNS 30  // of Jacobi's method: it arrives after five or so
 
-// The largest and the least stretch of a matrix, by Jacobi's one-sided method.
+// The largest and the least stretch of a matrix.
 static void stretches_of(const double m[9], double *largest, double *least) {
   double a[3][3];  // columns
   for (int i = 0; i < 3; i++)
     for (int j = 0; j < 3; j++) a[j][i] = m[3 * i + j];
-  for (int turn = 0; turn < TURNS; turn++) {
-    int is_done = 1;
-    for (int p = 0; p < 2; p++)
-      for (int q = p + 1; q < 3; q++) {
-        double pp = hfx_dot(a[p], a[p]), qq = hfx_dot(a[q], a[q]), pq = hfx_dot(a[p], a[q]);
-        if (!(fabs(pq) > 1e-15 * sqrt(pp * qq))) continue;
-        is_done = 0;
-        double ratio = (qq - pp) / (2.0 * pq);
-        double t = (ratio >= 0.0 ? 1.0 : -1.0) / (fabs(ratio) + sqrt(1.0 + ratio * ratio));
-        double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
-        for (int i = 0; i < 3; i++) {
-          double one = a[p][i], other = a[q][i];
-          a[p][i] = c * one - s * other, a[q][i] = s * one + c * other;
-        }
-      }
-    if (is_done) break;
-  }
+  hfx_square_up(a, 0);
   *largest = 0.0, *least = INFINITY;
   for (int k = 0; k < 3; k++) {
     double size = sqrt(hfx_dot(a[k], a[k]));
@@ -110,23 +95,47 @@ static void box_of(const double bounds[6], const double matrix[16], double box[6
   }
 }
 
-// Where a volume is at some rows: its inverses, how it sees the body, its world boxes (rows, 2, 3).
-// Whether all of it can be used: nothing is flattened, endless or not a number.
-HFX_EXPORT int64_t hfx_place(int64_t rows, const double *matrices, const double *to_world,
-                             const double *bounds, double farthest, double *inverses,
-                             double *to_shape, double *boxes) {
-  for (int64_t n = 0; n < rows; n++) {
-    const double *matrix = matrices + 16 * n, *world = to_world + 16 * n;
-    double *inverse = inverses + 16 * n, *shape = to_shape + 16 * n;
-    for (int i = 0; i < 16; i++)
-      if (!(fabs(matrix[i]) <= farthest)) return 0;
-    if (!invert(matrix, inverse)) return 0;
+static int is_near(const double matrix[16], double farthest) {
+  for (int i = 0; i < 16; i++)
+    if (!(fabs(matrix[i]) <= farthest)) return 0;
+  return 1;
+}
+
+// Whether a placement (4, 4) is that of the row before.
+static int stays(const double *now) {
+  int is_same = 1;
+  for (int i = 0; i < 16; i++) is_same &= now[i] == now[i - 16];
+  return is_same;
+}
+
+// Fills in a target at some rows of a block, `matrices` (block, 4, 4) place the volume in the world,
+// `to_world` (block, 4, 4) the body, `shapes` (block,) say which of the shapes it has (NULL: the
+// first), whose kinds, halves and `limits` (count, 2, 3) are known. Whether all of it can be used:
+// nothing is flattened, endless or not a number.
+HFX_EXPORT int64_t hfx_place(hfx_target *target, const int64_t *row, const double *matrices,
+                             const double *to_world, const int32_t *shapes, const int64_t *kinds,
+                             const double *halves, const double *limits, int64_t count,
+                             double farthest) {
+  for (int64_t n = 0; n < target->rows; n++) {
+    double *matrix = target->matrices + 16 * n, *world = target->to_world + 16 * n;
+    double *inverse = target->to_shape + 16 * n, *shape = target->body_to_shape + 16 * n;
+    int64_t which = shapes ? shapes[row[n]] : 0;
+    if (which < 0 || which >= count) return 0;
+    target->kinds[n] = kinds[which], target->halves[n] = halves[which];
+    memcpy(matrix, matrices + 16 * row[n], 16 * sizeof(*matrix));
+    memcpy(world, to_world + 16 * row[n], 16 * sizeof(*world));
+    target->turns[n] = n ? hfx_turned_by(matrix - 16, matrix) : 0.0;
+    target->turns[target->rows + n] = n ? hfx_turned_by(world - 16, world) : 0.0;
+    if (n && stays(matrix))
+      memcpy(inverse, inverse - 16, 16 * sizeof(*inverse));
+    else if (!is_near(matrix, farthest) || !invert(matrix, inverse))
+      return 0;
     for (int i = 0; i < 4; i++)
       for (int j = 0; j < 4; j++) {
         const double *one = inverse + 4 * i, *other = world + j;
         shape[4 * i + j] = one[0] * other[0] + one[1] * other[4] + one[2] * other[8] + one[3] * other[12];
       }
-    box_of(bounds + 6 * n, matrix, boxes + 6 * n);
+    box_of(limits + 6 * which, matrix, target->boxes + 6 * n);
   }
   return 1;
 }

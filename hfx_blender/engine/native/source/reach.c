@@ -14,26 +14,32 @@
 
 #define LEAST_EDGE 1e-4
 
-// A body's clusters and a volume at some rows.
+// A body's clusters at the rows of a volume.
 typedef struct {
-  int64_t rows;
   const hfx_outline *outline;
-  const double *matrices;     // (rows, 4, 4) shape space to world
-  const double *boxes;        // (rows, 2, 3) world, of the volume
-  const double *low, *high;   // (all rows, clusters, 3) world, of the clusters
-  const double *of_rows;      // (all rows, 2, 3) around all clusters
-  const double *of_clusters;  // (clusters, 2, 3) at all rows
-  const int64_t *at;          // (rows,) which of all rows
+  const int64_t *row;         // (rows,) of the block, ascending
+  const int64_t *all;         // (bounds,) the same of the boxes of the clusters
+  const double *low, *high;   // (bounds, clusters, 3) world, of the clusters
+  const double *of_rows;      // (bounds, 2, 3) around all clusters
+  const double *of_clusters;  // (clusters, 2, 3) at all of them
   const uint8_t *follows;     // (rows,) whether the row before is the sample before
   const uint8_t *heard;       // (rows,) whether it is reported
-  const double *turns;        // (2, rows) of volume and body since the row before; NULL: none
   double edge_m;
   int64_t is_split;
   // What is found out.
+  int64_t *at;         // (rows,) which of the boxes' rows
   uint8_t *flags;      // (clusters, rows)
-  int64_t *near;       // (clusters,) those that the volume's box can meet at all
+  int64_t *near;       // (clusters,) those that the volume can meet at all, ascending
   int64_t near_count;
 } hfx_broad;
+
+// Where its bones are.
+typedef struct {
+  const double *posed;       // (block, all, 3, 4) rest space to posed armature space
+  int64_t all;
+  const int64_t *bones;      // those that matter: one that is not among all rests
+  const hfx_outline *own;    // of the clusters' own vertices where the skin has others, or NULL
+} hfx_posed;
 
 enum { TOUCHES = 1, SIMPLE = 2, FOLLOWED = 4, NEEDED = 8 };
 
@@ -45,13 +51,13 @@ static inline int overlap(const double *low, const double *high, const double *b
 }
 
 // Which clusters the volume can meet at any row, or within `swing` of its boxes.
-static void find_near(hfx_broad *broad, double swing) {
+static void find_near(hfx_broad *broad, const hfx_target *target, double swing) {
   double box[6];
   for (int i = 0; i < 3; i++) box[i] = INFINITY, box[3 + i] = -INFINITY;
-  for (int64_t n = 0; n < broad->rows; n++)
+  for (int64_t n = 0; n < target->rows; n++)
     for (int i = 0; i < 3; i++) {
-      box[i] = fmin(box[i], broad->boxes[6 * n + i] - swing);
-      box[3 + i] = fmax(box[3 + i], broad->boxes[6 * n + 3 + i] + swing);
+      box[i] = fmin(box[i], target->boxes[6 * n + i] - swing);
+      box[3 + i] = fmax(box[3 + i], target->boxes[6 * n + 3 + i] + swing);
     }
   broad->near_count = 0;
   for (int64_t c = 0; c < broad->outline->clusters; c++) {
@@ -60,28 +66,9 @@ static void find_near(hfx_broad *broad, double swing) {
   }
 }
 
-// Which clusters' boxes meet the volume's at which rows; how often that is the case.
-HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, uint8_t *is_met) {
-  int64_t count = 0, rows = broad->rows, clusters = broad->outline->clusters;
-  memset(broad->flags, 0, (size_t)(rows * clusters));
-  memset(is_met, 0, (size_t)clusters);
-  find_near(broad, 0.0);
-  for (int64_t k = 0; k < broad->near_count; k++) {
-    int64_t c = broad->near[k];
-    for (int64_t n = 0; n < rows; n++) {
-      int64_t at = 3 * (broad->at[n] * clusters + c);
-      if (!overlap(broad->low + at, broad->high + at, broad->boxes + 6 * n)) continue;
-      broad->flags[c * rows + n] = is_met[c] = TOUCHES;
-      count++;
-    }
-  }
-  return count;
-}
-
 // See placed._enclosed: whether all of a box is inside a volume.
-static int encloses(const hfx_broad *broad, const hfx_target *target, int64_t n, const double *low,
-                    const double *high) {
-  const double *box = broad->boxes + 6 * n, *to_shape = target->to_shape + 16 * n;
+static int encloses(const hfx_target *target, int64_t n, const double *low, const double *high) {
+  const double *box = target->boxes + 6 * n, *to_shape = target->to_shape + 16 * n;
   hfx_shape shape = {target->kinds[n], target->halves[n]};
   for (int i = 0; i < 3; i++)
     if (!(low[i] >= box[i] && high[i] <= box[3 + i])) return 0;
@@ -107,15 +94,46 @@ static double arm_of(const double *box, const double *matrix) {
 // See Placed._swings: how far turning may take anything out of both ends' boxes, metres.
 static double swing_of(const hfx_broad *broad, const hfx_target *target, int64_t n) {
   double swing = 0.0;
-  for (int k = 0; k < 2 && broad->turns; k++) {
-    double angle = broad->turns[k * broad->rows + n], arm = 0.0;
+  for (int k = 0; k < 2; k++) {
+    double angle = target->turns[k * target->rows + n], arm = 0.0;
     if (angle == 0.0) continue;
     for (int64_t row = n - 1; row <= n; row++)
       arm = hfx_larger(arm, k ? arm_of(broad->of_rows + 6 * broad->at[row], target->to_world + 16 * row)
-                              : arm_of(broad->boxes + 6 * row, broad->matrices + 16 * row));
+                              : arm_of(target->boxes + 6 * row, target->matrices + 16 * row));
     swing += sqrt(arm) * (1.0 - cos(0.5 * angle));
   }
   return swing;
+}
+
+// Which of ascending `all` ascending `rows` are, all of which are among them.
+static void find_rows(const int64_t *all, const int64_t *rows, int64_t count, int64_t *at) {
+  for (int64_t n = 0, k = 0; n < count; n++) {
+    while (all[k] != rows[n]) k++;
+    at[n] = k;
+  }
+}
+
+// Which clusters' boxes meet the volume's, at which rows. How many do at any, and which: `met` has
+// room for all.
+HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, const hfx_target *target, int64_t *met) {
+  int64_t count = 0, rows = target->rows, clusters = broad->outline->clusters;
+  double widest = 0.0;
+  find_rows(broad->all, broad->row, rows, broad->at);
+  memset(broad->flags, 0, (size_t)(rows * clusters));
+  for (int64_t n = 1; n < rows && isfinite(broad->edge_m); n++)
+    if (broad->follows[n]) widest = fmax(widest, swing_of(broad, target, n));
+  find_near(broad, target, widest);
+  for (int64_t k = 0; k < broad->near_count; k++) {
+    int64_t c = broad->near[k];
+    int is_met = 0;
+    for (int64_t n = 0; n < rows; n++) {
+      int64_t at = 3 * (broad->at[n] * clusters + c);
+      if (!overlap(broad->low + at, broad->high + at, target->boxes + 6 * n)) continue;
+      broad->flags[c * rows + n] = TOUCHES, is_met = 1;
+    }
+    if (is_met) met[count++] = c;
+  }
+  return count;
 }
 
 // See swept.unseen_m.
@@ -132,9 +150,10 @@ static double unseen(const hfx_target *target, int64_t n, double edge, double st
 
 // See SkinnedModel.cluster_moves: how far anything in a cluster can have moved against the volume
 // since the row before, metres.
-static double moved_m(const hfx_broad *broad, const hfx_bones *bones, int64_t n, int64_t c) {
+static double moved_m(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones, int64_t n,
+                      int64_t c) {
   const hfx_outline *known = broad->outline;
-  return hfx_box_moves(bones, n - 1, n, broad->matrices + 16 * n, 4, known->starts[c], known->starts[c + 1],
+  return hfx_box_moves(bones, n - 1, n, target->matrices + 16 * n, 4, known->starts[c], known->starts[c + 1],
                        known->pair_bones, known->centres, known->halves);
 }
 
@@ -151,7 +170,7 @@ static int64_t steps_for(double angle, double moved, double edge) {
 static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
                      const hfx_groups *groups, double steepest, int64_t c, int64_t n) {
   int64_t at = 3 * (broad->at[n] * broad->outline->clusters + c);
-  if (target->is_flat) return encloses(broad, target, n, broad->low + at, broad->high + at);
+  if (target->is_flat) return encloses(target, n, broad->low + at, broad->high + at);
   if (!broad->is_split) return 1;
   return target->amplitude > 0.0 && hfx_is_even(bones, groups + c, n, steepest, target->amplitude);
 }
@@ -159,9 +178,9 @@ static int is_simple(const hfx_broad *broad, const hfx_target *target, const hfx
 // Which near clusters may meet the volume between a row and the one before it.
 static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones, double steepest,
                    int64_t n) {
-  int64_t rows = broad->rows, clusters = broad->outline->clusters;
+  int64_t rows = target->rows, clusters = broad->outline->clusters;
   double swing = swing_of(broad, target, n), limit = unseen(target, n, broad->edge_m, steepest);
-  const double *boxes = broad->boxes + 6 * n;
+  const double *boxes = target->boxes + 6 * n;
   double box[6];
   for (int i = 0; i < 3; i++) {
     box[i] = hfx_smaller(boxes[i], boxes[i - 6]) - swing;
@@ -179,39 +198,8 @@ static void follow(hfx_broad *broad, const hfx_target *target, const hfx_bones *
     uint8_t *flag = broad->flags + c * rows + n;
     // From wholly inside nothing enters; to there it is felt anyway.
     if (target->is_flat && ((flag[0] | flag[-1]) & SIMPLE)) continue;
-    if (!(moved_m(broad, bones, n, c) <= limit)) *flag |= FOLLOWED;
+    if (!(moved_m(broad, target, bones, n, c) <= limit)) *flag |= FOLLOWED;
   }
-}
-
-// Which clusters are looked at, at which rows, and how; see contact.begin. `groups` are known for
-// clusters that are met where the volume falls off. How many pairs there are.
-HFX_EXPORT int64_t hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                             const hfx_groups *groups) {
-  double steepest = hfx_steepest(target), widest = 0.0;
-  int64_t rows = broad->rows, count = 0;
-  for (int64_t k = 0; k < broad->near_count; k++) {
-    int64_t c = broad->near[k];
-    uint8_t *flags = broad->flags + c * rows;
-    for (int64_t n = 0; n < rows; n++)
-      if (flags[n] && is_simple(broad, target, bones, groups, steepest, c, n)) flags[n] |= SIMPLE;
-  }
-  if (isfinite(broad->edge_m)) {
-    for (int64_t n = 1; n < rows; n++)
-      if (broad->follows[n]) widest = fmax(widest, swing_of(broad, target, n));
-    if (widest > 0.0) find_near(broad, widest);
-    for (int64_t n = 1; n < rows; n++)
-      if (broad->follows[n]) follow(broad, target, bones, steepest, n);
-  }
-  for (int64_t k = 0; k < broad->near_count; k++) {
-    uint8_t *flags = broad->flags + broad->near[k] * rows;
-    for (int64_t n = 0; n < rows; n++) {
-      int is_before = n + 1 < rows && (flags[n + 1] & FOLLOWED);
-      if (!(((flags[n] & TOUCHES) && broad->heard[n]) || (flags[n] & FOLLOWED) || is_before)) continue;
-      flags[n] |= NEEDED;
-      count++;
-    }
-  }
-  return count;
 }
 
 // How the cells of a pair are looked at.
@@ -221,12 +209,62 @@ static uint8_t how_of(const hfx_broad *broad, const hfx_target *target, uint8_t 
   return (flag & SIMPLE) || !broad->is_split ? HFX_BY_VERTEX : HFX_COVERED;
 }
 
-// The pairs that hfx_reach counted. Of their clusters, each once, ascending: all; those whose skin is
-// covered or followed; those of which vertices tell. `lists` has room for all near clusters thrice.
-HFX_EXPORT void hfx_pair_up(const hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
-                            const hfx_pairs *pairs, int64_t *lists, int64_t counts[3]) {
-  int64_t rows = broad->rows, p = 0;
-  counts[0] = counts[1] = counts[2] = 0;
+// The matrices of bones that move anything of the near clusters, at all rows; those of others stay as
+// they are. `is_used` has room for all matrices of a row.
+static void find_matrices(const hfx_broad *broad, const hfx_target *target, const hfx_posed *pose,
+                          hfx_bones *bones, uint8_t *is_used) {
+  const hfx_outline *outlines[2] = {broad->outline, pose->own};
+  memset(is_used, 0, (size_t)bones->count);
+  for (int k = 0; k < 2 && outlines[k]; k++)
+    for (int64_t i = 0; i < broad->near_count; i++) {
+      const int64_t *starts = outlines[k]->starts + broad->near[i];
+      for (int64_t p = starts[0]; p < starts[1]; p++) is_used[bones->slots[outlines[k]->pair_bones[p]]] = 1;
+    }
+  for (int64_t n = 0; n < target->rows; n++)
+    for (int64_t b = 0; b < bones->count; b++) {
+      double *matrix = bones->matrices + 12 * (n * bones->count + b);
+      if (!is_used[b]) continue;
+      hfx_find_matrix(pose->posed + 12 * broad->row[n] * pose->all, pose->all, pose->bones[b],
+                      target->body_to_shape + 16 * n, matrix);
+      bones->stretches[n * bones->count + b] = hfx_stretch(matrix, 4);
+    }
+}
+
+// Which of the near clusters are looked at, at which rows.
+static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bones *bones,
+                        const hfx_groups *groups) {
+  double steepest = hfx_steepest(target);
+  int64_t rows = target->rows;
+  for (int64_t k = 0; k < broad->near_count; k++) {
+    int64_t c = broad->near[k];
+    uint8_t *flags = broad->flags + c * rows;
+    for (int64_t n = 0; n < rows; n++)
+      if (flags[n] && is_simple(broad, target, bones, groups, steepest, c, n)) flags[n] |= SIMPLE;
+  }
+  for (int64_t n = 1; n < rows && isfinite(broad->edge_m); n++)
+    if (broad->follows[n]) follow(broad, target, bones, steepest, n);
+  for (int64_t k = 0; k < broad->near_count; k++) {
+    uint8_t *flags = broad->flags + broad->near[k] * rows;
+    for (int64_t n = 0; n < rows; n++) {
+      int is_before = n + 1 < rows && (flags[n + 1] & FOLLOWED);
+      if (((flags[n] & TOUCHES) && broad->heard[n]) || (flags[n] & FOLLOWED) || is_before)
+        flags[n] |= NEEDED;
+    }
+  }
+}
+
+// Which clusters are looked at, at which rows, and how; see contact.begin. `bones` are filled in as far
+// as they matter; `groups` are known for clusters that are met where the volume falls off. `pairs`
+// have room for all rows of the near clusters. Of the pairs' clusters, each once, ascending: all;
+// those whose skin is covered or followed; those of which vertices tell: `lists` has room for all near
+// clusters thrice; `counts` are theirs, and the most steps of any pair.
+HFX_EXPORT void hfx_reach(hfx_broad *broad, const hfx_target *target, const hfx_posed *pose,
+                          hfx_bones *bones, uint8_t *is_used, const hfx_groups *groups, hfx_pairs *pairs,
+                          int64_t *lists, int64_t counts[4]) {
+  int64_t rows = target->rows, p = 0;
+  for (int i = 0; i < 4; i++) counts[i] = 0;
+  find_matrices(broad, target, pose, bones, is_used);
+  find_needed(broad, target, bones, groups);
   for (int64_t k = 0; k < broad->near_count; k++) {
     int64_t c = broad->near[k], is_in[3] = {0, 0, 0};
     for (int64_t n = 0; n < rows; n++) {
@@ -234,15 +272,17 @@ HFX_EXPORT void hfx_pair_up(const hfx_broad *broad, const hfx_target *target, co
       if (!(flag & NEEDED)) continue;
       uint8_t how = how_of(broad, target, flag);
       int is_followed = (flag & FOLLOWED) != 0;
+      double angle = target->turns[n] + target->turns[rows + n];
       pairs->clusters[p] = c, pairs->rows[p] = n, pairs->how[p] = how;
       pairs->steps[p] = is_followed;
-      double angle = !broad->turns ? 0.0 : broad->turns[n] + broad->turns[rows + n];
       if (is_followed && angle > 0.0)
-        pairs->steps[p] = steps_for(angle, moved_m(broad, bones, n, c), broad->edge_m);
+        pairs->steps[p] = steps_for(angle, moved_m(broad, target, bones, n, c), broad->edge_m);
+      if (pairs->steps[p] > counts[3]) counts[3] = pairs->steps[p];
       is_in[0] = 1, is_in[1] |= is_followed || how == HFX_COVERED, is_in[2] |= how == HFX_BY_VERTEX;
       p++;
     }
     for (int i = 0; i < 3; i++)
       if (is_in[i]) lists[i * broad->near_count + counts[i]++] = c;
   }
+  pairs->count = p;
 }

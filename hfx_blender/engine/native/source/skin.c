@@ -2,20 +2,16 @@
 // Linear blend skinning of clusters, and bounds of what is not posed.
 
 #include <math.h>
-#include <string.h>
 
 #include "hfx_native.h"
 #include "skin.h"
 #include "skin_posing.h"
 
-// See products.py and SkinnedModel.bone_matrices: rest to target space, (rows, count, 3, 4), no less
-// than what each stretches, and which of them a bone has. Bones that a pose has not, rest.
+// See products.py and SkinnedModel.bone_matrices: rest to target space, (rows, count, 3, 4), and no
+// less than what each stretches. Bones that a pose has not, rest.
 HFX_EXPORT void hfx_bone_matrices(int64_t rows, int64_t count, int64_t all, const double *posed,
                                   const int64_t *row, const int64_t *bones, const double *to_target,
-                                  double *matrices, double *stretches, int64_t *slots) {
-  memset(slots, 0, (size_t)(all + 1) * sizeof(*slots));
-  for (int64_t b = 0; b < count; b++)
-    if (bones[b] >= 0 && bones[b] <= all) slots[bones[b]] = b;
+                                  double *matrices, double *stretches) {
   for (int64_t n = 0; n < rows; n++)
     for (int64_t b = 0; b < count; b++, matrices += 12) {
       hfx_find_matrix(posed + 12 * row[n] * all, all, bones[b], to_target + 16 * n, matrices);

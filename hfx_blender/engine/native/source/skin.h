@@ -46,8 +46,8 @@ typedef struct {
 
 // The matrices of some bones at each row, rest to target space.
 typedef struct {
-  const double *matrices;  // (rows, count, 3, 4)
-  const double *stretches; // (rows, count)
+  double *matrices;        // (rows, count, 3, 4)
+  double *stretches;       // (rows, count)
   const int64_t *slots;    // which of them a bone has
   int64_t count;
 } hfx_bones;

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How placements turn; ``turning.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from .library import INTEGER, POINTER, f64, library, pointer
+
+F64 = npt.NDArray[np.float64]
+
+
+@cache
+def _calls() -> ctypes.CDLL | None:
+    found = library()
+    if found is not None:
+        found.hfx_turns.argtypes, found.hfx_turns.restype = [INTEGER] + [POINTER] * 3, None
+    return found
+
+
+def is_there() -> bool:
+    """Whether the library is."""
+    return _calls() is not None
+
+
+def turns(before: F64, after: F64) -> F64:
+    """By how much placements (n, 4, 4) turn, radians (n,); exactly 0 where they do not."""
+    calls = _calls()
+    assert calls is not None
+    before, after = f64(before), f64(after)
+    angles = np.empty(len(before))
+    calls.hfx_turns(len(angles), *map(pointer, (before, after, angles)))
+    return angles

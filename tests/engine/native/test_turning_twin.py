@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""By how much placements turn: compiled as in numpy, and as it was made."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from both_ways import in_numpy, needs_library
+
+from hfx_blender.engine.motion import turned_by
+
+pytestmark = needs_library
+
+
+def _rotation(rng: np.random.Generator, angle: float) -> np.ndarray:
+    axis = rng.normal(size=3)
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+def _placement(linear: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = linear, (1.0, -2.0, 0.5)
+    return matrix
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.integers(0, 2**31),
+    st.floats(0.0, np.pi),
+    st.sampled_from([1e-6, 1.0, 1e6]),
+    st.tuples(*[st.sampled_from([1.0, -1.0])] * 2),
+)
+def test_a_stretched_and_mirrored_placement_turns_as_far_as_it_was_turned(
+    seed, angle, size, handed
+):
+    rng = np.random.default_rng(seed)
+    start, axes = _rotation(rng, rng.uniform(0.0, np.pi)), _rotation(rng, 1.0)
+    # Symmetric, so that it is all stretch; as much as 100 : 1.
+    stretches = [axes @ np.diag(np.exp(rng.uniform(-2.3, 2.3, 3))) @ axes.T for _ in range(2)]
+    before = _placement(size * handed[0] * start @ stretches[0])
+    after = _placement(size * handed[1] * _rotation(rng, angle) @ start @ stretches[1])
+    found = turned_by(before[None], after[None])[0]
+    with in_numpy():
+        expected = turned_by(before[None], after[None])[0]
+    # Half a turn is found by its sine alone, which is then next to nothing.
+    assert found == pytest.approx(angle, abs=1e-7)
+    assert found == pytest.approx(expected, abs=1e-7)
+
+
+def test_what_does_not_turn_turns_by_nothing_at_all():
+    rng = np.random.default_rng(1)
+    linear = rng.normal(size=(3, 3))
+    same = _placement(linear)
+    moved, larger = same.copy(), _placement(3.0 * linear)
+    moved[:3, 3] += 1.0
+    assert turned_by(np.stack([same, same]), np.stack([moved, larger])).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("library", [True, False])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_flat_placement_turns_with_its_plane(seed, library):
+    rng = np.random.default_rng(seed)
+    turn, angle = _rotation(rng, 1.0) if seed else np.eye(3), rng.uniform(0.1, 3.0)
+    plane = turn @ np.diag([1.0, 2.0, 0.0]) @ turn.T
+    before, after = _placement(plane), _placement(_rotation(rng, angle) @ plane)
+    with nullcontext() if library else in_numpy():
+        assert turned_by(before[None], after[None])[0] == pytest.approx(angle, abs=1e-7)
+
+
+@pytest.mark.parametrize("flat", [(0.0, 1.0, 0.0), (0.0, 0.0, 0.0)])
+def test_a_line_and_a_point_have_some_angle(flat):
+    before, after = _placement(np.diag(flat)), _placement(np.diag(flat[::-1]))
+    after[0, 1] = 0.5
+    assert 0.0 <= turned_by(before[None], after[None])[0] <= np.pi
