@@ -72,8 +72,8 @@ def test_what_does_not_turn_turns_by_nothing_at_all():
 def test_a_flat_placement_turns_with_its_plane(seed, library):
     rng = np.random.default_rng(seed)
     turn, angle = _rotation(rng, 1.0) if seed else np.eye(3), rng.uniform(0.1, 3.0)
-    plane = turn @ np.diag([1.0, 2.0, 0.0]) @ turn.T
-    before, after = _placement(plane), _placement(_rotation(rng, angle) @ plane)
+    planes = [turn @ np.diag(sizes) @ turn.T for sizes in ([1.0, 2.0, 0.0], [2.0, 1.0, 0.0])]
+    before, after = _placement(planes[0]), _placement(_rotation(rng, angle) @ planes[1])
     with nullcontext() if library else in_numpy():
         assert turned_by(before[None], after[None])[0] == pytest.approx(angle, abs=1e-7)
 
