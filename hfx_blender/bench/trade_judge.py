@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.body.model import PerceptualModel, load_model
-from ..engine.body.posing import SkinnedModel
+from ..engine.body.skinned_model import SkinnedModel
 from ..engine.samples import SampleRun, Stream
 from ..engine.scene import SkinBinding
 from ..engine.tolerance import Tolerance

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .body.model import PerceptualModel
-from .body.posing import PosableModel, SkinnedModel
+from .body.posing import PosableModel
+from .body.skinned_model import SkinnedModel
 from .body.surface_posing import SurfaceModel
 from .counters import Counters
 from .coverage import BodySkin, Skin, finer_id

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from .body.posing import SkinnedModel
+from .body.skinned_model import SkinnedModel
 from .motion import largest_stretch
 from .native.cell_groups import CellGroups
 from .scene import PoseBlock

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .active_rows import FARTHEST
-from .body.posing import SkinnedModel
+from .body.skinned_model import SkinnedModel
 from .counters import Counters
 from .coverage import BodySkin
 from .native import contact as native

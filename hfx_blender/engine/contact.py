@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from . import compiled_contact
 from .active_rows import FARTHEST
-from .body.posing import SkinnedModel
+from .body.skinned_model import SkinnedModel
 from .counters import Counters
 from .coverage import BodySkin
 from .details import Details

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from .body.cells import cell_of_skin
 from .body.clusters import clusters_of
 from .body.model import PerceptualModel
-from .body.posing import PosableModel, SkinnedModel
+from .body.posing import PosableModel
+from .body.skinned_model import SkinnedModel
 from .cell_sizes import CellSizes
 from .indexing import ramp, sorted_by
 from .native import skin as native_skin

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import swept
-from .body.posing import SkinnedModel
+from .body.skinned_model import SkinnedModel
 from .coverage import BodySkin
 from .motion import turns_since_before
 from .native.skin import PosedBones

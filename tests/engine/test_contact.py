@@ -10,7 +10,7 @@ import pytest
 from engine_synthetic import BONES, affine, model, pose, skinned
 
 from hfx_blender.engine import contact
-from hfx_blender.engine.body.posing import SkinnedModel
+from hfx_blender.engine.body.skinned_model import SkinnedModel
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.coverage import BodySkin, Skin
 from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hfx_blender.engine.body.bound_weights import BoneBoxes, BoundWeights
 from hfx_blender.engine.body.clusters import clusters_of
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
-from hfx_blender.engine.body.posing import SkinnedModel
+from hfx_blender.engine.body.skinned_model import SkinnedModel
 from hfx_blender.engine.cell_sizes import CellSizes
 from hfx_blender.engine.coverage import Skin, finer_id
 from hfx_blender.engine.native.skin_table import table_of

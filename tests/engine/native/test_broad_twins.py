@@ -18,7 +18,7 @@ from test_compiled_contact import TOLERANCES, load, moving_scene
 
 from hfx_blender.engine import contact, reach
 from hfx_blender.engine.active_rows import FARTHEST, followed
-from hfx_blender.engine.body.posing import SkinnedModel
+from hfx_blender.engine.body.skinned_model import SkinnedModel
 from hfx_blender.engine.bound_skins import BoundSkins
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.motion import turns_since_before

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Skin of clusters: where its places are in a pose, and how far its units reach.
-// The arrays are those of engine/skin_table.py and engine/body/posing.py.
+// The arrays are those of engine/skin_table.py and engine/body/skinned_model.py.
 
 #ifndef HFX_SKIN_H
 #define HFX_SKIN_H
