@@ -158,31 +158,32 @@ def test_what_bones_do_to_clusters_is_what_numpy_says(seed):
         bones = bound.cluster_bones(cluster)
         arrays = found.arrays_of(cluster)
         np.testing.assert_array_equal(bones[arrays[0]], entry_bones)
-        np.testing.assert_array_equal(arrays[1], factors)
         np.testing.assert_array_equal(arrays[2], [*firsts, len(entry_bones)])
-        np.testing.assert_array_equal(arrays[3], bones)
-        np.testing.assert_array_equal(arrays[4], bound._moved(cluster))
+        owners = np.repeat(np.arange(len(firsts)), np.diff(arrays[2]))
+        np.testing.assert_array_equal(arrays[1][:, None] * arrays[3][owners], factors)
+        np.testing.assert_array_equal(arrays[4], bones)
+        np.testing.assert_array_equal(arrays[5], bound._moved(cluster))
         pointers = found.table[cluster]
         assert pointers.bone_count == len(bones)
         told = [getattr(pointers, name) for name, _ in pointers._fields_[:-1]]
         assert told == [array.ctypes.data for array in arrays]
-    assert not found.table[1].factors, "nobody asked for it"
+    assert not found.table[1].weights, "nobody asked for it"
 
 
 @pytest.mark.parametrize("name", ["ball", "1"])
 def test_neighbours_learnt_later_have_arrays_of_their_own(name):
     skin, _ = _skins(name)
     bound, some = SkinnedModel(skin.surface, SkinBinding(BONES), skin.outlines), np.array([0, 1])
-    before = bound.native_clusters(some).arrays_of(0)[5:]
+    before = bound.native_clusters(some).arrays_of(0)[6:]
     skin.table.need(some)
     after = bound.native_clusters(some, skin.table).arrays_of(0)
     assert not any(array.any() for array in before)
     units = int(skin.table.unit_counts[0])
     expected = bound.links(0, skin.table)
-    np.testing.assert_allclose(after[5], expected.distances, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(after[6], expected.distances, rtol=1e-12, atol=1e-15)
     sums = expected.differences.sum(axis=0)
-    np.testing.assert_allclose(after[6], sums, rtol=1e-12, atol=1e-15)
-    assert len(after[5]) == units and after[5].any()
+    np.testing.assert_allclose(after[7], sums, rtol=1e-12, atol=1e-15)
+    assert len(after[6]) == units and after[6].any()
 
 
 # Skin

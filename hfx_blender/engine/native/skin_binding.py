@@ -30,7 +30,7 @@ def _calls() -> ctypes.CDLL | None:
     if found is not None:
         found.hfx_bone_boxes.argtypes = [POINTER] * 7
         found.hfx_bone_boxes.restype = INTEGER
-        found.hfx_bind.argtypes = [POINTER] * 3 + [INTEGER] + [POINTER] * 6
+        found.hfx_bind.argtypes = [POINTER] * 3 + [INTEGER] + [POINTER] * 7
         found.hfx_find_links.argtypes = [POINTER] * 2 + [INTEGER] + [POINTER] * 5
         found.hfx_bind.restype = found.hfx_find_links.restype = None
     return found
@@ -120,8 +120,9 @@ class ClusterPointers(ctypes.Structure):
             (name, POINTER)
             for name in (
                 "entry_bones",
-                "factors",
+                "weights",
                 "firsts",
+                "rest",
                 "bones",
                 "moved",
                 "distances",
@@ -179,11 +180,11 @@ class Clusters:
 
     def _bind(self, clusters: I64) -> None:
         places, bones = self._bound.place_counts[clusters], self._bone_counts[clusters]
-        entry_at, first_at, pair_at = map(
-            _starts, (self._bound.weight_counts[clusters], places + 1, bones)
+        entry_at, first_at, place_at, pair_at = map(
+            _starts, (self._bound.weight_counts[clusters], places + 1, places, bones)
         )
-        entry_bones = np.empty(entry_at[-1], np.int64)
-        factors, moved = np.empty((entry_at[-1], 4)), np.empty((pair_at[-1], 6))
+        entry_bones, weights = np.empty(entry_at[-1], np.int64), np.empty(entry_at[-1])
+        rest, moved = np.empty((place_at[-1], 4)), np.empty((pair_at[-1], 6))
         firsts, column = (
             np.empty(first_at[-1], np.int64),
             np.empty(self._bound.bone_count, np.int64),
@@ -193,13 +194,14 @@ class Clusters:
             pointer(self._starts),
             pointer(self._bones),
             len(clusters),
-            *map(pointer, (clusters, column, entry_bones, factors, firsts, moved)),
+            *map(pointer, (clusters, column, entry_bones, weights, firsts, rest, moved)),
         )
         some = self._starts[clusters]
         arrays = (
             (entry_bones, entry_at[:-1], entry_at[1:]),
-            (factors, entry_at[:-1], entry_at[1:]),
+            (weights, entry_at[:-1], entry_at[1:]),
             (firsts, first_at[:-1], first_at[1:]),
+            (rest, place_at[:-1], place_at[1:]),
             (self._bones, some, some + bones),
             (moved, pair_at[:-1], pair_at[1:]),
             (self._unlinked, np.zeros_like(places), places),
@@ -222,7 +224,7 @@ class Clusters:
             len(clusters),
             *map(pointer, (clusters, at, room, distances, differences)),
         )
-        for field, array in ((5, distances), (6, differences)):
+        for field, array in ((6, distances), (7, differences)):
             self._rows[clusters, field] = array.ctypes.data + at[:-1] * array.itemsize
             for k, cluster in enumerate(clusters.tolist()):
                 self._kept[cluster][field] = array[at[k] : at[k + 1]]

@@ -171,11 +171,11 @@ static inline double hfx_farthest(hfx_shape shape, const double d[3]) {
 
 // Whether a plane surely parts the hull of some corners from the volume.
 static inline int hfx_parted(hfx_shape shape, const double (*corners)[3], int count, double margin) {
-  double middle[3], away[3];
+  double middle[3], away[3], share = 1.0 / count;
   for (int i = 0; i < 3; i++) {
     middle[i] = corners[0][i];
     for (int k = 1; k < count; k++) middle[i] += corners[k][i];
-    middle[i] /= count;
+    middle[i] *= share;
   }
   hfx_away(shape, middle, away);
   double nearest = hfx_dot(away, corners[0]);

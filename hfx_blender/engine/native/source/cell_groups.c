@@ -49,12 +49,12 @@ static void weigh(const hfx_cluster *cluster, int64_t places, double *weights, d
   for (int64_t p = 0; p < places; p++, rest += 3) {
     int64_t first = cluster->firsts[p], last = cluster->firsts[p + 1];
     double more[3] = {0.0, 0.0, 0.0};  // in the order in which numpy adds
+    const double *place = cluster->rest + 4 * p;
     for (int64_t e = first; e < last; e++) {
-      const double *factor = cluster->factors + 4 * e;
-      weights[p * cluster->bone_count + cluster->entry_bones[e]] = factor[3];
-      for (int i = 0; i < 3 && e > first; i++) more[i] += factor[i];
+      weights[p * cluster->bone_count + cluster->entry_bones[e]] = cluster->weights[e];
+      for (int i = 0; i < 3 && e > first; i++) more[i] += cluster->weights[e] * place[i];
     }
-    for (int i = 0; i < 3; i++) rest[i] = cluster->factors[4 * first + i] + more[i];
+    for (int i = 0; i < 3; i++) rest[i] = cluster->weights[first] * place[i] + more[i];
   }
 }
 

@@ -18,7 +18,7 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
   const hfx_table *table = at->table;
   const hfx_target *target = at->target;
   int64_t place = at->first + unit;
-  double bound = gap_bound(at, pair, unit) * table->reaches[place];
+  double bound = pair->gaps[unit] * table->reaches[place];
   if (!(pair->least[unit] <= bound)) return 0.0;
   const double *vertex = place_of(at, pair, unit);
   double gap = pair->clear[unit];
@@ -87,8 +87,8 @@ static int may_be(const look *at, const side *before, side *now, int64_t from, i
   const double *reaches = at->table->reaches + at->first;
   int may = 0;
   for (int64_t u = from; u < to; u++) {
-    double bound = gap_bound(at, now, u);
-    if (is_followed) bound = hfx_larger(gap_bound(at, before, u), bound);
+    double bound = now->gaps[u];
+    if (is_followed) bound = hfx_larger(before->gaps[u], bound);
     bound *= reaches[u];
     double since = before->least[u] - at->moved - SPARE * (fabs(before->least[u]) + at->moved);
     now->least[u] = since > now->floor ? since : now->floor;
@@ -98,7 +98,7 @@ static int may_be(const look *at, const side *before, side *now, int64_t from, i
   return may;
 }
 
-// The most of what gap_bound takes of any unit of a cluster, times how far its skin reaches.
+// The most of what find_gaps takes of any unit of a cluster, times how far its skin reaches.
 typedef struct {
   double along, apart;
 } widest;
@@ -142,7 +142,7 @@ static void make_sides(const look *at, double *room, side sides[2]) {
   int64_t cells = table->cell_starts[c + 1] - table->cell_starts[c];
   int64_t bones = at->cluster ? at->cluster->bone_count : 0;
   room = (double *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
-  for (int k = 0; k < 2; k++) sides[k].columns = (hfx_two *)take(&room, 16 * bones);
+  for (int k = 0; k < 2; k++) sides[k].matrices = (hfx_two *)take(&room, 12 * bones);
   for (int k = 0; k < 2; k++) {
     side *each = sides + k;
     each->points = take(&room, 3 * places);
@@ -150,6 +150,7 @@ static void make_sides(const look *at, double *room, side sides[2]) {
     each->exact = take(&room, places);
     each->posed = (int64_t *)take(&room, places);
     each->least = take(&room, units);
+    each->gaps = take(&room, units);
     each->weights = take(&room, cells);
     each->row = each->pair = -2;  // before no row
     each->spread.along = each->spread.apart = 0.0;
@@ -163,7 +164,7 @@ static void make_sides(const look *at, double *room, side sides[2]) {
 static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, int64_t row,
                          int64_t steps) {
   const hfx_target *target = at->target;
-  now->row = row, now->pair = pair, now->has_columns = 0;
+  now->row = row, now->pair = pair, now->has_matrices = now->has_gaps = 0;
   at->stretch = hfx_stretch(target->to_shape + 16 * row, 4);
   at->has_turns = 0;
   at->is_same = before->row == row - 1 && at->shape.kind == target->kinds[row - 1] &&
@@ -198,7 +199,7 @@ static double inside(look *at, const hfx_cluster *own, int64_t row, side *now, i
 // Contact weights of pairs; what is less than what is there already is left out.
 //
 // `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
-// `room` has space for 2 (16 bones + 6 places + units + cells) + 2 doubles of the largest cluster,
+// `room` has space for 2 (12 bones + 6 places + 2 units + cells) + 2 doubles of the largest cluster,
 // `events` for twice the most samples of a cell.
 HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_cluster *clusters, const hfx_cluster *own,
@@ -236,6 +237,8 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
           now->points[3 * k + i] = pairs->points[i * pairs->total + shift + k];
       if (asks || is_followed) asks = !is_apart(&at, before, now, most, is_followed);
       for (int64_t u = 0; !asks && u < units; u++) now->least[u] = now->floor;
+      if (asks) find_gaps(&at, now);
+      if (asks && is_followed) find_gaps(&at, before);
     }
     shift += places;
     if (how == HFX_WHOLE && !asks && !is_kept) {

@@ -124,7 +124,7 @@ static inline int64_t follow(look *at, side *before, side *now, int64_t unit, in
   double path[MOST_STEPS + 1][3];
   // On a straight way of length l between clearances a and b, clearance is nowhere less than
   // (a + b - l) / 2.
-  double bound = hfx_larger(gap_bound(at, before, unit), gap_bound(at, now, unit));
+  double bound = hfx_larger(before->gaps[unit], now->gaps[unit]);
   bound *= 2.0 * table->reaches[place];
   int is_straight = steps == 1 && at->is_same;
   if (is_straight) {

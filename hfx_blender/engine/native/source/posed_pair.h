@@ -27,11 +27,12 @@ typedef struct {
   double *exact;         // (places,) of those, distance to the farthest neighbour; below 0: not yet
   int64_t *posed;        // (places,) the number of the pair for which it was
   double *least;         // (units,) clearance is no less
+  double *gaps;          // (units,) bounds of distances to the farthest neighbour, see find_gaps
   double floor;          // nor is that of any unit less than this
   double *weights;       // (cells,) before what passed
-  hfx_two *columns;      // see hfx_find_columns
+  hfx_two *matrices;     // see hfx_find_matrices
   hfx_spread spread;
-  int64_t row, pair, has_columns;
+  int64_t row, pair, has_matrices, has_gaps;
 } side;
 
 typedef struct {
@@ -60,45 +61,60 @@ static inline double weight_of(const look *at, const double p[3]) {
   return target->is_smooth ? t * t * (3.0 - 2.0 * t) : t;
 }
 
-// A place, posed.
-static inline const double *place_of(look *at, side *pair, int64_t place) {
+// Poses a place.
+static inline void pose(look *at, side *pair, int64_t place) {
   double *point = pair->points + 3 * place;
-  if (pair->posed[place] == pair->pair) return point;
   pair->posed[place] = pair->pair;
   at->posed++;
   if (at->cluster) {
-    if (!pair->has_columns) hfx_find_columns(at->cluster, at->bones, pair->row, pair->columns);
-    pair->has_columns = 1;
-    hfx_pose(at->cluster, pair->columns, place, point);
+    if (!pair->has_matrices) hfx_find_matrices(at->cluster, at->bones, pair->row, pair->matrices);
+    pair->has_matrices = 1;
+    hfx_pose(at->cluster, pair->matrices, place, point);
   }
   hfx_shape shape = {at->target->kinds[pair->row], at->target->halves[pair->row]};
   pair->clear[place] = hfx_share(shape, point) - 1.0;
   pair->exact[place] = -1.0;
   if (place < at->table->unit_counts[at->number]) pair->least[place] = pair->clear[place];
-  return point;
 }
 
-// A bound of the distance to the farthest neighbour of a unit (its place in the cluster).
-static inline double gap_bound(const look *at, const side *pair, int64_t unit) {
-  if (!at->cluster) return 1e300;  // nothing is known; times 0 it is 0
-  const hfx_cluster *c = at->cluster;
-  return (pair->spread.along * c->distances[unit] + pair->spread.apart * c->differences[unit]) * SLACK;
+// A place, posed.
+static inline const double *place_of(look *at, side *pair, int64_t place) {
+  if (pair->posed[place] != pair->pair) pose(at, pair, place);
+  return pair->points + 3 * place;
+}
+
+// Bounds of the distance to the farthest neighbour of each unit.
+static void find_gaps(const look *at, side *pair) {
+  if (pair->has_gaps) return;
+  pair->has_gaps = 1;
+  int64_t units = at->table->unit_counts[at->number];
+  double *restrict gaps = pair->gaps;
+  if (!at->cluster) {
+    for (int64_t u = 0; u < units; u++) gaps[u] = 1e300;  // nothing is known; times 0 it is 0
+    return;
+  }
+  const double *restrict distances = at->cluster->distances;
+  const double *restrict differences = at->cluster->differences;
+  double along = pair->spread.along * SLACK, apart = pair->spread.apart * SLACK;
+  for (int64_t u = 0; u < units; u++) gaps[u] = along * distances[u] + apart * differences[u];
 }
 
 static inline double gap_of(look *at, side *pair, int64_t unit) {
   const double *own = place_of(at, pair, unit);
   if (!(pair->exact[unit] < 0.0)) return pair->exact[unit];
-  const hfx_table *table = at->table;
-  int64_t place = at->first + unit;
-  double squared = 0.0;
-  int both = table->is_ringed[place] ? 1 : 2;
-  for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++)
-    for (int k = 0; k < both; k++) {
-      const double *other = place_of(at, pair, table->around[2 * q + k] - at->first);
-      double way[3] = {other[0] - own[0], other[1] - own[1], other[2] - own[2]};
-      squared = hfx_larger(squared, hfx_dot(way, way));
-    }
-  return pair->exact[unit] = sqrt(squared);
+  int64_t first = at->first, place = first + unit;
+  const int64_t *other = at->table->around + 2 * at->table->quad_starts[place];
+  const int64_t *last = at->table->around + 2 * at->table->quad_starts[place + 1];
+  const double x = own[0], y = own[1], z = own[2];
+  double squared = 0.0, sum = 0.0;
+  for (int step = at->table->is_ringed[place] ? 2 : 1; other < last; other += step) {
+    const double *p = place_of(at, pair, *other - first);
+    double way[3] = {p[0] - x, p[1] - y, p[2] - z};
+    double each = hfx_dot(way, way);
+    squared = each > squared ? each : squared;
+    sum += each;  // is not a number where any of them is not
+  }
+  return pair->exact[unit] = sqrt(sum == sum ? squared : sum);
 }
 
 static inline double reach_of(look *at, side *pair, int64_t unit) {
@@ -111,7 +127,7 @@ static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int6
   if (at->target->is_flat || at->target->amplitude == 0.0) return 0;
   const hfx_table *table = at->table;
   double mean = table->means[at->first + unit];
-  if (gap_bound(at, pair, unit) * mean <= at->limit || gap_of(at, pair, unit) * mean <= at->limit)
+  if (pair->gaps[unit] * mean <= at->limit || gap_of(at, pair, unit) * mean <= at->limit)
     return 1;
   if (table->is_simple) return 0;
   if (*cell < 0) {
@@ -120,7 +136,7 @@ static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int6
     for (int is_exact = 0; is_exact < 2 && !*cell; is_exact++) {
       double sum = 0.0;
       for (int64_t u = from; u < to; u++) {
-        double gap = is_exact ? gap_of(at, pair, u) : gap_bound(at, pair, u);
+        double gap = is_exact ? gap_of(at, pair, u) : pair->gaps[u];
         sum += gap * table->means[at->first + u] * table->unit_shares[at->first + u];
       }
       *cell = sum <= at->limit;

@@ -25,8 +25,9 @@ typedef struct {
 // What bones do to a cluster, and what its units' neighbours are like at rest.
 typedef struct {
   const int64_t *entry_bones;  // (E,) which of the cluster's bones
-  const double *factors;       // (E, 4) weight times homogeneous rest position
-  const int64_t *firsts;       // (places + 1,)
+  const double *weights;       // (E,)
+  const int64_t *firsts;       // (places + 1,) each place's first of these
+  const double *rest;          // (places, 4) homogeneous
   const int64_t *bones;        // (B,)
   const double *moved;         // (B, 6) mean weight; box's centre, homogeneous, and radius
   const double *distances;     // (units,) to the farthest neighbour

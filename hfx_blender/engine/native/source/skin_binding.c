@@ -61,8 +61,8 @@ HFX_EXPORT int64_t hfx_bone_boxes(const hfx_bound *model, uint8_t *is_there, dou
 // each bone.
 HFX_EXPORT void hfx_bind(const hfx_bound *model, const int64_t *pair_starts,
                          const int64_t *pair_bones, int64_t asked, const int64_t *clusters,
-                         int64_t *column, int64_t *entry_bones, double *factors, int64_t *firsts,
-                         double *moved) {
+                         int64_t *column, int64_t *entry_bones, double *weights, int64_t *firsts,
+                         double *rest, double *moved) {
   for (int64_t k = 0; k < asked; k++) {
     int64_t c = clusters[k], first = pair_starts[c], bones = pair_starts[c + 1] - first;
     int64_t start = model->starts[c], places = model->starts[c + 1] - start, entry = 0;
@@ -77,10 +77,11 @@ HFX_EXPORT void hfx_bind(const hfx_bound *model, const int64_t *pair_starts,
         high[i] = hfx_larger(high[i], place[i]);
       }
       *firsts++ = entry;
+      for (int i = 0; i < 4; i++) *rest++ = place[i];
       for (int64_t e = model->offsets[vertex]; e < model->offsets[vertex + 1]; e++, entry++) {
         int64_t bone = column[model->bones[e]];
         *entry_bones++ = bone;
-        for (int i = 0; i < 4; i++) *factors++ = model->values[e] * place[i];
+        *weights++ = model->values[e];
         moved[6 * bone] += model->values[e];
       }
     }
@@ -112,11 +113,11 @@ static void links_of(const hfx_table *table, int64_t number, const hfx_cluster *
         for (int64_t b = 0; b < bones; b++) apart[b] = 0.0;
         for (int other = 0; other < 2; other++) {
           int64_t place = other ? table->around[2 * q + k] - start : u;
+          const double *rest = cluster->rest + 4 * place;
           for (int64_t e = cluster->firsts[place]; e < cluster->firsts[place + 1]; e++) {
-            const double *factor = cluster->factors + 4 * e;  // weight times rest position and 1
-            double sign = other ? -1.0 : 1.0;
-            for (int i = 0; i < 3; i++) way[i] += sign * factor[i];
-            apart[cluster->entry_bones[e]] += sign * factor[3];
+            double weight = other ? -cluster->weights[e] : cluster->weights[e];
+            for (int i = 0; i < 3; i++) way[i] += weight * rest[i];
+            apart[cluster->entry_bones[e]] += weight;
           }
         }
         double length = way[0] * way[0] + way[1] * way[1] + way[2] * way[2];

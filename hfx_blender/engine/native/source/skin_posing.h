@@ -37,42 +37,50 @@ static inline void hfx_find_matrix(const double *posed, int64_t all, int64_t bon
 
 typedef double hfx_two __attribute__((vector_size(16)));
 
-// The matrices of a cluster's bones at a row, by columns, for hfx_pose: 4 of each bone, (x, y) and
-// (z, 0) of each. Room for 16 doubles a bone.
-static inline void hfx_find_columns(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
-                                    hfx_two *columns) {
+// As in arrays of doubles, which need not be aligned.
+typedef double hfx_loose __attribute__((vector_size(16), aligned(8), may_alias));
+
+// The matrices of a cluster's bones at a row, one after the other: 6 of these each.
+static inline void hfx_find_matrices(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
+                                     hfx_two *matrices) {
   for (int64_t b = 0; b < cluster->bone_count; b++) {
-    const double *m = bones->matrices + 12 * (row * bones->count + bones->slots[cluster->bones[b]]);
-    for (int j = 0; j < 4; j++, columns += 2) {
-      columns[0] = (hfx_two){m[j], m[4 + j]};
-      columns[1] = (hfx_two){m[8 + j], 0.0};
-    }
+    int64_t slot = bones->slots[cluster->bones[b]];
+    const hfx_loose *m = (const hfx_loose *)(bones->matrices + 12 * (row * bones->count + slot));
+    for (int i = 0; i < 6; i++) *matrices++ = m[i];
+  }
+}
+
+static inline void hfx_move(const hfx_two matrix[6], const double *rest, double point[3]) {
+  const hfx_loose *place = (const hfx_loose *)rest;
+  for (int i = 0; i < 3; i++) {
+    hfx_two sums = matrix[2 * i] * place[0] + matrix[2 * i + 1] * place[1];
+    point[i] = sums[0] + sums[1];
   }
 }
 
 // Where a place of a cluster is.
-static inline void hfx_pose(const hfx_cluster *cluster, const hfx_two *columns, int64_t place,
+static inline void hfx_pose(const hfx_cluster *cluster, const hfx_two *matrices, int64_t place,
                             double point[3]) {
-  hfx_two xy = {0.0, 0.0}, z = {0.0, 0.0};
-  for (int64_t e = cluster->firsts[place]; e < cluster->firsts[place + 1]; e++) {
-    const double *f = cluster->factors + 4 * e;
-    const hfx_two *m = columns + 8 * cluster->entry_bones[e];
-    xy += m[0] * f[0] + m[2] * f[1] + (m[4] * f[2] + m[6] * f[3]);
-    z += m[1] * f[0] + m[3] * f[1] + (m[5] * f[2] + m[7] * f[3]);
+  int64_t first = cluster->firsts[place], last = cluster->firsts[place + 1];
+  hfx_two mean[6] = {{0.0, 0.0}};
+  for (int64_t e = first; e < last; e++) {
+    const hfx_two *m = matrices + 6 * cluster->entry_bones[e];
+    for (int i = 0; i < 6; i++) mean[i] += m[i] * cluster->weights[e];
   }
-  point[0] = xy[0], point[1] = xy[1], point[2] = z[0];
+  hfx_move(mean, cluster->rest + 4 * place, point);
 }
 
 // The same of a place that is the only one, or nearly, that is asked for at a row.
 static inline void hfx_pose_one(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
                                 int64_t place, double point[3]) {
   const double *matrices = bones->matrices + 12 * row * bones->count;
-  point[0] = point[1] = point[2] = 0.0;
+  hfx_two mean[6] = {{0.0, 0.0}};
   for (int64_t e = cluster->firsts[place]; e < cluster->firsts[place + 1]; e++) {
-    const double *f = cluster->factors + 4 * e;
-    const double *m = matrices + 12 * bones->slots[cluster->bones[cluster->entry_bones[e]]];
-    for (int i = 0; i < 3; i++, m += 4) point[i] += m[0] * f[0] + m[1] * f[1] + (m[2] * f[2] + m[3] * f[3]);
+    int64_t slot = bones->slots[cluster->bones[cluster->entry_bones[e]]];
+    const hfx_loose *m = (const hfx_loose *)(matrices + 12 * slot);
+    for (int i = 0; i < 6; i++) mean[i] += m[i] * cluster->weights[e];
   }
+  hfx_move(mean, cluster->rest + 4 * place, point);
 }
 
 // How far any place of a cluster can have moved from one row to another, straight.
@@ -137,8 +145,6 @@ static inline hfx_spread hfx_spread_of(const hfx_cluster *cluster, const hfx_bon
   return spread;
 }
 
-// As in arrays of doubles, which need not be aligned.
-typedef double hfx_loose __attribute__((vector_size(16), aligned(8), may_alias));
 typedef int64_t hfx_mask __attribute__((vector_size(16)));
 
 static inline hfx_two hfx_sizes(hfx_two values) {
