@@ -32,6 +32,7 @@ def turns(before: F64, after: F64) -> F64:
     calls = _calls()
     assert calls is not None
     before, after = f64(before), f64(after)
+    assert before.shape == after.shape == (len(before), 4, 4)
     angles = np.empty(len(before))
     calls.hfx_turns(len(angles), *map(pointer, (before, after, angles)))
     return angles

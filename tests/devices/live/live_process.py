@@ -38,11 +38,13 @@ def wait(
     each: Callable[[], None] | None = None,
     *,
     is_patient: bool = False,
+    stalling: str | None = None,
 ) -> None:
     """Live on until something is true.
 
-    On a machine that is busy this process may not come to its heartbeat; who ``is_patient``
-    plays again after such a stop.
+    On a machine that is busy this process may not come to its heartbeat, nor a simulator to
+    writing a line; who ``is_patient`` plays again after such a stop, but on the device that is
+    ``stalling``.
     """
     end = time.monotonic() + PATIENCE_S
     while not until():
@@ -50,7 +52,12 @@ def wait(
         client.events()
         client.heartbeat()
         for name, state in client.devices.items():
-            if is_patient and state.state == "stopped" and "did not answer" in state.text:
+            is_late = (state.state == "stopped" and "did not answer" in state.text) or (
+                state.state == "fault"
+                and state.text == "its output does not answer"
+                and name != stalling
+            )
+            if is_patient and is_late:
                 client.arm(name)
         if each is not None:
             each()

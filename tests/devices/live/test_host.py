@@ -193,10 +193,18 @@ def test_a_port_that_stalls_stops_its_device_only(client: LiveClient, log: Path)
             client.send("stalled", playing())
             client.send("band", playing())
 
-        wait(client, lambda: client.devices["stalled"].state == "fault", feed, is_patient=True)
+        wait(
+            client,
+            lambda: client.devices["stalled"].state == "fault",
+            feed,
+            is_patient=True,
+            stalling="stalled",
+        )
         assert "does not answer" in client.devices["stalled"].text
         count = len(rows_of(log))
-        wait(client, lambda: len(rows_of(log)) > count + 5, feed, is_patient=True)
+        wait(
+            client, lambda: len(rows_of(log)) > count + 5, feed, is_patient=True, stalling="stalled"
+        )
         client.stop_all()
         wait(client, lambda: is_silent(log))
     finally:
