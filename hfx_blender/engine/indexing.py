@@ -19,6 +19,12 @@ def ramp(counts: I64) -> tuple[I64, I64]:
     return steps, owners
 
 
+def lacking(is_there: npt.NDArray[np.bool_], wanted: I64) -> I64:
+    """Those of some numbers for which nothing is there, each once, ascending."""
+    known = is_there[wanted]
+    return np.zeros(0, np.int64) if known.all() else np.unique(wanted[~known])
+
+
 def largest(values: F64, owners: I64, count: int) -> F64:
     """The largest of ``values`` (E, ...) of each owner (E,), ascending; 0 where there is none."""
     largest = np.zeros((count, *values.shape[1:]))

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .body.model import PerceptualModel
-from .indexing import largest, ramp
+from .indexing import lacking, largest, ramp
 from .native import skin_filling as native
 from .skin_mesh import SkinMesh
 from .skin_quads import Quads, closeness
@@ -164,10 +164,9 @@ class SkinTable:
 
     def need(self, clusters: I64) -> None:
         """Fill in the skin of some clusters, where that has not been done."""
-        is_made = self._is_made[clusters]
-        if is_made.all():
+        new = lacking(self._is_made, clusters)
+        if not len(new):
             return
-        new = np.unique(clusters[~is_made])
         if native.is_there():
             self._fill(new)
         else:

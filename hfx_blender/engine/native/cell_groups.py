@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..indexing import lacking
 from .library import INTEGER, POINTER, library, pointer, structure
 from .skin_binding import Clusters
 from .skin_mesh import Mesh, mesh_of
@@ -56,8 +57,7 @@ class CellGroups:
 
     def lacking(self, clusters: I64) -> I64:
         """Those that are not filled in, ascending."""
-        is_known = self._is_known[clusters]
-        return np.zeros(0, np.int64) if is_known.all() else np.unique(clusters[~is_known])
+        return lacking(self._is_known, clusters)
 
     def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
         """What is filled in of a cluster, in the order of ``hfx_groups``."""

@@ -18,7 +18,6 @@ from .target import PlacedTarget
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 U8 = npt.NDArray[np.uint8]
 Bool = npt.NDArray[np.bool_]
 
@@ -105,7 +104,7 @@ class Broad:
     outline : Outline
         Of the body's clusters.
     rows : (m,) int64
-        Of the block, ascending; all those of the target.
+        Of the block, ascending; those of the target are among them.
     boxes : tuple
         The clusters' world boxes at these; see :meth:`.bounds.Outline.bounds`.
     follows, heard : (n,) bool
@@ -128,6 +127,8 @@ class Broad:
         is_split: bool,
     ) -> None:
         count, clusters = target.count, boxes[0].shape[1]
+        if count and not (len(rows) and target.rows[-1] <= rows[-1]):
+            raise IndexError(f"row {target.rows[-1]} has no boxes")
         self._flags = np.empty(count * clusters, np.uint8)
         self._at, self._near = np.empty(count, np.int64), np.empty(clusters, np.int64)
         self._target, self._outline = target, outline
@@ -165,6 +166,8 @@ class Broad:
         """
         near, count = self._pointers.near_count, self._target.count
         posed = f64(posed)
+        if count and not self._target.rows[-1] < len(posed):
+            raise IndexError(f"row {self._target.rows[-1]} of a pose of {len(posed)}")
         bones = PosedBones(posed, self._target.rows, None, used)
         clusters, rows, steps = np.empty((3, near * count), np.int64)
         how, is_used = np.empty(near * count, np.uint8), np.empty(len(used.ids), np.uint8)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..indexing import lacking
 from .library import INTEGER, POINTER, f64, i64, library, pointer, structure
 from .skin_table import Table, table_of
 
@@ -169,14 +170,13 @@ class Clusters:
 
     def add(self, clusters: I64, table: Table | None) -> None:
         """Fill in some clusters; of their skin, if that is filled, what neighbours are like."""
-        is_known = self._is_known[clusters]
-        if not is_known.all():
-            self._bind(np.unique(clusters[~is_known]))
-        if table is None:
-            return
-        is_linked = self._is_linked[clusters]
-        if not is_linked.all():
-            self._link(np.unique(clusters[~is_linked]), table)
+        new = lacking(self._is_known, clusters)
+        if len(new):
+            self._bind(new)
+        if table is not None:
+            new = lacking(self._is_linked, clusters)
+            if len(new):
+                self._link(new, table)
 
     def _bind(self, clusters: I64) -> None:
         places, bones = self._bound.place_counts[clusters], self._bone_counts[clusters]

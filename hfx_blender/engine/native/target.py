@@ -81,7 +81,6 @@ class Target:
         to_world: F64,
     ) -> None:
         self.count = len(which)
-        self.falloff = falloff
         kinds, halves, _ = _formulas(shapes)
         self._arrays = kinds[which], halves[which], f64(to_shape), f64(to_world)
         places = [pointer(each) for each in self._arrays]
@@ -143,7 +142,6 @@ class PlacedTarget(Target):
         farthest: float,
     ) -> None:
         self.count = count = len(rows)
-        self.falloff = falloff
         self.rows = rows = i64(rows)
         self._room = np.empty(count * _ENDS[-1])
         first = pointer(self._room) or 0

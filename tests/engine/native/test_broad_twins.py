@@ -142,6 +142,25 @@ def test_boxes_of_volumes_are_those_of_numpy(data, volumes, rows):
 # Both
 
 
+def test_rows_without_boxes_or_a_pose_are_refused():
+    model = load("hfx-pressure-1")
+    skin = _skin(model, TOLERANCES[1])
+    scene, block = moving_scene(model, 3, 0.0, 0.0)
+    pose, animated, rows = block.poses[0], block.effects[0], np.arange(6)
+    target = PlacedTarget(
+        *(animated.shapes, animated.shape_index, animated.matrices, pose.to_world, rows),
+        *(scene.effects[0].area.falloff, 0.0, FARTHEST),
+    )
+    boxes, none = contact.bounds_of(skin, pose, rows).boxes, np.zeros(6, np.bool_)
+    for some in (np.arange(5), np.zeros(0, np.int64)):
+        with pytest.raises(IndexError, match="row 5 has no boxes"):
+            native_reach.Broad(target, skin.surface.outline, some, boxes, none, ~none, 0.0, True)
+    broad = native_reach.Broad(target, skin.surface.outline, rows, boxes, none, ~none, 0.0, True)
+    broad.overlaps()
+    with pytest.raises(IndexError, match="row 5 of a pose of 5"):
+        broad.reach(pose.bones[:5], skin.used_bones, skin.own_outline, None)
+
+
 def _check_bones(reached, skin, placed):
     """What moves anything that is looked at is known as where all is."""
     whole = skin.posed_bones(placed.pose, placed.rows, placed.to_shape)

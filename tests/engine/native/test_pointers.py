@@ -27,14 +27,14 @@ def _nameless(source: str) -> list[str]:
             found += _made(*(each.iter for each in node.generators))
         elif isinstance(node, ast.Call) and _points(node.func):
             found += _made(*node.args)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "map" and _points(*node.args):
-            found += _made(*node.args[1:])
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "map":
+            found += _made(*node.args[1:]) if _points(node.args[0]) else ()
         elif isinstance(node, ast.Attribute) and ast.unparse(node).endswith(".ctypes.data"):
             found += _made(node.value)
     return found
 
 
-def _points(expression: ast.expr, *_: ast.expr) -> bool:
+def _points(expression: ast.expr) -> bool:
     """Whether that is ``pointer``, or a call of it."""
     if isinstance(expression, ast.Call):
         expression = expression.func

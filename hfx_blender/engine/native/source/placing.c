@@ -49,11 +49,7 @@ static int invert(const double matrix[16], double inverse[16]) {
   if (!(least > FLATTEST * largest)) return 0;
   const double *b = balanced;
   double crosses[3][3], found[9];
-  for (int i = 0; i < 3; i++) {
-    const double *next = b + 3 * ((i + 1) % 3), *last = b + 3 * ((i + 2) % 3);
-    for (int j = 0; j < 3; j++)
-      crosses[i][j] = next[(j + 1) % 3] * last[(j + 2) % 3] - next[(j + 2) % 3] * last[(j + 1) % 3];
-  }
+  for (int i = 0; i < 3; i++) hfx_cross(b + 3 * ((i + 1) % 3), b + 3 * ((i + 2) % 3), crosses[i]);
   double determinant = hfx_dot(b, crosses[0]);
   for (int i = 0; i < 3; i++)
     for (int j = 0; j < 3; j++) found[3 * i + j] = crosses[j][i] / determinant;

@@ -105,10 +105,10 @@ static double swing_of(const hfx_broad *broad, const hfx_target *target, int64_t
   return swing;
 }
 
-// Which of ascending `all` ascending `rows` are, all of which are among them.
+// Which of ascending `all` ascending `rows` are; the last of `all` is no less than theirs.
 static void find_rows(const int64_t *all, const int64_t *rows, int64_t count, int64_t *at) {
   for (int64_t n = 0, k = 0; n < count; n++) {
-    while (all[k] != rows[n]) k++;
+    while (all[k] < rows[n]) k++;
     at[n] = k;
   }
 }
