@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .printable import printable
+
 if TYPE_CHECKING:
     from .export import ExportReport
 
@@ -29,7 +31,7 @@ def describe(report: ExportReport) -> str:
     lines += [f"  warning: {text}" for text in report.warnings]
     lines += [f"  note: {text}" for text in report.notes]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _size(count: int) -> str:

@@ -61,7 +61,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 f"  {STEM}{SUFFIX}  {len(layout)} loudspeakers, in step with the motors",
                 "  belt.svg        motors and loudspeakers over time",
             )
-        )
+        ),
+        several_lines=True,
     )
     console.result(
         {

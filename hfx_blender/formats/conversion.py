@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +17,7 @@ from ..engine.rendering.render import render
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
+from ..stage_folders import stage_folder
 from . import csv_raster, npz_raster
 from .curves import CurveTolerance
 from .files import format_of, read_signals
@@ -191,15 +190,16 @@ def _raster(source: Path, device: DeviceConfig) -> Raster:
 @contextmanager
 def _staging(folder: Path) -> Iterator[Path]:
     """A folder beside the result, gone afterwards."""
+    made = ExitStack()
     try:
-        stage = Path(tempfile.mkdtemp(prefix=".hfx.", suffix=".tmp", dir=folder))
+        stage = made.enter_context(stage_folder(folder, "hfx"))
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written to ({error.strerror}).") from error
     try:
-        yield stage
+        with made:
+            yield stage
     except OutputError as error:  # the user knows the file by its final name
         raise OutputError(str(error).replace(str(stage), str(folder))) from error
     except OSError as error:
-        raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        path = str(error.filename or folder).replace(str(stage), str(folder))
+        raise OutputError(f"{path}: {error.strerror}.") from error

@@ -105,12 +105,11 @@ class RenderProcess:
     def _start(self) -> None:
         if self._process is not None:
             return
-        self._process = process = subprocess.Popen(
+        self._process = process = own_processes.start(
             own_processes.command("devices.live.render_worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
         for target in (self._write, self._listen):
             threading.Thread(target=target, args=(process,), daemon=True).start()

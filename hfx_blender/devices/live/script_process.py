@@ -80,12 +80,11 @@ class ScriptProcess:
                     f"its script stays off after {FAULTS} faults within "
                     f"{FAULTS_WITHIN_S:.0f} s; connect the device anew to try again"
                 )
-            self._process = subprocess.Popen(
+            self._process = own_processes.start(
                 own_processes.command("devices.live.script_worker"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,  # it ends together with what it may have started
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
             self._is_ready, self._next = False, None
             self._deadline_s = time.monotonic() + READY_S
