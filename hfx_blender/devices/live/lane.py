@@ -8,7 +8,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final, Protocol
 
@@ -19,6 +19,7 @@ from ...engine.rendering.device import DeviceConfig
 from .guard import Guard
 from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
+from .time_on import Account
 from .tones import Sounding
 
 F64 = npt.NDArray[np.float64]
@@ -67,6 +68,8 @@ class Lane:
         ``report(event, device, text="", ...)``; must not block.
     offset_s : float
         How long values are held back, so that they meet sound and picture.
+    accounts : callable, optional
+        Finds the device's accounts of time on; called in the lane's thread.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Lane:
         report: Report,
         *,
         offset_s: float = 0.0,
+        accounts: Callable[[], Sequence[Account]] | None = None,
     ) -> None:
         self.number = number
         self.device = device
@@ -86,6 +90,8 @@ class Lane:
         self._report = report
         self._tick_s = tick_s(device)
         self._guard = Guard(device)
+        self._accounts = accounts
+        self._stepped_s = 0.0  # when values passed the guard last
         self._ramp = Ramp(device, self._tick_s)
         self._pace = Pace(device, self._tick_s)
         self._sounding = Sounding(device)
@@ -225,6 +231,8 @@ class Lane:
                 finally:
                     if is_ours:
                         self._port.release()
+            now = time.monotonic()
+            self._guard.fell_silent(now - self._stepped_s, now)
             if not self._hush.is_set():
                 self._is_quiet.set()
 
@@ -232,6 +240,8 @@ class Lane:
 
     def _run(self) -> None:
         try:
+            if self._accounts is not None and self._guard.has_time_limit:
+                self._guard.share(self._accounts())
             output = self._open_output()
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
@@ -277,7 +287,8 @@ class Lane:
                     continue
                 if self._begins:
                     self._begins, last = False, now
-                    self._guard.reset()
+                    self._guard.fell_silent(now - self._stepped_s, now)  # if not told yet
+                    self._guard.reset(now)
                     self._ramp.reset()
                     self._pace.reset()
                     self._sounding.reset()
@@ -313,6 +324,7 @@ class Lane:
             if not self._is_armed or output is None:
                 return False
             values = self._guard.passed(wanted, step_s)
+            self._stepped_s = now
             is_change = self._sent is None or not np.array_equal(values, self._sent)
             self._sent = values
             self._sending_since = now
