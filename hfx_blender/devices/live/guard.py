@@ -49,20 +49,18 @@ class Guard:
         """Count time on in accounts that outlive this connection; before anything is played."""
         self._time_on = TimeOn(self._kinds, accounts)
 
-    def reset(self, now_s: float | None = None) -> None:
-        """Begin from silence, as after every stop; time on is not forgotten.
-
-        Parameters
-        ----------
-        now_s : float, optional
-            Now, by the monotonic clock: time since the device :meth:`fell_silent` was rest.
-        """
+    def reset(self) -> None:
+        """Begin from silence, as after every stop; time on is not forgotten."""
         self._given = self._silent[:, 0].copy()  # (A,) strengths
-        self._time_on.begin(now_s)
+        self._time_on.begin()
 
     def fell_silent(self, played_s: float, now_s: float) -> None:
         """Nothing is played from now on; what was given last was played ``played_s`` longer."""
         self._time_on.end(played_s, now_s)
+
+    def rested(self, now_s: float) -> None:
+        """Before it begins again: time since the device fell silent was rest."""
+        self._time_on.rested(now_s)
 
     def passed(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
         """Values that may be sent, (columns,).

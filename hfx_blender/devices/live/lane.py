@@ -288,7 +288,8 @@ class Lane:
                 if self._begins:
                     self._begins, last = False, now
                     self._guard.fell_silent(now - self._stepped_s, now)  # if not told yet
-                    self._guard.reset(now)
+                    self._guard.rested(now)
+                    self._guard.reset()
                     self._ramp.reset()
                     self._pace.reset()
                     self._sounding.reset()

@@ -106,30 +106,29 @@ class TimeOn:
         self._is_on = np.zeros(self._count, np.bool_)
         self._paid_s = np.zeros(self._count)  # ahead, for what is on now
 
-    def begin(self, now_s: float | None = None) -> None:
-        """Play from now on, from silence; nothing is forgotten.
+    def rested(self, now_s: float) -> None:
+        """Time until ``now_s`` (monotonic) was rest, since the last one who played fell silent."""
+        with self._lock:
+            for account in self._accounts:
+                with account.lock:
+                    account.fit(self._count)
+                    everything = np.ones(self._count, np.bool_)
+                    self._fill(account, everything, account.unknown_s)
+                    account.unknown_s = 0.0
+                    if not account.players:
+                        self._empty(account, ~everything, now_s - account.idle_since_s)
+                        account.idle_since_s = now_s
 
-        Parameters
-        ----------
-        now_s : float, optional
-            Now, by the monotonic clock: what nobody played since then was rest.
-        """
+    def begin(self) -> None:
+        """Play from now on, from silence; nothing is forgotten."""
         with self._lock:
             self._is_on = np.zeros(self._count, np.bool_)
             self._paid_s = np.zeros(self._count)
             for account in self._accounts:
                 with account.lock:
-                    self._enter(account, now_s)
+                    account.fit(self._count)
+                    account.players[self] = self._is_on
                 account.on_begin()
-
-    def _enter(self, account: Account, now_s: float | None) -> None:
-        account.fit(self._count)
-        self._fill(account, ~self._is_on, account.unknown_s)
-        account.unknown_s = 0.0
-        if not account.players and now_s is not None:
-            self._empty(account, self._is_on, now_s - account.idle_since_s)
-        account.idle_since_s = np.inf
-        account.players[self] = self._is_on
 
     def end(self, played_s: float, now_s: float) -> None:
         """It is silent from now on, after ``played_s`` more of what was given last."""

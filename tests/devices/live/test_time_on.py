@@ -169,7 +169,8 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
     account = Account()
     tally = Tally(limited(maximum_on_s, rest_s), (account,))
     now_s = 1000.0
-    tally.guard.reset(now_s)
+    tally.guard.rested(now_s)
+    tally.guard.reset()
     longest_step_s = 0.0
     for action, amplitude, step_s, times in actions:
         if action == "step":
@@ -188,7 +189,8 @@ def test_no_order_of_things_is_on_for_more_than_its_share(actions, maximum_on_s,
             if action == "wait":
                 now_s += step_s * times
                 tally.pass_time(step_s * times)
-            tally.guard.reset(now_s)
+            tally.guard.rested(now_s)
+            tally.guard.reset()
     # Values hold until the next: the last step of each stretch may be longer than foreseen.
     assert tally.longest_s <= maximum_on_s + longest_step_s + 1e-6
     most_s = maximum_on_s * (1.0 + tally.off_s / rest_s)
@@ -201,7 +203,8 @@ def test_two_connections_of_one_device_share_one_account(pieces):
     account = Account()
     one, other = (Tally(limited(1.0, 0.5), (account,)) for _ in range(2))
     for each in (one, other):
-        each.guard.reset(1000.0)
+        each.guard.rested(1000.0)
+        each.guard.reset()
     on_s = off_s = 0.0
     for first, second, times in pieces:
         for _ in range(times):
@@ -218,7 +221,8 @@ def used(folder: Path, seconds: float, now_s: float = 1000.0) -> KeptAccounts:
     """Accounts of a device that was on for so long and was stopped then."""
     kept = KeptAccounts(folder)
     tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
-    tally.guard.reset(now_s)
+    tally.guard.rested(now_s)
+    tally.guard.reset()
     for _ in range(round(seconds / STEP_S)):
         tally.step(15.0)
     tally.guard.fell_silent(0.0, now_s)
@@ -228,7 +232,8 @@ def used(folder: Path, seconds: float, now_s: float = 1000.0) -> KeptAccounts:
 def left_s(folder: Path, now_s: float) -> float:
     """How long the device may be on in a new process."""
     tally = Tally(limited(2.0, 1.0), (KeptAccounts(folder).of("it"),))
-    tally.guard.reset(now_s)
+    tally.guard.rested(now_s)
+    tally.guard.reset()
     steps = 0
     while steps < 1000 and tally.step(15.0):
         steps += 1
@@ -269,7 +274,8 @@ def test_a_clock_that_was_set_is_no_rest(tmp_path, clocks, wall_s, monotonic_s):
 def test_who_was_killed_counts_as_on(tmp_path, clocks):
     kept = KeptAccounts(tmp_path)
     tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
-    tally.guard.reset(1000.0)
+    tally.guard.rested(1000.0)
+    tally.guard.reset()
     tally.step(15.0)
     kept.keep()  # and no more
     assert left_s(tmp_path, 1000.0) == 0.0
