@@ -8,6 +8,7 @@ import shutil
 import signal
 import socket
 import sys
+import tempfile
 from collections.abc import Iterator
 from functools import partial
 
@@ -22,6 +23,10 @@ hypothesis.settings.load_profile("hfx")
 
 # Nobody's own device configurations: a folder that is not there, unless a test names one.
 os.environ["HFX_DEVICES"] = os.path.join(os.path.dirname(__file__), "no-devices")
+
+# Nor anybody's own data: how long devices were on, which scripts are approved.
+_own_data = tempfile.TemporaryDirectory(prefix="hfx-tests-", ignore_cleanup_errors=True)
+os.environ["XDG_DATA_HOME"] = os.environ["APPDATA"] = _own_data.name
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, and their children too.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -25,9 +25,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO, Final, TextIO
 
+from ... import resources
+from ...engine.rendering.device import DeviceConfig
 from ...errors import InputError
 from ..configuration import load_device
 from .clock import SYSTEM, Clock
+from .kept_accounts import KeptAccounts, identities
 from .lane import FREEZE_S, MAX_OFFSET_S, Lane
 from .messages import (
     EVERY_DEVICE,
@@ -41,6 +44,7 @@ from .messages import (
 from .outputs import open_output
 from .render_process import Questions, RenderProcess
 from .script_process import ScriptProcess
+from .time_on import Account
 
 HEARTBEAT_S: Final = 0.25
 """Without a message for so long, Blender is taken to be frozen."""
@@ -95,6 +99,8 @@ class Host:
         self._end = ""
         self._patience_s = HEARTBEAT_S
         self._is_frozen = False
+        self._accounts = KeptAccounts(resources.time_on())
+        threading.Thread(target=self._accounts.keep_on, name="time on", daemon=True).start()
         self._rendering = RenderProcess(self._rendered, self._cannot_render, clock)
 
     def read(self, stream: BinaryIO) -> None:
@@ -221,10 +227,14 @@ class Host:
             self._report,
             offset_s=_offset_s(wish),
             clock=self._clock,
+            accounts=partial(self._accounts_of, device, output if isinstance(output, dict) else {}),
         )
         self._add_script(lane, wish)
         self._lanes[number] = lane
         lane.start()
+
+    def _accounts_of(self, device: DeviceConfig, target: dict[str, Any]) -> list[Account]:
+        return [self._accounts.of(each) for each in identities(device, target)]
 
     def _add_script(self, lane: Lane, wish: dict[str, Any]) -> None:
         script = wish.get("script")
@@ -286,6 +296,7 @@ class Host:
             lane.close(reason)
         for lane in lanes:
             lane.wait_closed()
+        self._accounts.keep()
 
 
 def _offset_s(wish: dict[str, Any]) -> float:

@@ -7,7 +7,7 @@ import logging
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple, Protocol
 
@@ -19,6 +19,7 @@ from .clock import SYSTEM, Clock
 from .guard import Guard
 from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
+from .time_on import Account
 from .tones import Sounding
 
 F64 = npt.NDArray[np.float64]
@@ -90,6 +91,8 @@ class Lane:
     offset_s : float
         How long values are held back, so that they meet sound and picture.
     clock : Clock
+    accounts : callable, optional
+        Finds the device's accounts of time on; called in the lane's thread.
     """
 
     def __init__(
@@ -101,6 +104,7 @@ class Lane:
         *,
         offset_s: float = 0.0,
         clock: Clock = SYSTEM,
+        accounts: Callable[[], Sequence[Account]] | None = None,
     ) -> None:
         self.number = number
         self.device = device
@@ -111,6 +115,8 @@ class Lane:
         self._report = report
         self._tick_s = tick_s(device)
         self._guard = Guard(device)
+        self._accounts = accounts
+        self._stepped_s = 0.0  # when values passed the guard last
         self._ramp = Ramp(device, self._tick_s)
         self._pace = Pace(device, self._tick_s)
         self._sounding = Sounding(device)
@@ -305,6 +311,8 @@ class Lane:
                 finally:
                     if is_ours:
                         self._port.release()
+            now = self._clock.now()
+            self._guard.fell_silent(now - self._stepped_s, now)
             if not self._hush.is_set():
                 self._is_quiet.set()
             if self._has_ended:
@@ -321,6 +329,8 @@ class Lane:
 
     def _open_and_play(self) -> None:
         try:
+            if self._accounts is not None and self._guard.has_time_limit:
+                self._guard.share(self._accounts())
             output = self._open_output()
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
@@ -389,6 +399,8 @@ class Lane:
             due = self._next_s()
             if self._begins:
                 self._begins, self._last_s, self._changed_s = False, now, -math.inf
+                self._guard.fell_silent(now - self._stepped_s, now)  # if not told yet
+                self._guard.rested(now)
                 self._guard.reset()
                 self._ramp.reset()
                 self._pace.reset()
@@ -434,6 +446,7 @@ class Lane:
             if not self._is_armed or output is None or is_old:
                 return False
             values = self._guard.passed(wanted, step_s)
+            self._stepped_s = now
             is_change = self._sent is None or not np.array_equal(values, self._sent)
             self._sent = values
             self._sending_since = now

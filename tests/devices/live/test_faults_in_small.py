@@ -320,7 +320,8 @@ def test_a_board_is_not_asked_for_ever() -> None:
     asked: list[bytes] = []
     board = WireBoard.__new__(WireBoard)
     board._port = SimpleNamespace(write_newest=asked.append)  # type: ignore[assignment]
-    board._channels, board._maximum_on_ms = Channels(DEVICE, strengths_only=True), 1000
+    board._channels = Channels(DEVICE, strengths_only=True)
+    board._time_limits_ms = 1000, 500
     board._name, board._sequence = "/dev/ttyACM0", 0
     board._begin(60.0)
     assert len(asked) == 1
