@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout
 from typing import Any, NoReturn
 
-from . import __version__
+from . import __version__, file_limits
 from .console import Console
 from .errors import HfxError, UsageError
 
@@ -56,7 +56,8 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         options = build_parser(prog).parse_args(_joined(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
-            return int(options.run(options, console))
+            with file_limits.raised(getattr(options, "largest", 1.0)):
+                return int(options.run(options, console))
     except HfxError as error:
         console.warn(f"hfx: {error}")
         console.result({"error": str(error)})

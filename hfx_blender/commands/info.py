@@ -11,6 +11,7 @@ from .. import blender_session
 from ..console import Console
 from ..errors import InputError
 from .info_report import facts_of_report, is_report
+from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:
@@ -18,6 +19,7 @@ def add_parser(commands: Any) -> None:
         "info", help="what is in a file", description="Tell what is in a file of ours."
     )
     parser.add_argument("file", type=Path, metavar="FILE")
+    add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
