@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout
 from typing import Any, NoReturn
 
-from . import __version__, blender_session
+from . import __version__, blender_session, file_limits
 from .console import Console
 from .errors import HfxError, OutputError, UsageError, fault_of_file
 
@@ -60,7 +60,8 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         options = build_parser(prog).parse_args(_joined(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
-            code = int(options.run(options, console))
+            with file_limits.raised(getattr(options, "largest", 1.0)):
+                code = int(options.run(options, console))
         return code or _unless_lost(console)
     except HfxError as error:
         console.warn(f"hfx: {error}")

@@ -17,6 +17,7 @@ SHARED = {
     "errors",
     "resources",
     "atomic_files",
+    "file_limits",
     "file_suffixes",
     "import_path",
     "own_processes",

@@ -12,6 +12,7 @@ from ..console import Console
 from ..errors import InputError
 from ..printable import printable
 from .info_report import facts_of_report, is_report
+from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:
@@ -19,6 +20,7 @@ def add_parser(commands: Any) -> None:
         "info", help="what is in a file", description="Tell what is in a file of ours."
     )
     parser.add_argument("file", type=Path, metavar="FILE")
+    add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 

@@ -244,8 +244,9 @@ def left_s(folder: Path, now_s: float) -> float:
 def clocks(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     """Clocks that the test moves."""
     now = {"wall": 1e9, "monotonic": 1000.0}
-    moved = type("Time", (), {"time": lambda: now["wall"], "monotonic": lambda: now["monotonic"]})
-    monkeypatch.setattr(kept_accounts, "time", moved)
+    monkeypatch.setattr(kept_accounts, "time", type("Time", (), {"time": lambda: now["wall"]}))
+    moved = type("Clock", (), {"now": lambda: now["monotonic"]})
+    monkeypatch.setattr(kept_accounts, "SYSTEM", moved)
     return now
 
 
