@@ -13,7 +13,15 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "hfx_blender"
 PURE = ("engine", "formats", "devices")
-SHARED = {"errors", "resources", "atomic_files", "file_suffixes", "own_processes", *PURE}
+SHARED = {
+    "errors",
+    "resources",
+    "atomic_files",
+    "file_suffixes",
+    "own_processes",
+    "stepwise",
+    *PURE,
+}
 BLENDER = ("bpy", "mathutils", "bmesh", "bpy_extras", "gpu", "idprop")
 HEAVY = ("scipy", "trimesh", "fast_simplification", "serial")
 EVERYDAY = (

@@ -12,13 +12,14 @@ from functools import partial
 from pathlib import Path
 
 from ..devices.configuration import load_device
-from ..engine.body.model import load_model
+from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.devices import renderers_given
 from ..engine.rendering.raster import Raster
-from ..engine.rendering.render import render
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
+from ..stepwise import finish
 from . import csv_raster, npz_raster
 from .curves import CurveTolerance
 from .files import format_of, read_signals
@@ -70,6 +71,8 @@ def convert(
         The source cannot be read, or the target cannot hold what is asked.
     OutputError
         A file cannot be written.
+    ScriptError
+        The device's script may not run, or has failed.
     """
     kind, stem = _target(target, to)
     with _staging(target.parent) as stage:
@@ -116,10 +119,10 @@ def _converted(
                 devices = (load_device(device),) if device else ()
                 return TRACK_FORMATS[kind].write(track, devices, stem, tolerance)
             found = _device(device, kind)
-            raster = render(
-                track.header, track.runs(), found, load_model, body_id=_body_id(track, body)
-            )
-        return write(kind, raster, found, stem, tolerance)
+            given = renderers_given(track, (found,), [_body_id(track, body)])
+            rendered = finish(rendering(track, given)).complete()
+        ((_, raster),) = rendered.played
+        return write(kind, raster, found, stem, tolerance) + Written(notes=rendered.notes)
     is_raster = format_of(source).name in ("npz", "csv")
     if kind in TRACK_FORMATS and kind != "hjif":
         raise UsageError(f"{source}: only a track can be converted to {kind}")
@@ -141,6 +144,11 @@ def _converted(
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
         write_raster = from_actuators.write if kind == "hjif" else partial(write, kind)
+        if found_device.script is not None:
+            notes += (
+                f"the script of device '{found_device.id}' did not run: {source.name} holds "
+                "what to play, not what is felt",
+            )
         written = write_raster(raster, found_device, stem, tolerance)
         return written + Written((), left_out, notes)
     assert write_signals is not None
