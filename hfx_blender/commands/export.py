@@ -281,6 +281,8 @@ class _Teller:
             self._console.warn(f"hfx: {where}{outcome['error']}")
         elif "unchanged" in outcome:
             self._console.say(f"{unit.title}: exported before, nothing has changed")
+        for silent in outcome.get("report", {}).get("silent_devices", ()):
+            self._console.warn(f"hfx: {unit.title}: {silent}")
         for remark in outcome.get("remarks", ()):
             self._console.say(f"{unit.title}: {remark}")
 
