@@ -32,6 +32,12 @@ class OutputError(HfxError):
     """A result cannot be written (unwritable folder, full disk)."""
 
 
+class ScriptError(HfxError):
+    """A device's script does not run, or not to its end; nothing was written for its device."""
+
+    exit_code = 5
+
+
 class DeviceError(HfxError):
     """A device failed while it was driven."""
 

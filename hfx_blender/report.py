@@ -28,7 +28,8 @@ def describe(report: ExportReport) -> str:
         f"{lost['body']} but played by no device"
         for lost in report.unrendered
     ]
-    lines += [f"  warning: {text}" for text in report.warnings]
+    told = set(report.silent_devices)  # by the command, on its own
+    lines += [f"  warning: {text}" for text in report.warnings if text not in told]
     lines += [f"  note: {text}" for text in report.notes]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
     return "\n".join(map(printable, lines))

@@ -23,6 +23,7 @@ SHARED = {
     "own_processes",
     "printable",
     "stage_folders",
+    "stepwise",
     *PURE,
 }
 BLENDER = ("bpy", "mathutils", "bmesh", "bpy_extras", "gpu", "idprop")

@@ -37,7 +37,7 @@ from pathlib import Path
 from hfx_blender import blender_session
 bpy = blender_session.start()
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.rendering.devices import render_devices
+from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export import ExportSettings, SceneExport
 from hfx_blender.formats import registry

@@ -50,8 +50,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..demo.scene_file import build_and_open
     from ..demo.summary import summarise
     from ..devices.configuration import load_device
+    from ..devices.script_rendering import render_devices
     from ..engine.track import TrackReader
-    from ..export import ExportSettings, export_scene, render_devices
+    from ..export import ExportSettings, export_scene
     from ..formats import chart_svg
 
     folder: Path = options.output

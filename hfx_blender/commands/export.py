@@ -165,6 +165,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     console.result(results if len(results) > 1 else results[0])
     failed = [result for result in results if "error" in result]
     if not failed:
+        if any(each.get("silent_devices") for each in results):
+            return SOME_FAILED
         # What was named and could not be written is no success, though all else is complete.
         named = bool(options.formats and options.device)
         return SOME_FAILED if named and any(each.get("left_out") for each in results) else 0
@@ -302,6 +304,8 @@ class _Teller:
             self._console.warn(f"hfx: {where}{outcome['error']}")
         elif "unchanged" in outcome:
             self._console.say(f"{unit.title}: exported before, nothing has changed")
+        for silent in outcome.get("report", {}).get("silent_devices", ()):
+            self._console.warn(f"hfx: {unit.title}: {silent}")
         for remark in outcome.get("remarks", ()):
             self._console.say(f"{unit.title}: {self._as_given(remark)}")
 

@@ -12,14 +12,15 @@ from typing import Final
 
 from .. import file_limits
 from ..devices.configuration import load_device
-from ..engine.body.model import load_model
+from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.devices import renderers_given
 from ..engine.rendering.raster import Raster
-from ..engine.rendering.render import render
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
 from ..stage_folders import stage_folder
+from ..stepwise import finish
 from . import csv_raster, npz_raster, raster_rules
 from .curves import CurveTolerance
 from .files import format_of, read_signals, validate
@@ -77,6 +78,8 @@ def convert(
         hold what is asked: nothing is written that ``validate`` would not pass.
     OutputError
         A file cannot be written.
+    ScriptError
+        The device's script may not run, or has failed.
     """
     kind, stem = _target(target, to)
     with _staging(target.parent) as stage:
@@ -128,11 +131,11 @@ def _converted(
                 return TRACK_FORMATS[kind].write(track, devices, stem, tolerance)
             found = _device(device, kind)
             _refuse_long(track, found)
-            raster = render(
-                track.header, track.runs(), found, load_model, body_id=_body_id(track, body)
-            )
+            given = renderers_given(track, (found,), [_body_id(track, body)])
+            rendered = finish(rendering(track, given)).complete()
+        ((_, raster),) = rendered.played
         raster_rules.refuse(raster, str(source))
-        return write(kind, raster, found, stem, tolerance)
+        return write(kind, raster, found, stem, tolerance) + Written(notes=rendered.notes)
     is_raster = format_of(source).name in ("npz", "csv")
     if kind in TRACK_FORMATS and kind != "hjif":
         raise UsageError(f"{source}: only a track can be converted to {kind}")
@@ -155,6 +158,11 @@ def _converted(
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
         write_raster = from_actuators.write if kind == "hjif" else partial(write, kind)
+        if found_device.script is not None:
+            notes += (
+                f"the script of device '{found_device.id}' did not run: {source.name} holds "
+                "what to play, not what is felt",
+            )
         written = write_raster(raster, found_device, stem, tolerance)
         return written + Written((), told + left_out, notes)
     assert write_signals is not None

@@ -23,10 +23,11 @@ from hfx_blender.authoring import clips
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import discovery
 from hfx_blender.devices.live.discovery import FoundPort
+from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
-from hfx_blender.export import ExportSettings, export_scene, render_devices, scene_tolerance
+from hfx_blender.export import ExportSettings, export_scene, scene_tolerance
 from hfx_blender.operators import live_setup
 from hfx_blender.playback import live as live_module
 from hfx_blender.playback import live_listening, live_settings, live_targets, look_ahead

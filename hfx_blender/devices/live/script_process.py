@@ -123,7 +123,7 @@ class ScriptProcess:
             self._deadline_s = self._next = self._answer = None
         if process is None:
             return
-        _kill(process)
+        end_group(process)
         with suppress(OSError):
             assert process.stdin is not None
             process.stdin.close()
@@ -201,7 +201,8 @@ _PIPE: Final = 4096
 """So much a pipe takes at once on every system."""
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
+def end_group(process: subprocess.Popen[bytes]) -> None:
+    """End a script's worker at once, with all that it has started."""
     with suppress(OSError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)
