@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -434,7 +435,30 @@ def test_the_work_is_done_whoever_reads(
     assert names_in(tmp_path / "out") == ["small.hfxtrack", "small.report.json"]
 
 
-def test_names_are_shown_escaped(registered: Any, tmp_path: Path) -> None:
+Here = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def here(
+    registered: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Here:
+    """``hfx`` in this process, run in ``tmp_path``: exit code, output, errors."""
+    from hfx_blender import cli
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = cli.run(list(map(str, arguments)))
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def test_names_are_shown_escaped(registered: Any, tmp_path: Path, here: Here) -> None:
     hfx_scenes.small_scene()
     name = "a\x1b[31m\x07\u202e\nb"
     scene = registered.context.scene
@@ -455,9 +479,9 @@ def test_names_are_shown_escaped(registered: Any, tmp_path: Path) -> None:
     ]
     found = ""
     for each in arguments:
-        done = process(*each)
-        assert done.returncode in (0, 3), done.stderr
-        text = done.stdout + done.stderr
+        code, out, err = here(*each)
+        assert code in (0, 3), err
+        text = out + err
         assert PRINTABLE.fullmatch(text) and "\u202e" not in text, text
         found += text
     assert found.count("a\\x1b[31m\\x07\\u202e\\nb") >= 6
@@ -480,27 +504,27 @@ def test_names_are_shown_escaped(registered: Any, tmp_path: Path) -> None:
     ],
 )
 def test_a_name_that_is_too_long_is_bad_input(
-    blend: Path, exported: Path, tmp_path: Path, arguments: tuple[str, ...]
+    blend: Path, exported: Path, tmp_path: Path, arguments: tuple[str, ...], here: Here
 ) -> None:
     almost = tmp_path / ("y" * 240 + ".blend")
     almost.write_bytes(blend.read_bytes())
     known = {"SCENE": str(blend), "TRACK": str(exported / "small.hfxtrack"), "ALMOST": almost.name}
     given = [known.get(each, each.replace("LONG", "x" * 300)) for each in arguments]
-    done = process(*given, cwd=tmp_path)
-    assert done.returncode == 3, done.stderr
-    (line,) = done.stderr.splitlines()
+    code, _, err = here(*given)
+    assert code == 3, err
+    (line,) = err.splitlines()
     assert line.startswith("hfx: ") and ("x" * 300 in line or "y" * 240 in line)
     assert ".tmp/" not in line and str(tmp_path) not in line
     assert all(path.name in (almost.name, "out") for path in tmp_path.iterdir())
 
 
-def test_paths_are_shown_as_they_were_given(blend: Path, tmp_path: Path) -> None:
+def test_paths_are_shown_as_they_were_given(blend: Path, tmp_path: Path, here: Here) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "small.blend").write_bytes(blend.read_bytes())
     (tmp_path / "in" / "bad.blend").write_bytes(b"no")
     good, bad, missing = "in/small.blend", "in/bad.blend", "in/missing.blend"
-    done = process("export", good, "-o", "made", *BRIEF, cwd=tmp_path)
-    assert "wrote made/small.hfxtrack" in done.stdout.replace(os.sep, "/")
+    _, out, _ = here("export", good, "-o", "made", *BRIEF)
+    assert "wrote made/small.hfxtrack" in out.replace(os.sep, "/")
     (tmp_path / "file").touch()
     for arguments in (
         ("export", bad),
@@ -510,10 +534,10 @@ def test_paths_are_shown_as_they_were_given(blend: Path, tmp_path: Path) -> None
         ("info", bad),
         ("convert", "made/small.hfxtrack", "file/a.hjif"),
     ):
-        done = process(*arguments, cwd=tmp_path)
-        assert done.returncode in (3, 5)
-        assert str(tmp_path) not in done.stdout + done.stderr, done.stderr
-        assert re.search(r"hfx: (in/|file)", done.stderr.replace(os.sep, "/")), done.stderr
+        code, out, err = here(*arguments)
+        assert code in (3, 5)
+        assert str(tmp_path) not in out + err, err
+        assert re.search(r"hfx: (in/|file)", err.replace(os.sep, "/")), err
 
 
 # The other commands
