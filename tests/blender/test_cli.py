@@ -113,6 +113,12 @@ def test_output_that_nobody_reads_is_no_defect(blend: Path, tmp_path: Path) -> N
     assert "small.hfxtrack" in names_in(tmp_path)
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_help_that_cannot_be_written_is_no_success() -> None:
+    with open("/dev/full", "w") as full:
+        assert process("--help", stdout=full).returncode == 3
+
+
 # What it says
 
 
