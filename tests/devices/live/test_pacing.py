@@ -68,7 +68,7 @@ def test_what_is_no_frame_is_refused(wrong):
 
 
 @pytest.mark.parametrize("rate", [25.25, 33.6, 50.4, 24.0, 60.0])
-def test_silence_that_is_asked_again_and_again_is_reached(rate):
+def test_what_is_asked_again_and_again_is_reached(rate):
     """Also where each frame comes shortly before the last step of the ramp before it."""
     ramp = Ramp(DEVICE, TICK)
     ramp.aim(playing(), 0.0)
@@ -78,9 +78,20 @@ def test_silence_that_is_asked_again_and_again_is_reached(rate):
         while due < came:
             ramp.at(due)
             due = ramp.next_s(due + TICK, due)
-        ramp.aim(playing(0.0), came)
+        ramp.aim(playing(2.0), came)
         due = came
-    assert not ramp.at(due)[::2].any()
+    assert ramp.at(due)[0] == 2.0
+
+
+def test_silence_is_not_ramped_to_and_only_by_the_actuators_that_are_to_be_silent():
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(8.0), 0.0)
+    ramp.at(0.0)
+    values = playing(4.0)
+    values[0] = 0.0
+    ramp.aim(values, 0.04)
+    found = ramp.at(0.04)
+    assert found[0] == 0.0 and found[2] == 7.0
 
 
 def test_not_a_number_is_forgotten_with_the_next_frame():
