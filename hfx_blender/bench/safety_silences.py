@@ -121,7 +121,8 @@ class _Several(WithClient):
         for log in self._logs.values():
             log.forget()
         self._client.arm()
-        self.until_played(self._all_are_loud, partial(self._send, playing()))
+        feed = partial(self.patiently, partial(self._send, playing()))
+        self.until_played(self._all_are_loud, feed)
 
     def _all_are_loud(self) -> bool:
         return all([log.is_loud() for log in self._logs.values()])
@@ -192,7 +193,7 @@ class _NothingNew(_Several):
         self._send(playing())
         time.sleep(0.01)
         self._client.show(Moment(0.0, []))  # of no scene: nobody answers
-        end = asked_s + FREEZE_S + 0.1
+        end = asked_s + FREEZE_S + 0.3
         while time.monotonic() < end:
             self._client.events()
             self._client.heartbeat()
