@@ -10,6 +10,7 @@ until a device is connected.
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -55,6 +56,7 @@ class Live:
         self._ahead: Ahead | None = None
         self.fault = ""
         self.unapproved: set[str] = set()  # devices whose scripts are to be approved first
+        self.approved: dict[str, str] = {}  # fingerprints of the user's own scripts, by device
 
     @property
     def states(self) -> dict[str, DeviceState]:
@@ -103,6 +105,7 @@ class Live:
         DeviceError
             It is not there, or the output process cannot be started.
         """
+        from ..devices.live.approval import is_shipped
         from ..devices.live.client import LiveClient
         from ..devices.live.playhead import latencies_ms
 
@@ -110,7 +113,11 @@ class Live:
             device, script = live_targets.named(name)
         except live_targets.UnapprovedScriptError:
             self.unapproved.add(name)
+            self.approved.pop(name, None)
             raise
+        self.approved.pop(name, None)
+        if script is not None and not is_shipped(script.path):
+            self.approved[name] = script.fingerprint
         target = live_targets.target_of(device, settings)
         if self._client is None:
             self._client = LiveClient()
@@ -138,6 +145,14 @@ class Live:
             self._client.disconnect(name)
             if not self._devices:
                 self.close()
+
+    def withdraw(self, marks: Collection[str]) -> None:
+        """Devices whose scripts have these fingerprints stop at once and ask again."""
+        for name, mark in list(self.approved.items()):
+            if mark in marks:
+                self.disconnect(name)
+                del self.approved[name]
+                self.unapproved.add(name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence now; only :meth:`arm` plays again."""

@@ -536,6 +536,28 @@ def test_a_script_is_asked_about_before_it_runs(
 
     until(is_played)
     assert mark.exists()
+    bpy.ops.hfx.live_revoke(name="mine")
+    assert "mine" not in live.states and "mine" in live.unapproved
+    with pytest.raises(RuntimeError, match="approve it first"):
+        bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
+
+
+def test_an_approval_on_the_list_is_withdrawn_also_where_its_files_are_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.devices.live import approval
+
+    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path)
+    (tmp_path / "gone.json").write_bytes((resources.device_configs() / f"{PAD}.json").read_bytes())
+    (tmp_path / "gone.py").write_text("render = None")
+    found = approval.script_of(tmp_path / "gone.json")
+    approval.approve(found)
+    for path in (found.path, found.configuration):
+        path.unlink()
+    assert bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint) == {"FINISHED"}
+    assert approval.approved() == {}
+    with pytest.raises(RuntimeError, match="is not approved"):
+        bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint)
 
 
 def test_quitting_is_silence(tmp_path: Path) -> None:

@@ -438,6 +438,7 @@ class Lane:
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
         asked = self._ramp.at(now)
+        asked = self._sounding.totals(self._ramp.share, asked)
         wanted = self._with_pulse(self._pace.paced(asked, now), now)
         with self._port:
             output = self._output

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ... import own_processes
+from .approval import Approval
 from .clock import SYSTEM, Clock
 from .lane import PATIENCE_S, ScriptRefusedError
 from .messages import Kind, MessageError, json_to, message, read_message, values_from
@@ -38,6 +39,9 @@ Answer = Callable[[F64], None]
 """Takes values (columns,)."""
 
 _NUMBERS: Final = 1 << 16
+
+WITHDRAWN: Final = "the approval of its script was withdrawn"
+_WATCH_S: Final = 0.05
 
 _log = logging.getLogger(__name__)
 
@@ -63,6 +67,7 @@ class ScriptProcess:
     ) -> None:
         self._wish = dict(wish)
         self._fault, self._log, self._clock = fault, log, clock
+        self._approval = Approval(str(wish.get("fingerprint")))
         self._lock = threading.RLock()
         self._process: subprocess.Popen[bytes] | None = None
         self._is_ready = False
@@ -78,10 +83,12 @@ class ScriptProcess:
         Raises
         ------
         ScriptRefusedError
-            It had three faults within a minute.
+            It had three faults within a minute, or its approval was withdrawn.
         """
         with self._lock:
             self.close()
+            if self._approval.is_withdrawn():
+                raise ScriptRefusedError(WITHDRAWN)
             if len(self._faults) == FAULTS and self._faults[-1] - self._faults[0] < FAULTS_WITHIN_S:
                 raise ScriptRefusedError(
                     f"its script stays off after {FAULTS} faults within "
@@ -96,6 +103,10 @@ class ScriptProcess:
             self._is_ready, self._next = False, None
             self._deadline_s = self._clock.now() + READY_S
             threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
+            if self._approval.was_given:
+                threading.Thread(
+                    target=self._watch_approval, args=(self._process,), daemon=True
+                ).start()
             self._send(message(Kind.HEARTBEAT, 0, json_to(self._wish)))
 
     def ask(self, haptics: bytes, answer: Answer) -> None:
@@ -128,6 +139,14 @@ class ScriptProcess:
             assert process.stdin is not None
             process.stdin.close()
         threading.Thread(target=process.wait, daemon=True).start()
+
+    def _watch_approval(self, process: subprocess.Popen[bytes]) -> None:
+        while process is self._process:
+            if self._approval.is_withdrawn():
+                self.close()
+                self._fault(WITHDRAWN)
+                return
+            time.sleep(_WATCH_S)
 
     def _ask_next(self) -> None:
         if self._process is None or not self._is_ready or self._next is None:

@@ -141,6 +141,22 @@ class Sounding:
         self._from, self._to = self._here, tones if count else self._lone(values)
         return values
 
+    def totals(self, share: float, wanted: F64) -> F64:
+        """A frame's values (columns,) for the guard: at least as strong as its tones together.
+
+        Tones of a frame whose values tell of less would pass the limits otherwise.
+        """
+        if not len(self):
+            return wanted
+        here = _between(self._from, self._to, share)
+        is_finite = np.isfinite(here.amplitudes) & np.isfinite(here.frequencies_hz)
+        totals = np.where(is_finite, np.maximum(here.amplitudes, 0.0), 0.0)
+        totals = np.sqrt((np.minimum(totals, self._highest) ** 2).sum(axis=0))
+        asked = wanted[self.columns]
+        found = wanted.copy()
+        found[self.columns] = np.where(asked > 0.0, np.maximum(asked, totals), asked)
+        return found
+
     def at(self, share: float, wanted: F64, passed: F64) -> Tones:
         """What is played at a share of the way to the newest frame.
 
@@ -149,8 +165,8 @@ class Sounding:
         share : float
             0..1
         wanted, passed : (columns,) float64
-            The frame's values there, and what the guard has let pass of them: tones are turned
-            down alike.
+            The frame's values there, as :meth:`totals` gives them, and what the guard has let pass
+            of them: tones are turned down alike.
         """
         self._here = _between(self._from, self._to, share)
         asked, given = wanted[self.columns], passed[self.columns]

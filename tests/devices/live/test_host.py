@@ -7,15 +7,18 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-import patient_host
+import numpy as np
 import pytest
 from live_process import BAND, PATIENCE_S, is_loud, play, playing, rows_of, wait
 
+from hfx_blender.devices.live import host
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.messages import Kind, message
+from hfx_blender.devices.live.messages import Kind, json_to, message, values_to
 
 SENDER = """
 import sys, time
@@ -165,33 +168,67 @@ def test_what_cannot_be_opened_is_told_and_others_play(client: LiveClient, log: 
     wait(client, lambda: client.devices["band"].is_armed)
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals")
+class Stalling:
+    """An output that takes nothing until it is let go."""
+
+    def __init__(self) -> None:
+        self.go = threading.Event()
+
+    def send(self, _values: np.ndarray) -> None:
+        self.go.wait(PATIENCE_S)
+
+    def stop(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
 def test_a_port_that_stalls_stops_its_device_only(
-    client: LiveClient, log: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(patient_host.VARIABLE, "2.0")
-    controller, port = os.openpty()  # nobody reads: it takes a few lines, then it blocks
+    """In this process, as no real output stalls at will."""
+    stalling, opened = Stalling(), host.open_output
+    monkeypatch.setattr(
+        host,
+        "open_output",
+        lambda device, to: stalling if to["kind"] == "stalling" else opened(device, to),
+    )
+    told: list[tuple[str, int, str]] = []
+    made = host.Host(lambda event, number=0, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
+    reading, writing = os.pipe()
+    threads = [
+        threading.Thread(target=made.read, args=(os.fdopen(reading, "rb"),)),
+        threading.Thread(target=made.watch),
+    ]
+    for each in threads:
+        each.start()
+    end = time.monotonic() + PATIENCE_S
+
+    def live_until(is_true: Callable[[], object]) -> None:
+        while not is_true():
+            assert time.monotonic() < end, told
+            for number in (1, 2):
+                os.write(writing, message(Kind.VALUES, number, values_to(playing())))
+            if any(event == "stopped" and number == 1 for event, number, _ in told):
+                os.write(writing, message(Kind.ARM, 1))  # this process was late itself
+                told[:] = [each for each in told if each[0] != "stopped"]
+            time.sleep(0.005)
+
     try:
-        play(client, "band", log)
-        client.connect("stalled", BAND, {"kind": "simulator", "path": os.ttyname(port)})
-
-        def feed() -> None:
-            client.send("stalled", playing())
-            client.send("band", playing())
-
-        wait(
-            client,
-            lambda: client.devices["stalled"].state == "fault",
-            feed,
-        )
-        assert "does not answer" in client.devices["stalled"].text
+        wishes = {1: {"kind": "simulator", "path": str(log)}, 2: {"kind": "stalling"}}
+        for number, output in wishes.items():
+            wish = json_to({"configuration": BAND, "output": output})
+            os.write(writing, message(Kind.CONNECT, number, wish) + message(Kind.ARM, number))
+        live_until(lambda: any(event == "fault" and number == 2 for event, number, _ in told))
+        assert any(number == 2 and "does not answer" in text for _, number, text in told)
         count = len(rows_of(log))
-        wait(client, lambda: len(rows_of(log)) > count + 5, feed)
-        client.stop_all()
-        wait(client, lambda: is_silent(log))
+        live_until(lambda: len(list(filter(is_loud, rows_of(log)[count:]))) > 5)
     finally:
-        os.close(port)
-        os.close(controller)
+        stalling.go.set()
+        os.close(writing)
+        for each in threads:
+            each.join(PATIENCE_S)
+    made.silence("the end")
+    assert not is_loud(rows_of(log)[-1])
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="POSIX signals")

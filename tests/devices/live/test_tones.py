@@ -297,3 +297,19 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
     assert sums == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0])
     assert strength_of(ears.heard[-1], LOW) == pytest.approx(3.0)
+
+
+def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
+    kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
+    slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
+    ears = Ears()
+    lane = Lane(0, slow, lambda: ears, lambda *_, **__: None)
+    lane._output, lane._is_armed = ears, True  # its thread is this one
+    frame = both(3.0, 4.0)
+    frame[0] = 1e-6
+    lane.feed(frame)
+    now = lane._waiting[0][0]
+    for k in range(3):
+        lane._step(now + 0.01 * k, 0.01)
+    sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
+    assert sums == pytest.approx([1.0, 2.0, 3.0])
