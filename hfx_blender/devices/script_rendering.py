@@ -260,15 +260,18 @@ class _Worker:
         self._left_s = SUM_S + SUM_ROW_S * len(answers)
 
     def __enter__(self) -> _Worker:
-        self._process = subprocess.Popen(
-            own_processes.command("devices.live.script_worker"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            # Where a script goes through a set, it does so in one order.
-            env={**own_processes.environment(), "PYTHONHASHSEED": "0"},
-            start_new_session=True,  # it ends together with what it may have started
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        )
+        try:
+            self._process = subprocess.Popen(
+                own_processes.command("devices.live.script_worker"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                # Where a script goes through a set, it does so in one order.
+                env={**own_processes.environment(), "PYTHONHASHSEED": "0"},
+                start_new_session=True,  # it ends together with what it may have started
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            )
+        except OSError as error:  # too many processes, no memory
+            raise _FaultError(f"cannot be started: {error}") from None
         self._went_on_at = time.monotonic()
         for work in (self._write, self._listen):
             threading.Thread(target=work, args=(self._process,), daemon=True).start()
