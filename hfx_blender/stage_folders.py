@@ -47,9 +47,10 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     owner: BinaryIO | None = None
     try:
         owner = open(stage / _OWNER, "xb")
-        _lock(owner)
-        owner.write(_machine())  # last: without it, nobody else touches the folder
-        owner.flush()
+        with suppress(OSError):  # some network file systems know no locks: then nobody removes it
+            _lock(owner)
+            owner.write(_machine())  # last: without it, nobody else touches the folder
+            owner.flush()
         yield stage
     finally:
         if owner is not None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -90,3 +91,18 @@ def test_what_is_not_known_to_be_ours_stays(tmp_path: Path, owner: bytes | None)
 def test_a_long_name_is_shortened(tmp_path: Path) -> None:
     with stage_folder(tmp_path, "ä" * 400) as stage:
         assert len(stage.name.encode()) < 255
+
+
+def test_where_there_are_no_locks_it_is_never_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_locks(_: object) -> None:
+        raise OSError(errno.ENOTSUP, "Operation not supported")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stage_folders, "_lock", no_locks)
+        with stage_folder(tmp_path, "scene") as stage:
+            patch.undo()
+            stage_folders.remove_abandoned(tmp_path)
+            assert stage.is_dir()
+    assert list(tmp_path.iterdir()) == []
