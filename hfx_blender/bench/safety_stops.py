@@ -481,9 +481,10 @@ def connect_scripted(
 
 KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "operator stops": (_OperatorStops, 1),
-    "script raises": (partial(_ScriptFails, source=_RAISES), 2),
+    "script raises": (partial(_ScriptFails, source=_RAISES), 1),
     "script hangs": (partial(_ScriptFails, source=_HANGS), 2),
-    "Blender killed": (partial(_BlenderFails, how=signal.SIGKILL), 2),
+    "Blender killed": (partial(_BlenderFails, how=signal.SIGKILL), 1),
     "Blender frozen": (partial(_BlenderFails, how=getattr(signal, "SIGSTOP", signal.SIGTERM)), 2),
 }
-"""Who makes the rounds, and how many of them at a time."""
+"""Who makes the rounds, and how many of them at a time: one, where others that begin would spoil
+the figure."""
