@@ -40,7 +40,7 @@ def main() -> None:
     if "assets" in subjects:
         folder = str(DOCS.parent / "effect_library")
         module = "hfx_blender.demo.effect_assets"
-        subprocess.run([sys.executable, "-m", module, folder], check=True)
+        subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
     if "surfaces" in subjects:
         surfaces()
     if "trade" in subjects:
@@ -115,7 +115,7 @@ def replace_part(page: Path, name: str, content: str) -> None:
 
 def hfx(*arguments: str) -> str:
     """Run a command of hfx; what it says."""
-    command = [sys.executable, "-m", "hfx_blender.cli", *arguments]
+    command = [sys.executable, "-P", "-m", "hfx_blender.cli", *arguments]
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 

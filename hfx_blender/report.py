@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .printable import printable
+
 if TYPE_CHECKING:
     from .export import ExportReport
 
@@ -26,10 +28,11 @@ def describe(report: ExportReport) -> str:
         f"{lost['body']} but played by no device"
         for lost in report.unrendered
     ]
-    lines += [f"  warning: {text}" for text in report.warnings]
+    told = set(report.silent_devices)  # by the command, on its own
+    lines += [f"  warning: {text}" for text in report.warnings if text not in told]
     lines += [f"  note: {text}" for text in report.notes]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _size(count: int) -> str:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from .. import own_processes
 from ..errors import InputError
 from . import safety_stops, safety_values
 
@@ -134,7 +133,7 @@ def as_text(result: dict[str, Any]) -> str:
 @contextmanager
 def _load(count: int) -> Iterator[None]:
     """Processes that do nothing but keep a processor busy."""
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    busy = [own_processes.start(own_processes.program("while True: pass")) for _ in range(count)]
     try:
         yield
     finally:

@@ -6,8 +6,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from .. import resources
+from .. import own_processes, resources
 from ..devices.live import approval
 from ..devices.live.client import LiveClient
 from ..devices.live.haptics import packed
@@ -332,7 +330,7 @@ class _BlenderFails(_Rounds):
         self._count += 1
         path = self._folder / f"log{self._count}"
         log = Log(path)
-        process = subprocess.Popen([sys.executable, "-c", self._source, str(path)])
+        process = own_processes.start(own_processes.program(self._source, path))
         try:
             self.until_played(log.is_loud, is_over=lambda: process.poll() is not None)
             fault_s = time.monotonic()

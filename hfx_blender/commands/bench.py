@@ -79,7 +79,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     for name in NAMES if options.name == "all" else (options.name,):
         result, text = _MEASURES[name](options, console.progress(f"Measuring {name}"))
         found[name] = result
-        console.say(f"{text}\n")
+        console.say(f"{text}\n", several_lines=True)
     record = {"machine": machine.describe(), "short": options.short, **found}
     console.say(machine.as_line(record["machine"]))
     if options.history is not None:

@@ -25,7 +25,7 @@ from ..engine.scene import (
 )
 from ..engine.tolerance import Tolerance
 from ..errors import InputError
-from . import scene_description, skin_areas
+from . import scene_description, skin_areas, visibility
 from .effect_values import Shapes
 from .live_clock import LiveClock
 from .live_instances import LiveInstances
@@ -65,7 +65,7 @@ class LiveScene:
         self.signature = signature_of(scene)
         found = scene_description.find(scene, layer)
         shapes = Shapes()
-        self._instances = LiveInstances(scene, layer, shapes)
+        self._instances = LiveInstances(found, shapes)
         more = self._instances.descriptions
         self.objects, self.description, self.faults = _without_faults(found, more)
         self.tolerance = tolerance
@@ -81,7 +81,7 @@ class LiveScene:
             isinstance(e.area, HapticVolume) and e.area.response for e in self.description.effects
         )
         self._clock = LiveClock(scene)
-        self._before: tuple[list[EffectRow], dict[int, PoseRow]] | None = None
+        self._before: tuple[list[EffectRow], dict[int, PoseRow | None]] | None = None
 
     @property
     def rings(self) -> bool:
@@ -95,6 +95,9 @@ class LiveScene:
             return []
         row = self._reading.read(0, self._now, asked, ())
         effects = [row.effects.get(k, EffectRow()) for k in range(len(self.objects.effects))]
+        hidden = [body.evaluated_get(self.objects.layer.depsgraph) for body in self.objects.bodies]
+        for k in visibility.felt_on(self.description, [body.hide_viewport for body in hidden]):
+            effects[k] = EffectRow()
         many, stays = self._instances.rows()
         felt = any(effects[k].level > 0.0 for k in self._volumes)
         if self.record or felt or any(each.level > 0.0 for each in many):
@@ -117,7 +120,7 @@ class LiveScene:
         return [k for k, level in enumerate(levels) if not level <= 0.0] or None
 
     def _block(
-        self, effects: list[EffectRow], poses: dict[int, PoseRow], stays: list[bool]
+        self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
     ) -> AnimationBlock:
         """This moment; where responses ask how it came to it, with the one before it."""
         rows, posed = [[each] for each in effects], [poses]
@@ -178,7 +181,7 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 hfx.follow,
                 hash(bytes(memoryview(obj[effects.WEIGHTS]))) if _has_weights(obj) else 0,
                 hash(bytes(memoryview(obj[effects.VERTICES]))) if _has_weights(obj) else 0,
-                obj.hide_viewport,
+                visibility.is_disabled(obj),
                 hfx.is_muted,
                 hfx.is_solo,
                 responses.signature(hfx),

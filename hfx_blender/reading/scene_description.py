@@ -14,13 +14,14 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from .. import __version__
+from .. import __version__, compat
 from ..authoring import effects
 from ..avatars import avatar_meshes, body_binding
 from ..engine.body.model import load_model
 from ..engine.scene import (
     ActuatorArea,
     BodyDescription,
+    Clip,
     EffectDescription,
     HapticSurface,
     HapticVolume,
@@ -32,8 +33,10 @@ from ..engine.scene import (
 from ..engine.volume.shape import Falloff, FalloffKind
 from ..errors import InputError
 from ..file_hash import sha256_of
-from . import activation, instances, response_values, skin_areas, surface_reading
+from . import activation, reached, response_values, skin_areas, surface_reading, visibility
+from .animation_time import animation_frames, played_frame
 from .broken_keys import refuse_broken_keys
+from .simulation import Simulation, unbaked_fluids
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
@@ -51,6 +54,7 @@ class HapticObjects:
     effects: list[bpy.types.Object]
     activations: list[activation.Activation]
     warnings: tuple[str, ...]
+    simulation: Simulation | None = None
 
     @property
     def unit_m(self) -> float:
@@ -67,11 +71,14 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     InputError
         There is no body or no effect, or one of them cannot be evaluated.
     """
-    # Blender does not notice by itself that a script has set a property of ``hfx``.
-    for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)):
-        obj.update_tag()
+    # Blender does not notice by itself that a script has set a property of ``hfx``. Nothing
+    # else is tagged: that would empty the caches of simulations.
+    graph = layer.depsgraph  # None: nothing of this layer was evaluated yet
+    for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)) if graph else ():
+        if compat.properties(obj) != compat.properties(obj.evaluated_get(graph)):
+            obj.update_tag()
     layer.update()
-    enabled = _enabled_objects(layer.layer_collection)
+    enabled = visibility.enabled_objects(layer.layer_collection)
     bodies = _find_bodies(scene, layer, enabled)
     kept, warnings = _find_effects(scene, layer, enabled)
     kept, bodiless = _without_bodiless(kept, bodies)
@@ -81,6 +88,10 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
     ]
     warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
+    warnings += tuple(
+        f"the fluid of '{each.name}' is not baked: it is felt as it stands; bake it first"
+        for each in unbaked_fluids(scene)
+    )
     found = HapticObjects(scene, layer, bodies, kept, activations, warnings)
     refuse_broken_keys([*kept, *bodies])
     return found
@@ -104,7 +115,7 @@ def _find_bodies(
         )
     for body in bodies:
         for obj in (body, *avatar_meshes.meshes_of(body)):
-            if not _is_evaluated(obj, layer, enabled):
+            if not visibility.may_be_seen(obj, layer, enabled):
                 raise InputError(
                     f"Body '{body.name}': '{obj.name}' is disabled in viewports or excluded "
                     "from the view layer, so Blender does not pose it."
@@ -128,10 +139,11 @@ def _find_effects(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
     found = effects.effects_of(scene)
-    has_instances = instances.may_be(scene)  # perhaps of volumes that are not in the scene
+    # Perhaps of volumes that are not in the scene.
+    has_instances = any(map(reached.is_instancer, scene.objects))
     if not found and not has_instances:
         raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
-    kept = [effect for effect in found if _is_evaluated(effect, layer, enabled)]
+    kept = [effect for effect in found if visibility.may_be_seen(effect, layer, enabled)]
     if not kept and not has_instances:
         raise InputError(
             f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
@@ -177,23 +189,6 @@ def _here(body: bpy.types.Object, bodies: list[bpy.types.Object]) -> bpy.types.O
     return ours[0] if len(ours) == 1 else None
 
 
-def _enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
-    """Objects of the collections that are on in a view layer; the eye icon does not matter."""
-    if collection.collection.hide_viewport:
-        return set()
-    found = set() if collection.exclude else set(collection.collection.objects)
-    return found.union(*map(_enabled_objects, collection.children))
-
-
-def _is_evaluated(
-    obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
-) -> bool:
-    # What the view layer leaves out comes back as its own, unposed original; and even where
-    # something else needs it, so that it is evaluated, it is not posed.
-    is_enabled = obj in enabled and not obj.hide_viewport
-    return is_enabled and obj.evaluated_get(layer.depsgraph).is_evaluated
-
-
 def describe(
     found: HapticObjects,
     time: TimeBase,
@@ -221,6 +216,7 @@ def describe(
         for effect, state in zip(found.effects, found.activations, strict=True)
     )
     frames = sample_frames(time, np.arange(time.sample_count))
+    frames = animation_frames(found.scene, frames)
     posed = {
         effect.model_id
         for effect, state in zip(described, found.activations, strict=True)
@@ -282,7 +278,15 @@ def _describe_effect(
         model_id=effects.model_id_for(hfx.modality),
         area=area,
         is_contact=hfx.temperature_reference == "CONTACT",
-        clips=state.clips,
+        clips=played_clips(found.scene, state),
+    )
+
+
+def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[Clip, ...]:
+    """The clips of an effect, at frames that are played."""
+    return tuple(
+        Clip(clip.name, played_frame(scene, clip.frame_start), played_frame(scene, clip.frame_end))
+        for clip in state.clips
     )
 
 

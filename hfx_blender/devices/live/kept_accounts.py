@@ -24,6 +24,7 @@ from ...atomic_files import atomic_file
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.device_output import BhapticsEncoder, ButtplugEncoder
 from ...errors import HfxError
+from .clock import SYSTEM
 from .discovery import FoundPort, serial_ports
 from .opening import kind_of
 from .time_on import Account
@@ -147,7 +148,7 @@ def _state(account: Account) -> tuple[Any, ...]:
 
 def _write(path: Path, identity: str, state: tuple[Any, ...]) -> None:
     filled, is_resting, is_open, idle_since_s = state
-    now_s = time.monotonic()
+    now_s = SYSTEM.now()
     idle_s = max(now_s - idle_since_s, 0.0) if math.isfinite(idle_since_s) else 0.0
     content = {
         "device": identity,
@@ -163,7 +164,7 @@ def _write(path: Path, identity: str, state: tuple[Any, ...]) -> None:
 
 
 def _read(path: Path) -> Account:
-    now_s = time.monotonic()
+    now_s = SYSTEM.now()
     try:
         with open(path, "rb") as file:
             found = json.loads(file.read(_MOST_BYTES))

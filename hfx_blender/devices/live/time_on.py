@@ -42,7 +42,7 @@ class Account:
     others : float
         How full those are that are not named.
     idle_since_s : float
-        Since when nobody has played, by the monotonic clock.
+        Since when nobody has played, by the clock of the output process.
     unknown_s : float
         So much longer each may have been on before that.
     """
@@ -107,7 +107,7 @@ class TimeOn:
         self._paid_s = np.zeros(self._count)  # ahead, for what is on now
 
     def rested(self, now_s: float) -> None:
-        """Time until ``now_s`` (monotonic) was rest, since the last one who played fell silent."""
+        """Time until ``now_s`` was rest, since the last one who played fell silent."""
         with self._lock:
             for account in self._accounts:
                 with account.lock:

@@ -60,11 +60,27 @@ def test_no_frame_is_delayed_by_more_than_the_longest_ramp_and_none_overshoots(f
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(0), np.zeros(3), np.zeros((2, 16)), None])
-def test_what_is_no_frame_goes_to_silence_at_once(wrong):
+def test_what_is_no_frame_is_refused(wrong):
     ramp = Ramp(DEVICE, TICK)
     ramp.aim(playing(), 1.0)
-    ramp.aim(wrong, 1.02)
-    assert not ramp.at(1.02)[::2].any()
+    with pytest.raises(ValueError, match="it takes 16"):
+        ramp.aim(wrong, 1.02)
+
+
+@pytest.mark.parametrize("rate", [25.25, 33.6, 50.4, 24.0, 60.0])
+def test_silence_that_is_asked_again_and_again_is_reached(rate):
+    """Also where each frame comes shortly before the last step of the ramp before it."""
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(), 0.0)
+    due = 0.0
+    for k in range(1, 20):
+        came = k / rate
+        while due < came:
+            ramp.at(due)
+            due = ramp.next_s(due + TICK, due)
+        ramp.aim(playing(0.0), came)
+        due = came
+    assert not ramp.at(due)[::2].any()
 
 
 def test_not_a_number_is_forgotten_with_the_next_frame():

@@ -244,8 +244,9 @@ def left_s(folder: Path, now_s: float) -> float:
 def clocks(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     """Clocks that the test moves."""
     now = {"wall": 1e9, "monotonic": 1000.0}
-    moved = type("Time", (), {"time": lambda: now["wall"], "monotonic": lambda: now["monotonic"]})
-    monkeypatch.setattr(kept_accounts, "time", moved)
+    monkeypatch.setattr(kept_accounts, "time", type("Time", (), {"time": lambda: now["wall"]}))
+    moved = type("Clock", (), {"now": lambda: now["monotonic"]})
+    monkeypatch.setattr(kept_accounts, "SYSTEM", moved)
     return now
 
 
@@ -357,13 +358,12 @@ def test_no_way_round_the_time_limit_of_a_live_device(tmp_path, monkeypatch, bet
         for log in logs:
             if log is logs[0] or between != "stop":
                 connect(log)
-            wait(client, lambda client=client: client.devices["it"].is_armed, is_patient=True)
+            wait(client, lambda client=client: client.devices["it"].is_armed)
             until = time.monotonic() + 0.6
             wait(
                 client,
                 lambda until=until: time.monotonic() > until,
                 lambda client=client: client.send("it", wanted),
-                is_patient=True,
             )
             if between == "stop":
                 client.stop_all()
