@@ -4,7 +4,9 @@
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
 ``assets``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib. ``assets`` is the
 library of the Asset Browser, to be made anew when a sensation of ``effect_library`` changes. The
-trade takes half an hour on an idle machine, a minute or two with ``--short``.
+trade takes half an hour on an idle machine, a minute or two with ``--short``. The table of
+``safety`` is made of what ``hfx bench safety --json`` printed, idle and with ``--busy``:
+``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 DOCS = Path(__file__).resolve().parent
 PICTURES = DOCS / "pictures"
@@ -26,9 +29,15 @@ SCENES = ("demo", "crowded", "fast", "fine")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "subjects", nargs="*", metavar="SUBJECT", help="pictures, devices, assets, surfaces, trade"
+        "subjects",
+        nargs="*",
+        metavar="SUBJECT",
+        help="pictures, devices, assets, surfaces, trade, safety",
     )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
+    parser.add_argument(
+        "--record", action="append", type=Path, default=[], help="safety: of 'hfx bench safety'"
+    )
     parser.add_argument("--short", action="store_true", help="trade: rough figures")
     options = parser.parse_args()
     subjects = options.subjects or ["pictures", "devices", "assets", "surfaces", "trade"]
@@ -46,6 +55,10 @@ def main() -> None:
     if "trade" in subjects:
         for scene in options.scene or SCENES:
             trade(scene, options.short)
+    if "safety" in subjects:
+        if not options.record:
+            parser.error("safety: no --record")
+        safety([json.loads(path.read_text(encoding="utf-8")) for path in options.record])
 
 
 def demo() -> None:
@@ -100,6 +113,16 @@ def trade(scene: str, short: bool) -> None:
         ]
     )
     replace_part(DOCS / "trade.md", scene, section)
+
+
+def safety(records: list[dict[str, Any]]) -> None:
+    """The table of silence in ``live.md``."""
+    from hfx_blender.bench import machine, safety
+
+    made_on = dict.fromkeys(machine.as_line({**each["machine"], "load": None}) for each in records)
+    caption = f"Measured on {'; '.join(made_on)}."
+    table = safety.as_markdown(records)
+    replace_part(DOCS / "live.md", "safety", f"{caption}\n\n{table}")
 
 
 def replace_part(page: Path, name: str, content: str) -> None:

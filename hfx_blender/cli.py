@@ -16,7 +16,7 @@ from contextlib import redirect_stdout
 from typing import Any, NoReturn
 
 from . import __version__, blender_session, file_limits
-from .console import Console
+from .console import Console, is_unread
 from .errors import HfxError, OutputError, UsageError, fault_of_file
 
 EPILOG = """\
@@ -120,6 +120,8 @@ def main() -> None:
         code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
     except SystemExit as finished:  # --help and --version
         code = finished.code if isinstance(finished.code, int) else 0
+    except OSError as error:  # of what argparse printed past the console
+        code = 0 if is_unread(error) else OutputError.exit_code
     blender_session.leave(code)
 
 

@@ -71,11 +71,14 @@ class Console:
             stream.write(text)
             stream.flush()
         except OSError as error:
-            # Windows tells of a reader that has gone by EINVAL.
-            is_unread = error.errno in (errno.EPIPE, errno.EINVAL)
-            if stream is self._out and not is_unread:
+            if stream is self._out and not is_unread(error):
                 self.fault = error
             _write_nowhere(stream)
+
+
+def is_unread(error: OSError) -> bool:
+    """Whether writing failed as the reader has gone (``hfx info x | head``)."""
+    return error.errno in (errno.EPIPE, errno.EINVAL)  # the latter on Windows
 
 
 def _shown(text: str, several_lines: bool) -> str:

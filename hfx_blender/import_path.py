@@ -3,7 +3,7 @@
 
 A stranger's folder may hold a ``numpy.py`` beside a .blend. ``PYTHONPATH=:`` or ``PYTHONPATH=.``
 would have Python run it. This file uses only what every Python has loaded before it looks at
-``sys.path``; the build hook also installs it as ``hfx_import_path.pth``, which Python runs before
+``sys.path``; the build hook also installs it as ``_hfx_import_path.pth``, which Python runs before
 the script ``hfx`` imports anything. Importing it changes ``sys.path`` in the process of ``hfx``
 only; a program that uses this package keeps its own.
 """

@@ -137,7 +137,7 @@ def _answers(
     script = _approved_script(device)
     told = renderer.told()
     answers = np.zeros_like(told)
-    row, of_rows = 0, max(len(told), 1)
+    row = 0
     times_s = _scene_times_s(track.header)
     try:
         with _Worker(script, device, answers) as worker:
@@ -150,7 +150,7 @@ def _answers(
                 if len(batch) >= _BATCH_ROWS or size >= _BATCH_BYTES:
                     worker.ask(batch)
                     batch, size = [], 0
-                    yield row / of_rows
+                    yield 1.0  # the track is there; how far it is read again, nobody asks
             worker.ask(batch)
             worker.wait()
     except MessageError as error:  # more than a message holds
@@ -260,15 +260,18 @@ class _Worker:
         self._left_s = SUM_S + SUM_ROW_S * len(answers)
 
     def __enter__(self) -> _Worker:
-        self._process = subprocess.Popen(
-            own_processes.command("devices.live.script_worker"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            # Where a script goes through a set, it does so in one order.
-            env={**own_processes.environment(), "PYTHONHASHSEED": "0"},
-            start_new_session=True,  # it ends together with what it may have started
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        )
+        try:
+            self._process = subprocess.Popen(
+                own_processes.command("devices.live.script_worker"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                # Where a script goes through a set, it does so in one order.
+                env={**own_processes.environment(), "PYTHONHASHSEED": "0"},
+                start_new_session=True,  # it ends together with what it may have started
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            )
+        except OSError as error:  # too many processes, no memory
+            raise _FaultError(f"cannot be started: {error}") from None
         self._went_on_at = time.monotonic()
         for work in (self._write, self._listen):
             threading.Thread(target=work, args=(self._process,), daemon=True).start()

@@ -78,15 +78,18 @@ def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
     return bool(np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2)  # which is rounded
 
 
-def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) -> I64:
-    """Those of ``rows``, ascending, whose pose is known."""
+def with_pose(
+    rows: I64, posed: I64, pose: PoseBlock, body: BodyDescription, counters: Counters
+) -> I64:
+    """Those of ``rows``, ascending, whose pose is known; a body that was not read is not there."""
     if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
         return rows  # all up to the last
     known = np.isin(rows, posed)
-    if not known.all():
+    lost = ~known & pose.valid[rows]
+    if lost.any():
         counters.warn(
             f"body '{body.name}': its pose is not a finite number; it feels nothing there",
-            int(np.count_nonzero(~known)),
+            int(np.count_nonzero(lost)),
         )
     return rows[known]
 

@@ -56,7 +56,7 @@ class AllocentricAreas:
         """Begin with a volume's contacts with a body; what is returned waits for them."""
         pose = block.poses[self._maker.body_index[body.id]]
         posed = reach.posed(body)
-        rows = with_pose(rows, posed, body, self._maker.counters)
+        rows = with_pose(rows, posed, pose, body, self._maker.counters)
         if not len(rows):
             return _nothing
         if reach.is_clear(animated, body, effect.model_id):
@@ -134,7 +134,7 @@ class AllocentricAreas:
     ) -> SampleRun | None:
         """What a body feels of a surface that it moves over."""
         pose = block.poses[self._maker.body_index[body.id]]
-        rows = with_pose(rows, reach.posed(body), body, self._maker.counters)
+        rows = with_pose(rows, reach.posed(body), pose, body, self._maker.counters)
         if not len(rows):
             return None
         skin = self._maker.skins.of(body, effect.model_id)

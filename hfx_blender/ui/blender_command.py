@@ -15,7 +15,8 @@ _handle: Any = None
 def _run(arguments: list[str]) -> int:
     from .. import cli, import_path
 
-    import_path.protect()  # the process is this command's, and ends with it
+    if blender_session.inside_blender():
+        import_path.protect()  # the process is this command's, and ends with it
     try:
         return cli.run(arguments, prog="blender --command hfx")
     except SystemExit as finished:  # --help

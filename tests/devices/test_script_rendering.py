@@ -24,6 +24,7 @@ from hfx_blender.devices.live.haptics import packed
 from hfx_blender.devices.live.script_process import ScriptProcess
 from hfx_blender.devices.script_rendering import Rendered, render_devices, rendering
 from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering import Raster
 from hfx_blender.engine.rendering.device import DeviceConfig
 from hfx_blender.engine.rendering.devices import renderers_given
@@ -107,9 +108,11 @@ def header(bodies: tuple[str, ...] = ("anna",)) -> TrackHeader:
 
 
 def run_of(made: TrackHeader, stream: Stream, rows: tuple[int, int]) -> SampleRun:
-    """A stream on all of the left forearm, its strength another one at each row."""
+    """A stream on the forearms and a bit of all else, its strength another one at each row."""
     model = load_model(stream.model_id)
-    vertices = np.arange(0, len(model), 1 + len(model) // 1000, dtype=np.int32)
+    is_felt = model.part == PARTS.index("forearm")
+    is_felt[::50] = True
+    vertices = np.flatnonzero(is_felt).astype(np.int32)
     indices = np.arange(*rows)
     swing = 0.5 + 0.5 * np.sin(indices / 9.0)
     second = np.full(len(indices), 90.0) + indices
@@ -265,12 +268,12 @@ def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
     assert script is not None
     heard: SimpleQueue[Any] = SimpleQueue()
     wish = {**script.as_wish(), "device": str(device.script.device), "folder": None}
-    process = ScriptProcess(wish, heard.put, heard.put, heard.put)
+    process = ScriptProcess(wish, heard.put, heard.put)
     process.start()
     found = []
     try:
         for moment in told:
-            process.ask(moment)
+            process.ask(moment, heard.put)
             found.append(heard.get(timeout=60.0))
             assert isinstance(found[-1], np.ndarray), found[-1]
     finally:

@@ -442,12 +442,13 @@ class Lane:
         wanted = self._with_pulse(self._pace.paced(asked, now), now)
         with self._port:
             output = self._output
-            # What was worked out before a pause, or before the computer slept, is not sent.
-            is_old = generation != self._generation or self._clock.now() - now > FREEZE_S
-            if not self._is_armed or output is None or is_old:
+            if not self._is_armed or output is None:
                 return False
             values = self._guard.passed(wanted, step_s)
             self._stepped_s = now
+            # What was worked out before a pause, or before the computer slept, is not sent.
+            if generation != self._generation or self._clock.now() - now > FREEZE_S:
+                return False
             is_change = self._sent is None or not np.array_equal(values, self._sent)
             self._sent = values
             self._sending_since = now

@@ -33,10 +33,11 @@ class Ramp:
     """Goes from one frame's values to the next while that one lasts.
 
     Only strengths ramp; a frequency between two frequencies would be one that nobody asked
-    for. The time to the next frame is not known: it is taken to be that since the last one,
-    at most :data:`LONGEST_RAMP_S`. A change is under way with the first values that are sent
-    after its frame and complete with the last before the next frame; that is the delay. Where
-    a device is sent values only once a frame, there is no ramp and no delay.
+    for. Silence is not ramped to: it is there at once. The time to the next frame is not known:
+    it is taken to be that since the last one, at most :data:`LONGEST_RAMP_S`. A change is under
+    way with the first values that are sent after its frame and complete with the last before
+    the next frame; that is the delay. Where a device is sent values only once a frame, there is
+    no ramp and no delay.
 
     Parameters
     ----------
@@ -92,7 +93,8 @@ class Ramp:
         else:
             with np.errstate(invalid="ignore", over="ignore"):
                 between = self._from + step / self._steps * (self._to - self._from)
-            self._here = np.where(self._is_strength, between, self._to)
+            is_going = self._is_strength & (self._to != self._neutral)
+            self._here = np.where(is_going, between, self._to)
         return self._here.copy()
 
     def next_s(self, due_s: float, now_s: float) -> float:

@@ -36,13 +36,13 @@ READY_S: Final = 10.0
 FAULTS: Final = 3
 FAULTS_WITHIN_S: Final = 60.0
 
-WITHDRAWN: Final = "the approval of its script was withdrawn"
-_WATCH_S: Final = 0.05
-
 Answer = Callable[[F64], None]
 """Takes values (columns,)."""
 
 _NUMBERS: Final = 1 << 16
+
+WITHDRAWN: Final = "the approval of its script was withdrawn"
+_WATCH_S: Final = 0.05
 
 _log = logging.getLogger(__name__)
 

@@ -13,7 +13,8 @@ import pytest
 from live_process import BAND, PATIENCE_S, playing
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.clock import SystemClock
+from hfx_blender.devices.live import lane as lane_module
+from hfx_blender.devices.live.clock import SYSTEM
 from hfx_blender.devices.live.lane import PULSE_SHARE, Lane
 from hfx_blender.devices.live.output import OutputLostError
 
@@ -50,19 +51,10 @@ class Recorder:
         return [each for each in self.given if not isinstance(each, str) and each[::2].any()]
 
 
-class StillClock(SystemClock):
-    """On which no deadline is missed, however busy the machine is: each look is a step."""
-
-    def __init__(self) -> None:
-        self._now_s = 0.0
-
-    def now(self) -> float:
-        self._now_s += 1e-4
-        return self._now_s
-
-    def wait(self, condition: threading.Condition, seconds: float) -> None:
-        condition.wait(0.002)
-        self._now_s += seconds
+@pytest.fixture(autouse=True)
+def _holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is played holds for ever: deadlines are tested on a clock of their own."""
+    monkeypatch.setattr(lane_module, "FREEZE_S", 1e9)
 
 
 class Playing:
@@ -71,8 +63,7 @@ class Playing:
     def __init__(self) -> None:
         self.output = Recorder()
         self.reports: list[tuple[str, str]] = []
-        self.clock = StillClock()
-        self.lane = Lane(0, DEVICE, lambda: self.output, self._told, clock=self.clock)
+        self.lane = Lane(0, DEVICE, lambda: self.output, self._told)
         self.lane.start()
         self.lane.arm()
         self.until(lambda: "armed" in self.events())
@@ -87,7 +78,6 @@ class Playing:
         end = time.monotonic() + PATIENCE_S
         while not happened():
             assert time.monotonic() < end, f"never happened: {self.reports}"
-            self.lane.sign(self.clock.now())
             time.sleep(0.002)
 
     def play(self, values: np.ndarray | None = None) -> None:
@@ -120,7 +110,7 @@ def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None
     count = len(played.output.given)
     for _ in range(5):
         played.lane.feed(playing())
-        played.lane._step(played.clock.now(), 0.01, playing(), played.lane._generation)
+        played.lane._step(SYSTEM.now(), 0.01, playing(), played.lane._generation)
     assert len(played.output.given) == count
     assert ("stopped", "enough") in played.reports
 
@@ -155,7 +145,7 @@ def test_after_a_stop_it_plays_when_it_is_armed_and_from_silence(played: Playing
 def test_a_stop_does_not_wait_for_an_output_that_hangs(played: Playing) -> None:
     played.play()
     played.output.hangs.set()
-    played.until(lambda: played.lane.is_stuck(played.clock.now()))
+    played.until(lambda: played.lane.is_stuck(SYSTEM.now()))
     played.lane.fault("does not answer")
     played.until(lambda: played.output.ends_in_stops())
     assert not played.output.goes_on.is_set()

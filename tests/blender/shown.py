@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What Blender shows of haptic volumes at a time, instances too, by exact formulas of its own."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import bpy
+import igl
+import numpy as np
+import oracle
+
+
+def inside(graph: Any, modality: str, points: np.ndarray) -> dict[str, np.ndarray]:
+    """Points, (V, 3), in spheres and meshes of a modality, by the full name of their object."""
+    found: dict[str, np.ndarray] = {}
+    for instance in graph.object_instances:
+        shown = instance.object
+        hfx = shown.hfx
+        if hfx.role != "EFFECT" or hfx.kind != "VOLUME" or hfx.modality != modality:
+            continue
+        matrix = np.array([row[:] for row in instance.matrix_world])
+        if hfx.shape == "SPHERE":
+            local = (points - matrix[:3, 3]) @ np.linalg.inv(matrix[:3, :3]).T
+            held = np.linalg.norm(local, axis=1) <= hfx.radius
+        else:
+            held = _in_mesh(shown.data, matrix, points)
+        name = shown.original.name_full
+        found[name] = found.get(name, np.zeros(len(points), bool)) | held
+    return found
+
+
+def _in_mesh(mesh: Any, matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    mesh.calc_loop_triangles()
+    corners = np.array([v.co[:] for v in mesh.vertices]) @ matrix[:3, :3].T + matrix[:3, 3]
+    faces = np.array([t.vertices[:] for t in mesh.loop_triangles], np.int64)
+    return np.rint(np.abs(igl.winding_number(corners, faces, points))) > 0
+
+
+def assert_felt(
+    scene: Any, rate_hz: int, *, every: int = 3, tolerance: Any = None, least: int = 100
+) -> Any:
+    """Vibrations are felt exactly where Blender shows volumes; returns what was evaluated."""
+    found = oracle.evaluate(scene, rate_hz=rate_hz, tolerance=tolerance or oracle.PAPER)
+    body = next(obj for obj in scene.objects if obj.hfx.role == "BODY")
+    model = oracle.model_object(scene, body, "vibration")
+    total = 0
+    for index in range(0, found.reader.time.sample_count, every):
+        oracle.set_time(scene, Fraction(found.reader.time.frame(index)))
+        graph = bpy.context.evaluated_depsgraph_get()
+        held = inside(graph, "vibration", oracle.world_vertices(scene, model))
+        want = set(np.flatnonzero(np.any(list(held.values()), axis=0))) if held else set()
+        felt: set[int] = set()
+        for samples in found.samples.values():
+            felt |= set(samples[index].vertices.tolist()) if index in samples else set()
+        assert felt == want, f"sample {index}: {len(felt - want)} false, {len(want - felt)} missed"
+        total += len(want)
+    assert total >= least
+    bpy.data.objects.remove(model)
+    return found

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simulations that nobody baked are felt as the same ones baked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+oracle = pytest.importorskip("oracle")
+
+
+def _cloth(_scene: Any) -> Any:
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2, radius=0.3)
+    source = bpy.context.object
+    volume = oracle.add_mesh_volume("Cloth", "vibration", source)
+    volume.parent, volume.location = None, (0, 0, 1.4)
+    bpy.data.objects.remove(source)
+    settings = volume.modifiers.new("Cloth", "CLOTH").settings
+    settings.use_pressure, settings.uniform_pressure_force = True, 2.0
+    return volume
+
+
+def _soft(_scene: Any) -> Any:
+    volume = _cloth(_scene)
+    volume.modifiers.clear()
+    volume.modifiers.new("Soft", "SOFT_BODY")
+    volume.soft_body.use_goal = False
+    return volume
+
+
+def _particles(scene: Any) -> Any:
+    ball = oracle.add_volume("Drop", "vibration", "SPHERE", (0, 0, 0), radius=0.1)
+    for used in list(ball.users_collection):
+        used.objects.unlink(ball)
+    bpy.ops.mesh.primitive_plane_add(size=0.6, location=(0, 0, 1.2))
+    bpy.ops.object.particle_system_add()
+    settings = bpy.context.object.particle_systems[0].settings
+    settings.count, settings.frame_end, settings.lifetime = 12, 6, 5
+    settings.brownian_factor, settings.particle_size = 6.0, 1.0
+    settings.render_type, settings.instance_object = "OBJECT", ball
+    return ball
+
+
+def _felt(scene: Any) -> dict[tuple[str, int], bytes]:
+    found = oracle.evaluate(scene, rate_hz=60)
+    return {
+        (name, index): sample.vertices.tobytes()
+        for name, samples in found.samples.items()
+        for index, sample in samples.items()
+    }
+
+
+@pytest.mark.parametrize("make", [_cloth, _soft, _particles])
+@pytest.mark.parametrize("is_remapped", [False, True])
+def test_unbaked_is_felt_as_baked(scene: Any, make: Any, is_remapped: bool) -> None:
+    scene.frame_start, scene.frame_end = 1, 10
+    if is_remapped:
+        scene.render.frame_map_old, scene.render.frame_map_new = 100, 80
+    oracle.add_avatar()
+    make(scene)
+    bpy.context.view_layer.update()
+    unbaked = _felt(scene)
+    render = scene.render
+    assert (render.frame_map_old, render.frame_map_new) == (
+        (100, 80) if is_remapped else (100, 100)
+    )
+    bpy.ops.ptcache.bake_all(bake=True)
+    baked = _felt(scene)
+    assert unbaked == baked and len(baked) > 10
+
+
+def test_a_second_reading_is_the_same_and_a_cache_stays(scene: Any) -> None:
+    scene.frame_start, scene.frame_end = 1, 8
+    oracle.add_avatar()
+    volume = _cloth(scene)
+    for frame in range(1, 12):
+        scene.frame_set(frame)
+    vertices = oracle.local_vertices(scene, volume)
+    cache = volume.modifiers[0].point_cache
+    assert _felt(scene) == _felt(scene)
+    scene.frame_set(11)
+    assert not cache.is_outdated and not cache.is_baked
+    assert np.array_equal(oracle.local_vertices(scene, volume), vertices)
