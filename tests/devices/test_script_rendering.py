@@ -268,12 +268,12 @@ def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
     assert script is not None
     heard: SimpleQueue[Any] = SimpleQueue()
     wish = {**script.as_wish(), "device": str(device.script.device), "folder": None}
-    process = ScriptProcess(wish, heard.put, heard.put, heard.put)
+    process = ScriptProcess(wish, heard.put, heard.put)
     process.start()
     found = []
     try:
         for moment in told:
-            process.ask(moment)
+            process.ask(moment, heard.put)
             found.append(heard.get(timeout=60.0))
             assert isinstance(found[-1], np.ndarray), found[-1]
     finally:

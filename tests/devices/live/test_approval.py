@@ -110,7 +110,6 @@ def test_a_script_that_plays_stops_when_its_approval_is_withdrawn(
         client,
         lambda: any(map(is_loud, rows_of(log))),
         lambda: client.send_haptics("it", told),
-        is_patient=True,
     )
     cli.run(["device", "revoke", "two_left"])  # of another: it plays on
     count = len(rows_of(log))
@@ -118,7 +117,6 @@ def test_a_script_that_plays_stops_when_its_approval_is_withdrawn(
         client,
         lambda: any(map(is_loud, rows_of(log)[count:])),
         lambda: client.send_haptics("it", told),
-        is_patient=True,
     )
     named = "one_left" if by == "name" else script("one").fingerprint[:12]
     assert cli.run(["device", "revoke", named]) == 0

@@ -307,9 +307,8 @@ def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
     lane._output, lane._is_armed = ears, True  # its thread is this one
     frame = both(3.0, 4.0)
     frame[0] = 1e-6
-    lane.feed(frame)
-    now = lane._waiting[0][0]
+    now = lane._clock.now()
     for k in range(3):
-        lane._step(now + 0.01 * k, 0.01)
+        lane._step(now + 0.01 * k, 0.01, frame if k == 0 else None, lane._generation)
     sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
     assert sums == pytest.approx([1.0, 2.0, 3.0])
