@@ -42,6 +42,7 @@ def bake(
     import numpy as np
 
     from ..engine.evaluate import Engine
+    from ..reading.animation_time import animation_frames
     from ..reading.scene_reader import SceneReader
 
     reader = SceneReader(scene, frames=frames)
@@ -76,7 +77,8 @@ def bake(
         values = [float(shares[a : max(b, a + 1)].max()) * intensity for a, b in pairs]
     else:
         values = [float(levels[a : max(b, a + 1)].max()) for a, b in pairs]
-    keys = _without_repeats(list(zip(every.tolist(), values, strict=True)))
+    keyed = animation_frames(scene, every.astype(np.float64)).tolist()
+    keys = _without_repeats(list(zip(keyed, values, strict=True)))
     for owner, path in _owners(effect, target):
         data = owner.animation_data or owner.animation_data_create()
         if data.action is None:

@@ -145,6 +145,11 @@ class Sources:
         }
         self.objects = {name: every[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))
+        plain = [source.name for source in self.objects.values()]
+        self._names = {  # a library may have a volume of the same name
+            name: source.name if plain.count(source.name) == 1 else name
+            for name, source in self.objects.items()
+        }
 
     def described(self, name: str) -> EffectDescription:
         """What instances of a source have in common."""
@@ -152,7 +157,7 @@ class Sources:
         falloff = Falloff(FalloffKind(hfx.falloff), hfx.falloff_share)
         return EffectDescription(
             id=self._ids[name],
-            name=source.name,
+            name=self._names[name],
             modality=hfx.modality,
             model_id=effects.model_id_for(hfx.modality),
             area=HapticVolume(falloff, response_values.filters_of(source)),

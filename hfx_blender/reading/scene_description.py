@@ -36,7 +36,7 @@ from ..file_hash import sha256_of
 from . import activation, reached, response_values, skin_areas, surface_reading, visibility
 from .animation_time import animation_frames, played_frame
 from .broken_keys import refuse_broken_keys
-from .simulation import Simulation, unbaked_fluids
+from .simulation import Simulation, to_bake
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
@@ -88,10 +88,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
     ]
     warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
-    warnings += tuple(
-        f"the fluid of '{each.name}' is not baked: it is felt as it stands; bake it first"
-        for each in unbaked_fluids(scene)
-    )
+    warnings += tuple(to_bake(scene))
     found = HapticObjects(scene, layer, bodies, kept, activations, warnings)
     refuse_broken_keys([*kept, *bodies])
     return found

@@ -25,6 +25,9 @@ _PHYSICS = {
 }
 """Modifiers that move or deform an object otherwise than its curves say."""
 
+_CACHED = {"CLOTH", "SOFT_BODY"}
+"""Of these, the ones with a point cache of their own; their steps depend on time remapping."""
+
 
 class Simulation:
     """The simulations of a scene, to be played through once.
@@ -74,23 +77,24 @@ def moves_particles(scene: bpy.types.Scene) -> bool:
     )
 
 
-def unbaked_fluids(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Domains of fluids that playing does not simulate, as they want to be baked."""
-    found = []
+def to_bake(scene: bpy.types.Scene) -> list[str]:
+    """Warnings of simulations that playing does not give, but baking does."""
     if simulated(scene) is None:
         return []
+    remapped = scene.render.frame_map_old != scene.render.frame_map_new
+    found = []
     for obj in _shown(scene):
         for modifier in obj.modifiers:
             if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
                 domain = modifier.domain_settings
                 if domain.cache_type != "REPLAY" and not domain.has_cache_baked_data:
-                    found.append(obj)
+                    found.append(f"the fluid of '{obj.name}' is not baked: bake it to feel it")
+            elif modifier.type in _CACHED and remapped and not modifier.point_cache.is_baked:
+                found.append(
+                    f"time is remapped and the simulation of '{obj.name}' is not baked: bake it "
+                    "to be sure of what is felt"
+                )
     return found
-
-
-def has_cache(obj: bpy.types.Object) -> bool:
-    """Whether an object has frames in a cache that an edit of it would empty."""
-    return _is_simulated(obj) or bool(obj.particle_systems)
 
 
 def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -135,7 +139,7 @@ def _starts(obj: bpy.types.Object) -> Iterator[int]:
     for system in obj.particle_systems:
         yield system.point_cache.frame_start
     for modifier in obj.modifiers:
-        if modifier.type in ("CLOTH", "SOFT_BODY"):
+        if modifier.type in _CACHED:
             yield modifier.point_cache.frame_start
         elif modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
             yield from (each.frame_start for each in modifier.canvas_settings.canvas_surfaces)

@@ -73,14 +73,14 @@ def _restored(scene: bpy.types.Scene) -> Iterator[None]:
     """Go back to the present frame of a scene, whose objects Blender has changed meanwhile."""
     global _is_stepping
     before = scene.frame_current, scene.frame_subframe
-    _is_stepping = True
+    was_stepping, _is_stepping = _is_stepping, True
     try:
         yield
     finally:
         try:
             scene.frame_set(before[0], subframe=before[1])
         finally:
-            _is_stepping = False
+            _is_stepping = was_stepping
 
 
 def is_stepping() -> bool:
