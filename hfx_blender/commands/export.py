@@ -55,7 +55,9 @@ def add_parser(commands: Any) -> None:
         "--tolerance",
         type=_tolerance,
         metavar="T",
-        help="preview, standard, exact, paper, or values such as 3mm,5ms (default: the scene's)",
+        help="preview, standard, exact, paper, or values such as 3mm,5ms,5%%: how far off edges, "
+        "motion and strength may be; a contact may begin late by the ms plus the time that its "
+        "approach takes for the mm (default: the scene's)",
     )
     parser.add_argument(
         "--device",
