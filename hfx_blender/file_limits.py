@@ -19,6 +19,7 @@ from .errors import InputError
 _times: ContextVar[float] = ContextVar("hfx_file_limits", default=1.0)
 
 MOST_TIMES: Final = 1e6
+_COUNTLESS: Final = 1e300  # whole numbers may be larger than any float
 
 
 class TooLargeError(InputError):
@@ -54,7 +55,7 @@ class Limit:
         TooLargeError
         """
         if not asked <= self.allowed:  # not a number is too much as well
-            times = asked / self.default
+            times = asked / self.default if asked < _COUNTLESS else math.inf
             way = f"'--largest {_up(times)}' allows it" if times <= MOST_TIMES else "far too much"
             raise TooLargeError(
                 f"{name}: {asks} {_shown(asked)} {self.unit}, allowed are "
@@ -115,7 +116,9 @@ def raised(times: float) -> Iterator[None]:
 
 
 def _shown(amount: float) -> str:
-    return f"{amount:,.0f}" if abs(amount) < 1e15 else f"{amount:.3g}"
+    if abs(amount) < 1e15:
+        return f"{amount:,.0f}"
+    return f"{amount:.3g}" if abs(amount) < _COUNTLESS else "countless"
 
 
 def _up(times: float) -> str:

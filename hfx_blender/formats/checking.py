@@ -22,6 +22,7 @@ from ..errors import InputError
 
 MAX_BYTES: Final = 64 << 20
 MAX_FINDINGS: Final = 1000
+_READ_BYTES: Final = 1 << 20
 _HALF_PAIR: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _SHOWN = 60  # characters of a value that a message repeats
 
@@ -273,14 +274,18 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     """
     try:
         with open(path, "rb") as file:
-            content = file.read(most + 1)
+            parts, size = [], 0
+            # Part by part: asked for all at once, Python takes the most that it could be.
+            while size <= most and (part := file.read(_READ_BYTES)):
+                parts.append(part)
+                size += len(part)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: cannot be read ({error}).") from error
-    if len(content) > most:
+    if size > most:
         raise InputError(f"{path}: is larger than {most >> 20} MiB, the most that is read.")
-    return content
+    return b"".join(parts)
 
 
 def mapped(path: Path) -> bytes:
