@@ -44,6 +44,7 @@ from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .recording import Recorded, record_track
 from .staging import place, staging
 from .stepwise import Progress, finish
+from .stored_values import bad_values
 
 REPORT_SUFFIX = ".report.json"
 
@@ -348,6 +349,9 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
 
 def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
     """The tolerance that a scene asks for."""
+    for bad in bad_values(scene):
+        if bad.path in ("tolerance", "tolerance_custom"):
+            raise InputError(f"Scene '{scene.name}': {bad}.")
     if scene.hfx.tolerance != "CUSTOM":
         return parse(scene.hfx.tolerance)
     try:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from ..authoring import effects
 from ..engine.modality import MODALITIES
 from ..engine.scene import AnimationBlock, EffectBlock, EffectDescription, HapticVolume, TimeBase
-from ..engine.volume.shape import Falloff, FalloffKind, Shape
+from ..engine.volume.shape import Shape
 from ..errors import InputError
 from . import activation, effect_values, response_values, stepping
 from .scene_rows import EffectRow
@@ -286,13 +286,12 @@ def _state(scene: bpy.types.Scene, source: bpy.types.Object) -> activation.Activ
 
 def _describe(source: bpy.types.Object, state: activation.Activation) -> EffectDescription:
     hfx = source.hfx
-    falloff = Falloff(FalloffKind(hfx.falloff), hfx.falloff_share)
     return EffectDescription(
         id=hfx.uid or source.name,
         name=source.name,
         modality=hfx.modality,
         model_id=effects.model_id_for(hfx.modality),
-        area=HapticVolume(falloff, response_values.filters_of(source)),
+        area=HapticVolume(effect_values.falloff(hfx), response_values.filters_of(source)),
         is_contact=hfx.temperature_reference == "CONTACT",
         clips=state.clips,
     )
