@@ -42,6 +42,7 @@ from .formats.written import Written, beside
 from .own_processes import cores
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .recording import Recorded, record_track
+from .report import MOST_LINES, shortened
 from .staging import place, staging
 from .stepwise import Progress, finish
 from .stored_values import bad_values
@@ -105,7 +106,8 @@ class SceneExport:
             with_velocities="velocities" in settings.record,
         )
         if settings.strict and self.reader.description.warnings:
-            raise InputError("; ".join(self.reader.description.warnings) + ".")
+            told = shortened(self.reader.description.warnings, MOST_LINES)
+            raise InputError("; ".join(told) + ".")
 
     @property
     def _wants_volumes(self) -> bool:
@@ -245,17 +247,16 @@ class SceneExport:
                 written += volumes.write(
                     models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
                 )
-        if settings.strict and written.left_out:
-            raise InputError("; ".join(written.left_out) + ".")
+        if settings.strict and (recorded.warnings or written.left_out):
+            told = shortened((*recorded.warnings, *written.left_out), MOST_LINES)
+            raise InputError("; ".join(told) + ".")
         report = ExportReport(
             scene=self._scene.name,
             files=written.files,
             felt=felt,
             unrendered=lost,
-            warnings=(
-                *self.reader.description.warnings,
-                *recorded.warnings,
-                *written.left_out,
+            warnings=shortened(
+                (*self.reader.description.warnings, *recorded.warnings, *written.left_out)
             ),
             left_out=written.left_out,
             engine={

@@ -23,7 +23,8 @@ from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
-from . import instances, play_space, scene_description, stepping
+from ..report import shortened
+from . import instances, linked_files, play_space, scene_description, stepping
 from .effect_values import Shapes
 from .reading_plan import Pass, Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
@@ -135,6 +136,8 @@ class SceneReader:
         self._found, self.description = scene_description.describe(
             self._found, self.time, self._shapes, always_posed=self._always_posed, more=more
         )
+        warnings = (*self.description.warnings, *linked_files.missing())
+        self.description = replace(self.description, warnings=shortened(warnings))
         # What is read of objects; instances are read apart.
         own = self.description.effects[: len(self._found.effects)]
         self._described = replace(self.description, effects=own)
