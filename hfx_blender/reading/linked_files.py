@@ -51,7 +51,7 @@ def missing() -> list[str]:
         (name, each) for name, each in linked_files().items() if each.must_be and _is_gone(each)
     )
     return [
-        f"{each.user} needs '{name}', which is not there: what it holds is not in the export"
+        f"'{name}' of {each.user} is not there: what it holds is not in the export"
         for name, each in gone
     ]
 
