@@ -32,7 +32,7 @@ from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
 from .errors import InputError, UsageError
-from .export_report import ExportReport, felt_effects, not_played
+from .export_report import ExportReport, felt_effects, not_played, shortfalls
 from .formats import registry
 from .formats.curves import CurveTolerance
 from .formats.glb_scene import VolumeRecorder
@@ -233,7 +233,9 @@ class SceneExport:
         tolerance = CurveTolerance(min(self.tolerance.amplitude, DEFAULT_TOLERANCE.value))
         with TrackReader(track) as whole:
             felt = felt_effects(whole)
-            lost = not_played(whole.header, [raster for _, raster in played])
+            rasters = [raster for _, raster in played]
+            lost = not_played(whole.header, rasters)
+            short = shortfalls(whole.header, rasters)
             if settings.per_clip:
                 written = _write_clips(whole, settings, stem, tolerance)
             else:
@@ -264,7 +266,7 @@ class SceneExport:
                 "stepping": recorded.stepping,
                 **recorded.engine,
             },
-            notes=tuple(dict.fromkeys((*recorded.notes, *written.notes))),
+            notes=shortened((*recorded.notes, *short, *written.notes)),
             made_from=made_from,
         )
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
