@@ -86,10 +86,10 @@ def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str
     )
 
 
-_WHY = {
-    "frequency": "plays it at another frequency than it has",
-    "limit": "cuts it: it is stronger than an actuator may be",
-    "threshold": "plays it weaker than is felt there",
+_OTHERWISE = {
+    "frequency": "plays effect '{}' at another frequency",
+    "limit": "cuts effect '{}' to what an actuator may do",
+    "threshold": "plays effect '{}' weaker than is felt there",
 }
 
 
@@ -106,9 +106,10 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
         if lacking:
             notes.append(f"device '{raster.device_id}' plays no {', '.join(sorted(lacking))}")
         notes += [
-            f"device '{raster.device_id}', effect '{effects[each.effect_id]}': for "
-            f"{each.seconds:.2f} s ({each.share:.0%}) it {_WHY[each.reason]}"
+            f"device '{raster.device_id}' "
+            f"{_OTHERWISE[each.reason].format(effects[each.effect_id])} "
+            f"for {each.seconds:.2f} s ({each.share:.0%})"
             for each in raster.shortfalls
-            if each.reason in _WHY
+            if each.reason in _OTHERWISE
         ]
     return tuple(notes)

@@ -6,10 +6,9 @@ Faults that make an export impossible are told here, before any time is evaluate
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
@@ -88,12 +87,12 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     warnings = (*_of_unknown_role(scene), *told, *warnings)
     kept, bodiless = _without_bodiless(kept, bodies)
     warnings += bodiless
-    sound, faults = _sorted_out(kept, soundness.warnings_of)
+    sound, faults = soundness.sorted_out(kept, soundness.warnings_of)
     if faults and not sound and not instances.may_be(scene):
         raise InputError(next(iter(faults.values())))
     warnings += tuple(text for each in sound.values() for text in each)
     kept = list(sound)
-    left_out += tuple(_left_out(obj, why) for obj, why in faults.items())
+    left_out += soundness.left_out(faults)
     silent = effects.silenced(kept)
     activations = [
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
@@ -109,23 +108,6 @@ def refuse_bad_unit(scene: bpy.types.Scene) -> None:
         raise InputError(
             f"Scene '{scene.name}': its Unit Scale is {unit:g}, allowed is 1e-09 to 1e+09."
         )
-
-
-def _sorted_out(
-    objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
-) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
-    """What ``work`` finds of each object, and why it cannot of others."""
-    found, faults = {}, {}
-    for obj in objects:
-        try:
-            found[obj] = work(obj)
-        except InputError as error:
-            faults[obj] = str(error)
-    return found, faults
-
-
-def _left_out(obj: bpy.types.Object, reason: str) -> str:
-    return f"{soundness.titled(obj)} was left out: {reason.removesuffix('.')}"
 
 
 def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
@@ -164,11 +146,11 @@ def _find_bodies(
                 )
         return told
 
-    sound, faults = _sorted_out(bodies, check)
+    sound, faults = soundness.sorted_out(bodies, check)
     if not sound:
         raise InputError(next(iter(faults.values())))
     told = tuple(text for each in sound.values() for text in each)
-    return list(sound), told, tuple(_left_out(obj, why) for obj, why in faults.items())
+    return list(sound), told, soundness.left_out(faults)
 
 
 def _instanced_body(
@@ -291,7 +273,7 @@ def describe(
             shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         return _describe_effect(effect, states[effect], found, ids)
 
-    described, faults = _sorted_out(found.effects, work)
+    described, faults = soundness.sorted_out(found.effects, work)
     if not described and not more:
         none = f"Scene '{found.scene.name}' has no haptic effects to export."
         raise InputError(next(iter(faults.values()), none))
@@ -302,21 +284,23 @@ def describe(
         if (each.kind == "volume" or always_posed) and states[effect].may_be_on(frames).any()
     }
     posed |= {effect.model_id for effect in more}
-    bindings, unbound = _sorted_out(found.bodies, lambda body: body_binding.binding_of(body, posed))
+    bindings, unbound = soundness.sorted_out(
+        found.bodies, lambda body: body_binding.binding_of(body, posed)
+    )
     if not bindings:
         raise InputError(next(iter(unbound.values())))
     if unbound:  # and effects on them
         others = replace(
             found,
             bodies=list(bindings),
-            left_out=(*found.left_out, *(_left_out(*each) for each in unbound.items())),
+            left_out=(*found.left_out, *soundness.left_out(unbound)),
         )
         return describe(others, time, shapes, always_posed=always_posed, more=more)
     kept = replace(
         found,
         effects=list(described),
         activations=[states[effect] for effect in described],
-        left_out=(*found.left_out, *(_left_out(*each) for each in faults.items())),
+        left_out=(*found.left_out, *soundness.left_out(faults)),
     )
     warnings = [*found.warnings, *kept.left_out]
     warnings += filter(None, map(body_binding.warning_of, found.bodies))

@@ -8,7 +8,8 @@ value that is not read as it stands is told.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
 
 import bpy
 import numpy as np
@@ -67,6 +68,24 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
             f"{MOST_FILTERS} are allowed."
         )
     return told + list(_of_animation(obj))
+
+
+def sorted_out(
+    objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
+) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
+    """What ``work`` finds of each object, and why it cannot of others."""
+    found, faults = {}, {}
+    for obj in objects:
+        try:
+            found[obj] = work(obj)
+        except InputError as error:
+            faults[obj] = str(error)
+    return found, faults
+
+
+def left_out(faults: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
+    """A warning for each object that was left out."""
+    return tuple(f"{titled(o)} was left out: {why.removesuffix('.')}" for o, why in faults.items())
 
 
 def titled(obj: bpy.types.Object) -> str:

@@ -186,8 +186,8 @@ def test_every_property_of_a_body(sound_scene: Any, tmp_path: Path) -> None:
     body = bpy.data.objects["Avatar"]
     count = 0
     for name, value in broken_values(body.hfx):
-        if name in ("role", "name") or name not in ("follow", "avatar_parts", "bone_map", "radius"):
-            continue
+        if name not in ("follow", "avatar_parts") and not (name == "radius" and value != value):
+            continue  # a body takes time
         count += 1
         other = body.copy()
         other.name = other.hfx.uid = f"Other {name} {value}"
