@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import bpy
 from bpy_extras import anim_utils
@@ -108,3 +109,24 @@ def fit_brush(context: bpy.types.Context, strength: float, radius: float) -> Non
 def strips(editor: bpy.types.SequenceEditor) -> bpy.types.bpy_prop_collection:
     """Strips of a sequence editor (``sequences`` before 4.4)."""
     return editor.strips if hasattr(editor, "strips") else editor.sequences
+
+
+def properties(owner: bpy.types.ID) -> object:
+    """The add-on's properties of a datablock as plain values that can be compared.
+
+    They are no custom properties since 5.0.
+    """
+    if hasattr(owner, "bl_system_properties_get"):
+        group = owner.bl_system_properties_get()
+        return None if group is None else _plain(group.get("hfx"))
+    return _plain(owner.get("hfx"))
+
+
+def _plain(value: Any) -> object:
+    if isinstance(value, bpy.types.ID):
+        return value.name_full
+    if hasattr(value, "items"):
+        return {key: _plain(each) for key, each in value.items()}
+    if hasattr(value, "to_list"):
+        return value.to_list()
+    return [_plain(each) for each in value] if isinstance(value, list) else value

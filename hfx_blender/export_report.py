@@ -24,6 +24,7 @@ class ExportReport:
     warnings: tuple[str, ...]
     engine: dict[str, Any] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()  # of the warnings: what a format could not hold of a device
+    silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
     notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
 
@@ -43,6 +44,7 @@ class ExportReport:
             "unrendered": list(self.unrendered),
             "warnings": list(self.warnings),
             "left_out": list(self.left_out),
+            "silent_devices": list(self.silent_devices),
             "notes": list(self.notes),
             "engine": self.engine,
             "made_from": dict(self.made_from),

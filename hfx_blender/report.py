@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
+from .printable import printable
+
 if TYPE_CHECKING:
     from .export import ExportReport
 
@@ -41,10 +43,12 @@ def describe(report: ExportReport) -> str:
         f"{lost['body']} but played by no device"
         for lost in report.unrendered
     ]
-    lines += [f"  warning: {text}" for text in shortened(report.warnings, MOST_LINES)]
+    told = set(report.silent_devices)  # by the command, on its own
+    warnings = (text for text in report.warnings if text not in told)
+    lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
     lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _size(count: int) -> str:

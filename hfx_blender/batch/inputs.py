@@ -12,6 +12,7 @@ from typing import Any
 from .. import __version__
 from ..devices import surface_calibration
 from ..devices.configuration import find_file
+from ..devices.live.approval import script_of
 from ..engine.body.model import load_model
 from ..engine.native.library import library
 from ..errors import HfxError
@@ -86,7 +87,11 @@ def _place_of(name: str, source: Path) -> Path:
 
 
 def _device_hash(name: str) -> str:
+    """Of its configuration; with a script, of both, and of whether that may run."""
     path = find_file(name)
     if path is None:
         raise FileNotFoundError(name)
-    return sha256_of(path)
+    script = script_of(name)
+    if script is None:
+        return sha256_of(path)
+    return script.fingerprint if script.is_approved else f"{script.fingerprint} not approved"

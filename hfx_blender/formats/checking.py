@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 import math
+import mmap
+import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -279,6 +281,26 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     if len(content) > most:
         raise InputError(f"{path}: is larger than {most >> 20} MiB, the most that is read.")
     return content
+
+
+def mapped(path: Path) -> bytes:
+    """A file's content of any size, of which only what is looked at is read.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            if not os.fstat(file.fileno()).st_size:
+                return b""
+            found: Any = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            return found  # type: ignore[no-any-return]  # it is sliced as bytes are
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}).") from error
 
 
 def decoding_findings(

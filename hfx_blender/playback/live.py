@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import bpy
+import numpy as np
 
 from .. import resources
 from . import live_listening, live_settings, live_targets
@@ -48,6 +49,8 @@ class Live:
         self._generation = -1  # of the evaluation that devices are told moments of
         self._is_described = False
         self._changed_s = 0.0
+        self._time_s = 0.0  # of the scene, when devices were told last
+        self._muted: set[str] = set()  # then
         self._is_held = False
         self._ahead: Ahead | None = None
         self.fault = ""
@@ -239,11 +242,21 @@ class Live:
         self._look_ahead()
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
             self._is_held = True
-            for name, each in self._devices.items():
-                if each.has_script:
-                    continue  # a script decides by itself what standing still means
-                self._client.send(name, live_targets.neutral_of(each.device))
+            self._fade()
         return bool(news)
+
+    def _fade(self) -> None:
+        """Nothing is felt any more; a script decides by itself what that means."""
+        from ..devices.live.haptics import packed
+
+        if self._client is None:
+            return
+        for name, each in self._devices.items():
+            neutral = np.array(live_targets.neutral_of(each.device))
+            if each.has_script and name not in self._muted:
+                self._client.send_haptics(name, packed(self._time_s, [], neutral))
+            else:
+                self._client.send(name, neutral)
 
     def _look_ahead(self) -> None:
         """Read a little more of what comes."""
@@ -293,7 +306,10 @@ class Live:
         self._changed_s, self._is_held = time.monotonic(), False
         numbers = {name: state.number for name, state in self.states.items()}
         playhead = self.ahead.playhead(scene, live_listening.is_playing())
-        self._client.show(moment_now(scene, numbers, self.ahead.edition, playhead))
+        moment = moment_now(scene, numbers, self.ahead.edition, playhead)
+        self._time_s = moment.time_s
+        self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
+        self._client.show(moment)
 
 
 live = Live()

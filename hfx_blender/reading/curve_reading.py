@@ -14,7 +14,7 @@ from ..engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..response_properties import HfxResponseFilter
 from ..stored_values import limited
-from . import effect_values, response_values, skin_values
+from . import effect_values, response_values, skin_values, visibility
 from .activation import Activation, Source
 from .animation_curves import NotModelledError
 from .own_kinematics import Parents, PlainObject, rest_value
@@ -25,8 +25,6 @@ I64 = npt.NDArray[np.int64]
 
 _CHUNK = 256
 """Samples in a chunk: sampling few times costs nearly as much as sampling many."""
-
-_STEADY = {"hide_viewport", "hide_render", "hide_select"}
 
 
 class CurveEffect:
@@ -58,7 +56,9 @@ class CurveEffect:
         animated = {p for p in animated if not skin_values.is_drive(p)}
         if effect.hfx.kind == "SPOT":
             known |= {f"hfx.{name}" for name in skin_values.PLACE}
-        other = sorted(p for p in animated - known if p.startswith("hfx.") or p in _STEADY)
+        other = sorted(path for path in animated - known if path.startswith("hfx."))
+        if visibility.is_keyed(effect):
+            raise NotModelledError(f"'{effect.name}' is shown and hidden")
         if other:
             raise NotModelledError(f"'{other[0]}' of '{effect.name}' is animated")
         if state.source is Source.ANIMATED and "hfx.activation" not in animated:
@@ -152,6 +152,16 @@ class CurveEffect:
         limits = owner.bl_rna.properties[name]  # Blender keeps to them, and to 32 bits
         clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
         return clipped.astype(np.float32).astype(np.float64)
+
+
+def is_steady(effect: bpy.types.Object) -> bool:
+    """Whether an effect has the shape of a mesh that is the same at all times, or of none."""
+    try:
+        if effect.hfx.shape == "MESH":
+            _refuse_deformed(effect)
+    except NotModelledError:
+        return False
+    return not visibility.is_keyed(effect)
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:
@@ -249,6 +259,8 @@ class CurveBody:
     ) -> None:
         if isinstance(binding, SurfaceBinding):
             raise NotModelledError(f"'{body.name}' follows its avatar's surface")
+        if visibility.is_keyed(body):
+            raise NotModelledError(f"'{body.name}' is shown and hidden")
         self.rig = (parents or Parents()).rig(body)
         self._unit_m = unit_m
 

@@ -64,30 +64,38 @@ def to_metres(world: F64, unit_m: float) -> F64:
     return scaled
 
 
+def is_empty(evaluated: bpy.types.Object) -> bool:
+    """Whether the mesh of an object has nothing in it, as where nodes make all of it instances."""
+    return evaluated.type == "MESH" and not evaluated.mode == "EDIT" and not evaluated.data.vertices
+
+
 class Shapes:
     """The shapes of a scene's volumes; a mesh is made into one again only where it deforms."""
 
     def __init__(self) -> None:
-        self._meshes: dict[str, tuple[bytes, MeshVolume]] = {}
+        self._meshes: dict[tuple[str, int], tuple[bytes, MeshVolume]] = {}
         self.notes: dict[str, None] = {}  # in order: what was mended in a mesh
 
-    def shape_of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> Shape:
-        """The shape of an effect as it is evaluated at a time."""
+    def shape_of(
+        self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
+    ) -> Shape:
+        """The shape of an effect as it is evaluated at a time; instances may have several."""
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
         if not evaluated.data.is_editmode:
-            return self._mesh_volume(effect, evaluated.data)
+            return self._mesh_volume(effect, evaluated.data, part)
         try:  # what is being edited is not in the evaluated mesh itself
-            return self._mesh_volume(effect, evaluated.to_mesh())
+            return self._mesh_volume(effect, evaluated.to_mesh(), part)
         finally:
             evaluated.to_mesh_clear()
 
-    def _mesh_volume(self, effect: bpy.types.Object, mesh: bpy.types.Mesh) -> MeshVolume:
+    def _mesh_volume(self, effect: bpy.types.Object, mesh: bpy.types.Mesh, part: int) -> MeshVolume:
         positions = np.zeros(len(mesh.vertices) * 3, np.float32)
         if len(mesh.vertices):
             mesh.attributes["position"].data.foreach_get("vector", positions)
         content = positions.tobytes()
-        known = self._meshes.get(effect.name)
+        which = effect.name_full, part
+        known = self._meshes.get(which)
         if known is None or known[0] != content:
             mesh.calc_loop_triangles()
             triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
@@ -95,12 +103,12 @@ class Shapes:
             volume = MeshVolume(
                 positions.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3), effect.name
             )
-            known = self._meshes[effect.name] = (content, volume)
+            known = self._meshes[which] = (content, volume)
             if volume.note:
                 self.notes[volume.note] = None
         return known[1]
 
-    def last_of(self, effect: bpy.types.Object) -> Shape | None:
+    def last_of(self, effect: bpy.types.Object, part: int = 0) -> Shape | None:
         """The last mesh of an effect that could be one; None if there never was any."""
-        known = self._meshes.get(effect.name)
+        known = self._meshes.get((effect.name_full, part))
         return known[1] if known else None

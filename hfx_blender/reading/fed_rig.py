@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from .. import compat
 from .animation_curves import AnimatedValues, NotModelledError
+from .animation_time import animation_frames
 from .own_kinematics import BONE_PATH, WIDTHS, rest_value
 
 F32 = npt.NDArray[np.float32]
@@ -30,6 +31,7 @@ class FedRig:
 
     Parameters
     ----------
+    scene : bpy.types.Scene
     obj : bpy.types.Object
         An armature.
     first, step : Fraction
@@ -41,9 +43,12 @@ class FedRig:
         Its animation cannot be sampled, or not be told from what else is animated.
     """
 
-    def __init__(self, obj: bpy.types.Object, first: Fraction, step: Fraction) -> None:
+    def __init__(
+        self, scene: bpy.types.Scene, obj: bpy.types.Object, first: Fraction, step: Fraction
+    ) -> None:
         if obj.library is not None or obj.override_library is not None:
             raise NotModelledError(f"'{obj.name}' is linked")
+        self._scene = scene
         self.obj = obj
         self.copy: bpy.types.Object | None = None
         self._first, self._step = first, step
@@ -103,7 +108,8 @@ class FedRig:
         whole = [frame.numerator // frame.denominator for frame in frames]
         parts = [float(frame - k) for frame, k in zip(frames, whole, strict=True)]
         at = np.array(whole, np.float32) + np.array(parts, np.float32)  # as Blender adds them
-        values = self._values.sample(at.astype(np.float64), single=True).astype(np.float32)
+        at = animation_frames(self._scene, at)
+        values = self._values.sample(at, single=True).astype(np.float32)
         for name, (places, columns) in self._places.items():
             still = np.zeros(len(self.obj.pose.bones) * WIDTHS[name], np.float32)
             self.obj.pose.bones.foreach_get(name, still)

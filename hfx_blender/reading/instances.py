@@ -1,33 +1,39 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Many small objects: instances and particles of a haptic volume are volumes themselves.
 
-They are read once, at whole frames, from the user's own scene, which is what simulations and
-geometry nodes can be read at; between frames they move straight on. Each has an id that stays:
-what makes it (a particle system, a collection instance, geometry nodes), and its number there.
+Which there are is found at whole frames of the user's own scene, which is what simulations and
+geometry nodes can be read at; what each is at a time is read at that very time. Each has an id
+that stays: what makes it (a particle system, a collection instance, geometry nodes), and its
+number there.
+
+The objects that Blender shows as instances live no longer than a step of the loop over them, so
+all that counts is copied inside of it. Sources are told apart by their full names: a library
+and the file may each have an object of the same name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..authoring import effects
-from ..engine.modality import MODALITIES
-from ..engine.scene import AnimationBlock, EffectBlock, EffectDescription, HapticVolume, TimeBase
+from ..authoring import effects, volumes
+from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
 from ..errors import InputError
-from . import activation, effect_values, response_values, stepping
-from .scene_rows import EffectRow
+from . import activation, effect_values, response_values, scene_description, soundness, stepping
+from .animation_time import animation_frames
+from .reached import is_instancer, reached_from
+from .scene_description import HapticObjects
+from .scene_rows import EffectRow, effect_block
+from .stepping import Stepper
 
 F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
-I64 = npt.NDArray[np.int64]
 
 MOST = 4096
 """More instances of haptic volumes than that are refused."""
@@ -36,298 +42,293 @@ _NO_NUMBER = 2**31 - 1
 """What Blender fills up the unused levels of a persistent id with."""
 
 Key = tuple[str, str, tuple[int, ...]]
-"""The source's name, the instancer's, and the persistent id."""
+"""The full names of the source and of its instancer, and the persistent id."""
+
+Phase = Callable[[bpy.types.Object, F64], F64]
+"""Controls (F, WIDTH) of a source's filters -> the same with phases that go on evenly."""
 
 
-def may_be(scene: bpy.types.Scene) -> bool:
-    """Whether anything in a scene makes instances at all; cheap."""
-    return any(_is_instancer(obj) for obj in scene.objects)
+def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
+    """Volumes that something in a scene may make instances of, by their full names."""
+    if not any(_is_volume(obj) for obj in bpy.data.objects):
+        return {}
+    instancers = [obj for obj in scene.objects if is_instancer(obj)]
+    found = reached_from(instancers) if instancers else set()
+    named = {obj.name_full: obj for obj in found if _is_volume(obj)}
+    return dict(sorted(named.items()))
 
 
-def _is_instancer(obj: bpy.types.Object) -> bool:
-    return (
-        obj.instance_type != "NONE"
-        or bool(obj.particle_systems)
-        or any(modifier.type == "NODES" for modifier in obj.modifiers)
-    )
+def _is_volume(obj: bpy.types.Object) -> bool:
+    return bool(obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME")
 
 
-@dataclass(eq=False)
-class _Seen:
-    """The instances of one frame."""
+def _shown(
+    depsgraph: bpy.types.Depsgraph,
+) -> Iterator[tuple[Key, bpy.types.Object, bpy.types.DepsgraphObjectInstance]]:
+    """Instances of haptic volumes that there are now: key, evaluated source, instance.
 
-    matrices: dict[Key, Any] = field(default_factory=dict)
-    sources: dict[str, bpy.types.Object] = field(default_factory=dict)  # evaluated
-
-
-def _seen(depsgraph: bpy.types.Depsgraph) -> _Seen:
-    seen = _Seen()
+    Both of the latter are gone with the next step.
+    """
+    taken: set[Key] = set()
     for instance in depsgraph.object_instances:
         if not instance.is_instance:
             continue
-        obj = instance.object
-        hfx = obj.hfx
-        if hfx.role != "EFFECT" or hfx.kind != "VOLUME":
+        source = instance.object
+        if not _is_volume(source) or source.hide_viewport:
             continue
-        name, parent = obj.original.name, instance.parent
+        parent = instance.parent
         number = tuple(n for n in instance.persistent_id if n != _NO_NUMBER)
-        key = (name, "" if parent is None else parent.original.name, number)
-        seen.matrices[key] = effect_values.world_of(instance)
-        seen.sources.setdefault(name, obj)
-    return seen
+        key = (
+            source.original.name_full,
+            "" if parent is None else parent.original.name_full,
+            number,
+        )
+        while key in taken:  # two nodes of one object may count from 0 each
+            key = (*key[:2], (*key[2], 0))
+        taken.add(key)
+        yield key, source, instance
 
 
 @dataclass(frozen=True, eq=False)
-class _SourceFrames:
-    """One instanced volume at F frames; what its instances have in common."""
+class _Values:
+    """An instanced volume at one time; what its instances have in common."""
 
-    description: EffectDescription
-    shape: Shape
-    levels: F64  # (F,)
-    parameters: F64  # (F, P)
-    scales: F64  # (F, 3) shape space to local space
-    response: F64 | None  # (F, filters, WIDTH)
+    level: float
+    parameters: list[float]  # of wind the speed only
+    scale: F64  # (3,) shape space to local space
+    response: F64 | None  # (F, WIDTH)
 
 
-@dataclass(frozen=True, eq=False)
-class Instances:
-    """All instances of haptic volumes over some frames."""
+class Sources:
+    """The volumes of a scene that may have instances, and how these stand at a time.
 
-    first: int  # frame
-    keys: tuple[Key, ...]
-    sources: dict[str, _SourceFrames]
-    matrices: F64  # (F, N, 4, 4) world, Blender's units
-    present: Bool  # (F, N)
-    unit_m: float
-    descriptions: tuple[EffectDescription, ...]  # (N,)
+    Parameters
+    ----------
+    found : HapticObjects
+    shapes : Shapes
+    faults : dict, optional
+        Where it is told what went wrong, and at which samples.
 
-    def may_be_on(self, frames: F64) -> Bool:
-        """Whether any instance can be felt at each frame, (n,)."""
-        on = np.zeros(len(self.present), np.bool_)
-        for k, key in enumerate(self.keys):
-            on |= self.present[:, k] & (self.sources[key[0]].levels > 0.0)
-        row = np.floor(frames).astype(np.int64) - self.first
-        inside = (row >= 0) & (row < len(on))
-        row = np.clip(row, 0, len(on) - 1)
-        after = np.minimum(row + 1, len(on) - 1)
-        return np.asarray(inside & (on[row] | on[after]))
+    Attributes
+    ----------
+    objects : dict
+        Those that are neither muted nor faulty, by their full names.
+    warnings : tuple of str
+        What is read otherwise than it stands in the file, and what was left out.
+    """
 
-    def blocks(self, frames: F64) -> tuple[EffectBlock, ...]:
-        """Each instance at some frames, (T,), in the order of the descriptions."""
-        last = len(self.present) - 1
-        at = np.clip(frames - self.first, 0.0, last)
-        row = np.minimum(np.floor(at).astype(np.int64), last)
-        after = np.minimum(row + 1, last)
-        share = at - row
-        goes_on = self.present[row] & self.present[after]  # (T, N)
-        way = np.where(goes_on, share[:, None], 0.0)[:, :, None, None]
-        world = self.matrices[row] + (self.matrices[after] - self.matrices[row]) * way
-        common = {
-            name: self._common(each, row, after, share) for name, each in self.sources.items()
+    def __init__(
+        self,
+        found: HapticObjects,
+        shapes: effect_values.Shapes,
+        faults: dict[str, set[int]] | None = None,
+    ) -> None:
+        self._found = found
+        self._shapes = shapes
+        self._faults = {} if faults is None else faults
+        every = sources_of(found.scene)
+        sound, bad = soundness.sorted_out(every.values(), soundness.warnings_of)
+        told = (text for each in sound.values() for text in each)
+        self.warnings = (*told, *soundness.left_out(bad))
+        every = {name: source for name, source in every.items() if source in sound}
+        scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
+        silenced = effects.silenced({**scene, **every}.values())
+        states = {
+            name: activation.SILENCED if source in silenced else activation.activation_of(source)
+            for name, source in every.items()
         }
-        found = []
-        for n, (name, _, _) in enumerate(self.keys):
-            levels, parameters, scales, response = common[name]
-            matrices = effect_values.to_metres(world[:, n], self.unit_m)
-            if self.descriptions[n].modality == "wind":
-                parameters = parameters.copy()
-                parameters[:, 1:] = effect_values.directions(world[:, n])
-            matrices[:, :3, :3] *= scales[:, None, :]
-            found.append(
-                EffectBlock(
-                    levels=np.where(self.present[row, n], levels, 0.0),
-                    parameters=parameters,
-                    matrices=matrices,
-                    shapes=(self.sources[name].shape,),
-                    response=response,
-                )
-            )
-        return tuple(found)
+        self.states = {
+            name: state
+            for name, state in states.items()
+            if state.source is not activation.Source.OFF
+        }
+        self.objects = {name: every[name] for name in self.states}
+        self._ids = effects.unique_ids(list(self.objects.values()))
 
-    @staticmethod
-    def _common(
-        each: _SourceFrames, row: I64, after: I64, share: F64
-    ) -> tuple[F64, F64, F64, F64 | None]:
-        def between(values: F64) -> F64:
-            part = share.reshape(-1, *(1,) * (values.ndim - 1))
-            return np.asarray(values[row] + (values[after] - values[row]) * part)
+    def described(self, name: str) -> EffectDescription:
+        """What instances of a source have in common."""
+        source, hfx = self.objects[name], self.objects[name].hfx
+        return EffectDescription(
+            id=self._ids[name],
+            name=source.name,
+            modality=hfx.modality,
+            model_id=effects.model_id_for(hfx.modality),
+            area=HapticVolume(effect_values.falloff(hfx), response_values.filters_of(source)),
+            is_contact=hfx.temperature_reference == "CONTACT",
+            clips=scene_description.played_clips(self._found.scene, self.states[name]),
+        )
 
-        response = None if each.response is None else between(each.response)
-        return between(each.levels), between(each.parameters), between(each.scales), response
+    def keys_now(self, depsgraph: bpy.types.Depsgraph) -> set[Key]:
+        """Which instances there are."""
+        return {key for key, _, _ in _shown(depsgraph) if key[0] in self.objects}
 
-    def extended(self, block: AnimationBlock, frames: F64) -> AnimationBlock:
-        """A block with the instances after its own effects."""
-        return replace(block, effects=(*block.effects, *self.blocks(frames)))
+    def rows_now(
+        self, depsgraph: bpy.types.Depsgraph, phase: Phase | None = None, index: int = 0
+    ) -> dict[Key, EffectRow]:
+        """The instances as they stand now, at a sample."""
+        rows: dict[Key, EffectRow] = {}
+        common: dict[str, _Values] = {}
+        shapes: dict[tuple[str, int], Shape | None] = {}
+        for key, evaluated, instance in _shown(depsgraph):
+            name = key[0]
+            if name not in self.objects:
+                continue
+            if name not in common:
+                common[name] = self._values(name, evaluated, phase)
+            values = common[name]
+            data = evaluated.data
+            which = name, 0 if data is None else data.as_pointer()
+            if which not in shapes:
+                part = sum(other == name for other, _ in shapes)
+                shapes[which] = self._shape(name, evaluated, part, index)
+            shape = shapes[which]
+            if shape is None:
+                continue
+            world = effect_values.world_of(instance)
+            parameters = values.parameters
+            if evaluated.hfx.modality == "wind":
+                parameters = [*parameters, *effect_values.directions(world).tolist()]
+            matrix = effect_values.to_metres(world, self._found.unit_m)
+            matrix[:3, :3] *= values.scale
+            rows[key] = EffectRow(values.level, parameters, matrix, shape, values.response)
+        return rows
+
+    def _values(self, name: str, evaluated: bpy.types.Object, phase: Phase | None) -> _Values:
+        hfx = evaluated.hfx
+        parameters = effect_values.parameters(hfx, np.eye(4))
+        response = response_values.controls(hfx, self._found.unit_m)
+        if response is not None and phase is not None:
+            response = phase(self.objects[name], response)
+        return _Values(
+            self.states[name].level(hfx),
+            parameters[:1] if hfx.modality == "wind" else parameters,
+            volumes.shape_scale(hfx),
+            response,
+        )
+
+    def _shape(self, name: str, evaluated: bpy.types.Object, part: int, index: int) -> Shape | None:
+        """The shape of an instance; None: it holds nothing."""
+        if evaluated.hfx.shape == "MESH":
+            if evaluated.type != "MESH" or effect_values.is_empty(evaluated):
+                return None
+        source = self.objects[name]
+        try:
+            return self._shapes.shape_of(source, evaluated, part)
+        except InputError as error:
+            self._faults.setdefault(str(error), set()).add(index)
+            return None  # silent while its mesh has no inside
 
 
-def read(
-    scene: bpy.types.Scene,
-    layer: bpy.types.ViewLayer,
-    time: TimeBase,
-    shapes: effect_values.Shapes,
-) -> Instances | None:
-    """The instances of a scene's haptic volumes, over its own frames and the exported ones.
+class Instances:
+    """All instances of a scene's haptic volumes, over its own frames and the exported ones.
+
+    Parameters
+    ----------
+    found : HapticObjects
+    time : TimeBase
+    shapes : Shapes
+    faults : dict
+        Where it is told what went wrong, and at which samples.
+
+    Attributes
+    ----------
+    descriptions : tuple of EffectDescription
+        One for each instance.
+    warnings : tuple of str
+        See :class:`Sources`.
 
     Raises
     ------
     InputError
         There are too many.
     """
-    if not may_be(scene) or not _any_volume():
-        return None
-    first = min(scene.frame_start, time.frame_first)
-    last = max(scene.frame_end, time.frame_last) + 1
-    unit_m = _unit_m(scene)
-    seen: list[_Seen] = []
-    values: dict[str, list[tuple[float, list[float], F64, F64 | None] | None]] = {}
-    found: dict[str, tuple[EffectDescription, Shape]] = {}
-    states: dict[str, activation.Activation] = {}
-    with stepping.own_scene(scene, layer) as stepper:
-        for row, frame in enumerate(range(first, last + 1)):
-            stepper.set_frame(Fraction(frame))
-            here = _seen(layer.depsgraph)
-            for name, evaluated in here.sources.items():
-                source = bpy.data.objects[name]
-                if name not in states:
-                    states[name] = _state(scene, source)
-                    shape = shapes.shape_of(source, evaluated)
-                    found[name] = _describe(source, states[name]), shape
-                column = values.setdefault(name, [])
-                column += [None] * (row - len(column))
-                column.append(_values(evaluated, states[name], unit_m))
-            # Objects of this frame are gone at the next; their matrices are kept.
-            here.sources.clear()
-            seen.append(here)
-    silent = {name for name, state in states.items() if state.source is activation.Source.OFF}
-    keys = sorted({key for here in seen for key in here.matrices if key[0] not in silent})
-    if not keys:
-        return None
-    if len(keys) > MOST:
-        raise InputError(
-            f"Scene '{scene.name}' has {len(keys)} instances of haptic volumes; at most {MOST} "
-            "can be felt."
+
+    def __init__(
+        self,
+        found: HapticObjects,
+        time: TimeBase,
+        shapes: effect_values.Shapes,
+        faults: dict[str, set[int]],
+    ) -> None:
+        self._found = found
+        self._time = time
+        self._faults = faults
+        self._sources = Sources(found, shapes, faults)
+        self.warnings = self._sources.warnings
+        self._keys: tuple[Key, ...] = ()
+        self._last: tuple[int, dict[Key, EffectRow]] | None = None
+        self.descriptions: tuple[EffectDescription, ...] = ()
+        if self._sources.objects:
+            self._find()
+
+    def _find(self) -> None:
+        scene, time = self._found.scene, self._time
+        self._first = min(scene.frame_start, time.frame_first)
+        last = max(scene.frame_end, time.frame_last) + 1
+        seen: list[set[Key]] = []
+        with self.stepper() as stepper:
+            for frame in range(self._first, last + 1):
+                stepper.set_frame(Fraction(frame))
+                seen.append(self._sources.keys_now(self._found.layer.depsgraph))
+        self._keys = tuple(sorted(set().union(*seen)))
+        if len(self._keys) > MOST:
+            raise InputError(
+                f"Scene '{scene.name}' has {len(self._keys)} instances of haptic volumes; at "
+                f"most {MOST} can be felt."
+            )
+        names = sorted({name for name, _, _ in self._keys})
+        # At a sub-frame there may be what is there at the frame before it or after it.
+        self._present = {name: np.zeros(len(seen) + 2, np.bool_) for name in names}
+        for row, here in enumerate(seen):
+            for name in {name for name, _, _ in here}:
+                self._present[name][row : row + 3] = True
+        self.descriptions = _numbered(
+            self._keys, {name: self._sources.described(name) for name in names}
         )
-    matrices = np.tile(np.eye(4), (len(seen), len(keys), 1, 1))
-    present = np.zeros((len(seen), len(keys)), np.bool_)
-    number = {key: k for k, key in enumerate(keys)}
-    for row, here in enumerate(seen):
-        for key, matrix in here.matrices.items():
-            if key in number:
-                matrices[row, number[key]] = matrix
-                present[row, number[key]] = True
-    sources = {
-        name: _frames(*found[name], column, len(seen))
-        for name, column in values.items()
-        if name not in silent
-    }
-    descriptions = _numbered(keys, {name: each.description for name, each in sources.items()})
-    return Instances(first, tuple(keys), sources, matrices, present, unit_m, descriptions)
 
+    def stepper(self) -> stepping.Stepping:
+        """The user's own scene, to be set to the times at which instances are read."""
+        found = self._found
+        return stepping.own_scene(found.scene, found.layer, found.simulation)
 
-def possible_sources(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, int]:
-    """Volumes of which there are instances now, or may be at another time; how many there are."""
-    if not may_be(scene) or not _any_volume():
-        return {}
-    counts = {
-        obj.name: 0
-        for obj in bpy.data.objects
-        if obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME" and obj.name not in scene.objects
-    }
-    for name, _, _ in _seen(depsgraph).matrices:
-        counts[name] = counts.get(name, 0) + 1
-    return dict(sorted(counts.items()))
+    def may_be_on(self, frames: F64) -> Bool:
+        """Whether any instance can be felt at each played frame, (n,)."""
+        animation = animation_frames(self._found.scene, frames)
+        on = np.zeros(len(frames), np.bool_)
+        for name in {name for name, _, _ in self._keys}:
+            present = self._present[name]
+            row = np.floor(frames).astype(np.int64) - self._first + 1
+            inside = (row >= 0) & (row < len(present))
+            there = inside & present[np.clip(row, 0, len(present) - 1)]
+            on |= there & self._sources.states[name].may_be_on(animation)
+        return on
 
+    def extended(self, block: AnimationBlock, stepper: Stepper) -> AnimationBlock:
+        """A block with the instances after its own effects."""
+        rows = [self._rows(index, stepper) for index in block.indices.tolist()]
+        nothing = EffectRow()
+        more = (
+            effect_block([row.get(key, nothing) for row in rows], description.modality)
+            for key, description in zip(self._keys, self.descriptions, strict=True)
+        )
+        return replace(block, effects=(*block.effects, *more))
 
-def described(scene: bpy.types.Scene, source: bpy.types.Object) -> EffectDescription:
-    """What instances of a volume have in common."""
-    return _describe(source, _state(scene, source))
+    def _rows(self, index: int, stepper: Stepper) -> dict[Key, EffectRow]:
+        if self._last is None or self._last[0] != index:
+            stepper.set_frame(self._time.frame(index))
+            frame = np.array([float(self._time.frame(index))])
 
+            def phase(source: bpy.types.Object, controls: F64) -> F64:
+                scene = self._found.scene
+                values = controls[None]
+                return response_values.with_even_phase(scene, source, values, frame, self._time)[0]
 
-def rows_now(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, shapes: effect_values.Shapes
-) -> dict[Key, EffectRow]:
-    """The instances as they stand now."""
-    here, unit_m = _seen(depsgraph), _unit_m(scene)
-    rows = {}
-    common = {}
-    for name, evaluated in here.sources.items():
-        source = bpy.data.objects[name]
-        state = _state(scene, source)
-        if state.source is not activation.Source.OFF:
-            shape = shapes.shape_of(source, evaluated)
-            common[name] = shape, *_values(evaluated, state, unit_m)
-    for key, world in here.matrices.items():
-        if key[0] not in common:
-            continue
-        shape, level, parameters, scale, response = common[key[0]]
-        if len(parameters) == 4:  # wind
-            parameters = [parameters[0], *effect_values.directions(world).tolist()]
-        matrix = effect_values.to_metres(world, unit_m)
-        matrix[:3, :3] *= scale
-        rows[key] = EffectRow(level, parameters, matrix, shape, response)
-    return rows
-
-
-def _any_volume() -> bool:
-    return any(obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME" for obj in bpy.data.objects)
-
-
-def _unit_m(scene: bpy.types.Scene) -> float:
-    settings = scene.unit_settings
-    return 1.0 if settings.system == "NONE" else float(settings.scale_length)
-
-
-def _state(scene: bpy.types.Scene, source: bpy.types.Object) -> activation.Activation:
-    every = {obj.name: obj for obj in (*effects.effects_of(scene), source)}
-    if source in effects.silenced(every.values()):
-        return activation.SILENCED
-    return activation.activation_of(source)
-
-
-def _describe(source: bpy.types.Object, state: activation.Activation) -> EffectDescription:
-    hfx = source.hfx
-    return EffectDescription(
-        id=hfx.uid or source.name,
-        name=source.name,
-        modality=hfx.modality,
-        model_id=effects.model_id_for(hfx.modality),
-        area=HapticVolume(effect_values.falloff(hfx), response_values.filters_of(source)),
-        is_contact=hfx.temperature_reference == "CONTACT",
-        clips=state.clips,
-    )
-
-
-def _values(
-    evaluated: bpy.types.Object, state: activation.Activation, unit_m: float
-) -> tuple[float, list[float], F64, F64 | None]:
-    from ..authoring import volumes
-
-    hfx = evaluated.hfx
-    parameters = effect_values.parameters(hfx, np.eye(4))
-    scale = volumes.shape_scale(hfx)
-    return state.level(hfx), parameters, scale, response_values.controls(hfx, unit_m)
-
-
-def _frames(
-    description: EffectDescription,
-    shape: Shape,
-    column: Sequence[tuple[float, list[float], F64, F64 | None] | None],
-    count: int,
-) -> _SourceFrames:
-    """A source over all frames; where none of it is seen, it is as it was seen last or first."""
-    known: list[Any] = [*column, *[None] * (count - len(column))]
-    held = next(each for each in known if each is not None)
-    for k, each in enumerate(known):
-        held = known[k] = held if each is None else each
-    width = len(MODALITIES[description.modality].parameters)
-    return _SourceFrames(
-        description,
-        shape,
-        np.array([each[0] for each in known], np.float64),
-        np.array([each[1] for each in known], np.float64).reshape(count, width),
-        np.stack([each[2] for each in known]),
-        None if held[3] is None else np.stack([each[3] for each in known]),
-    )
+            rows = self._sources.rows_now(self._found.layer.depsgraph, phase, index)
+            for name, _, _ in rows.keys() - set(self._keys):
+                text = f"an instance of '{name}' that is there between two frames only is not felt"
+                self._faults.setdefault(text, set()).add(index)
+            self._last = index, rows
+        return self._last[1]
 
 
 def _numbered(

@@ -15,6 +15,7 @@ from ..engine.scene import EffectDescription
 from . import instances
 from .effect_values import Shapes
 from .instances import Key
+from .scene_description import HapticObjects
 from .scene_rows import EffectRow
 
 FEWEST = 64
@@ -26,31 +27,39 @@ class LiveInstances:
 
     Parameters
     ----------
-    scene : bpy.types.Scene
-    layer : bpy.types.ViewLayer
+    found : HapticObjects
     shapes : Shapes
     """
 
-    def __init__(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer, shapes: Shapes) -> None:
-        self._scene, self._layer, self._shapes = scene, layer, shapes
+    def __init__(self, found: HapticObjects, shapes: Shapes) -> None:
+        self._layer = found.layer
+        self._sources = instances.Sources(found, shapes)
         self._slots: dict[str, list[Key | None]] = {}
-        found: list[EffectDescription] = []
-        for source, count in instances.possible_sources(scene, layer.depsgraph).items():
+        descriptions: list[EffectDescription] = []
+        for source, count in self._counts(found.scene).items():
             slots = min(max(FEWEST, 2 * count), instances.MOST)
             self._slots[source] = [None] * slots
-            described = instances.described(scene, bpy.data.objects[source])
-            found += [
+            described = self._sources.described(source)
+            descriptions += [
                 replace(described, id=f"{described.id}:~{k}", name=f"{described.name} ~{k}")
                 for k in range(slots)
             ]
-        self.descriptions = tuple(found)
-        self._last: dict[tuple[str, int], Key | None] = {}
+        self.descriptions = tuple(descriptions)
+
+    def _counts(self, scene: bpy.types.Scene) -> dict[str, int]:
+        """Volumes of which there are instances now, or may be at another time, and how many."""
+        here = set(scene.objects)
+        counts = {name: 0 for name, obj in self._sources.objects.items() if obj not in here}
+        if self._sources.objects:
+            for name, _, _ in self._sources.keys_now(self._layer.depsgraph):
+                counts[name] = counts.get(name, 0) + 1
+        return dict(sorted(counts.items()))
 
     def rows(self) -> tuple[list[EffectRow], list[bool]]:
         """Each slot now, and whether it holds what it held when it was asked for last."""
         if not self._slots:
             return [], []
-        now = instances.rows_now(self._scene, self._layer.depsgraph, self._shapes)
+        now = self._sources.rows_now(self._layer.depsgraph)
         rows: list[EffectRow] = []
         stays: list[bool] = []
         for source, slots in self._slots.items():

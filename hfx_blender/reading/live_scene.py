@@ -19,7 +19,7 @@ from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, HapticVolume
 from ..engine.tolerance import Tolerance
-from . import scene_description, skin_areas
+from . import scene_description, skin_areas, visibility
 from .effect_values import Shapes
 from .live_clock import LiveClock
 from .live_instances import LiveInstances
@@ -58,7 +58,7 @@ class LiveScene:
         self.signature = signature_of(scene)
         found = scene_description.find(scene, layer)
         shapes = Shapes()
-        self._instances = LiveInstances(scene, layer, shapes)
+        self._instances = LiveInstances(found, shapes)
         more = self._instances.descriptions
         # An update is a frame while Blender plays: what moves over surfaces so has its speed.
         self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in found.effects)
@@ -80,7 +80,7 @@ class LiveScene:
             isinstance(e.area, HapticVolume) and e.area.response for e in self.description.effects
         )
         self._clock = LiveClock(scene)
-        self._before: tuple[list[EffectRow], dict[int, PoseRow]] | None = None
+        self._before: tuple[list[EffectRow], dict[int, PoseRow | None]] | None = None
 
     @property
     def rings(self) -> bool:
@@ -94,6 +94,9 @@ class LiveScene:
             return []
         row = self._reading.read(0, self._now, asked, ())
         effects = [row.effects.get(k, EffectRow()) for k in range(len(self.objects.effects))]
+        hidden = [body.evaluated_get(self.objects.layer.depsgraph) for body in self.objects.bodies]
+        for k in visibility.felt_on(self.description, [body.hide_viewport for body in hidden]):
+            effects[k] = EffectRow()
         many, stays = self._instances.rows()
         felt = any(effects[k].level > 0.0 for k in self._volumes)
         if self.record or felt or any(each.level > 0.0 for each in many):
@@ -116,7 +119,7 @@ class LiveScene:
         return [k for k, level in enumerate(levels) if not level <= 0.0] or None
 
     def _block(
-        self, effects: list[EffectRow], poses: dict[int, PoseRow], stays: list[bool]
+        self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
     ) -> AnimationBlock:
         """This moment; where responses ask how it came to it, with the one before it."""
         rows, posed = [[each] for each in effects], [poses]
@@ -177,7 +180,7 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 hfx.follow,
                 hash(bytes(memoryview(obj[effects.WEIGHTS]))) if _has_weights(obj) else 0,
                 hash(bytes(memoryview(obj[effects.VERTICES]))) if _has_weights(obj) else 0,
-                obj.hide_viewport,
+                visibility.is_disabled(obj),
                 hfx.is_muted,
                 hfx.is_solo,
                 responses.signature(hfx),

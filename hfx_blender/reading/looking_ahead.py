@@ -18,7 +18,8 @@ from ..devices.live.future import FutureBlock, FutureScene
 from ..engine.scene import HapticSurface, HapticVolume
 from . import stepping
 from .animation_curves import NotModelledError
-from .curve_reading import CurveBody, CurveEffect
+from .animation_time import animation_frames
+from .curve_reading import CurveBody, CurveEffect, is_steady
 from .effect_values import Shapes, to_metres
 from .live_scene import LiveScene
 
@@ -64,7 +65,7 @@ class LookAhead:
         graph = found.layer.depsgraph
         for effect, state in zip(found.effects, found.activations, strict=True):
             shape = None
-            if effect.hfx.kind == "VOLUME":
+            if effect.hfx.kind == "VOLUME" and is_steady(effect):
                 shape = self._shapes.shape_of(effect, effect.evaluated_get(graph))
             self._effects.append(CurveEffect(effect, state, shape, found.unit_m))
         if before is not None and not before.reason:
@@ -87,16 +88,16 @@ class LookAhead:
         )
 
     def block(self, edition: int, frames: F64) -> FutureBlock:
-        """What is where at frames of the scene, (T,); they may lie between whole ones."""
-        frames = frames.astype(np.float32).astype(np.float64)  # as Blender keeps them
-        effects = (effect.read(frames) for effect in self._effects)
+        """What is where at played frames, (T,); they may lie between whole ones."""
+        animation = animation_frames(self._live.objects.scene, frames)
+        effects = (effect.read(animation) for effect in self._effects)
         unit_m = self._live.objects.unit_m
         return FutureBlock(
             edition,
-            frames,
+            frames.astype(np.float32).astype(np.float64),
             tuple(replace(each, shapes=()) for each in effects),
-            tuple(to_metres(body.rig.body.world(frames), unit_m) for body in self._bodies),
-            tuple(body.rig.channels(frames) for body in self._bodies),
+            tuple(to_metres(body.rig.body.world(animation), unit_m) for body in self._bodies),
+            tuple(body.rig.channels(animation) for body in self._bodies),
         )
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ..engine.scene import TimeBase
 from ..errors import InputError
 from .animation_curves import NotModelledError
+from .animation_time import animation_frames
 from .own_kinematics import PlainObject
 from .scene_description import sample_frames
 
@@ -33,7 +34,7 @@ def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
         raise InputError(
             f"Play space '{space.name}': {error}; it is moved by keyframes, clips or parents only."
         ) from None
-    frames = sample_frames(time, np.arange(time.sample_count))
+    frames = animation_frames(scene, sample_frames(time, np.arange(time.sample_count)))
     world = plain.world(frames, plain.values.sample(frames))
     world[:, :3, 3] *= unit_m
     return _checked(world, space.name)

@@ -28,14 +28,15 @@ from ..engine.scene import (
 )
 from ..engine.tolerance import Tolerance
 from ..engine.volume.placement import world_bounds
-from . import effect_values, response_values, stepping
+from . import effect_values, response_values, stepping, visibility
 from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
 from .animation_curves import NotModelledError
-from .curve_reading import CurveBody, CurveEffect, EffectChunks
+from .animation_time import animation_frames
+from .curve_reading import CurveBody, CurveEffect, EffectChunks, is_steady
 from .fed_rig import FedRig
 from .own_kinematics import Parents
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
-from .scene_rows import Row, effect_block, pose_block
+from .scene_rows import PoseRow, Row, effect_block, pose_block
 from .stepped_reading import SteppedReading
 
 F64 = npt.NDArray[np.float64]
@@ -73,7 +74,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
     parents = Parents()
     for k, (effect, state) in enumerate(zip(found.effects, found.activations, strict=True)):
         shape = None
-        if effect.hfx.kind == "VOLUME":
+        if effect.hfx.kind == "VOLUME" and is_steady(effect):
             shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         try:
             plan.effects[k] = CurveEffect(effect, state, shape, found.unit_m, parents)
@@ -87,27 +88,26 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
     if not reasons:
         return plan
     own = stepping.why_own_scene(found.scene)
-    simulates = stepping.simulated(found.scene) is not None
+    if own is None and found.simulation is not None:
+        own = "particles move"
     return replace(
         plan,
         reason=own or reasons[0],
         in_own_scene=own is not None,
-        is_exact=simulates,
+        is_exact=found.simulation is not None or any(map(visibility.is_keyed, found.bodies)),
         fed={} if own else _fed(found, scene, plan),
     )
 
 
 def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int, FedRig]:
     """Of the bodies that are stepped, those whose keyed channels need not be."""
-    render = found.scene.render
-    if render.frame_map_old != render.frame_map_new:
-        return {}
     fed = {}
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         if k in plan.bodies or isinstance(described.binding, SurfaceBinding):
             continue
         with suppress(NotModelledError):
-            fed[k] = FedRig(body, scene.time.frame(0), scene.time.fps / scene.time.rate_hz)
+            step = scene.time.fps / scene.time.rate_hz
+            fed[k] = FedRig(found.scene, body, scene.time.frame(0), step)
     return fed
 
 
@@ -142,7 +142,7 @@ class Pass:
         self._whole = self._light = None
         if plan.in_own_scene:
             self._whole = self._light = stack.enter_context(
-                stepping.own_scene(found.scene, found.layer)
+                stepping.own_scene(found.scene, found.layer, found.simulation)
             )
         elif self._effects or self._bodies:
             stepped = [found.effects[k] for k in self._effects]
@@ -208,7 +208,7 @@ class Pass:
 
         time = self._scene.time
         offset = (time.frame_first - time.scene_start) * time.rate_hz / time.fps
-        poses = AdaptivePoses(self._read_poses, stretch_of, allows, step, int(offset // 1))
+        poses = AdaptivePoses(self._read_shown, stretch_of, allows, step, int(offset // 1))
         return poses
 
     def _volumes_over(self, cell: tuple[int, int]) -> list[Volume]:
@@ -238,12 +238,16 @@ class Pass:
         return self._near
 
     def _frames(self, indices: I64) -> F64:
-        """Frames of samples, rounded as Blender keeps them."""
-        return sample_frames(self._scene.time, indices).astype(np.float32).astype(np.float64)
+        """Frames of the animation at samples."""
+        return animation_frames(self._found.scene, sample_frames(self._scene.time, indices))
 
-    def _read_poses(self, index: int) -> Poses:
+    def _read_poses(self, index: int) -> dict[int, PoseRow | None]:
         assert self._whole is not None
         return self._reading.read(index, self._whole, (), self._bodies).poses
+
+    def _read_shown(self, index: int) -> Poses:
+        """The same of bodies that nothing hides."""
+        return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
 
     def block(self, indices: I64, history: int = 0) -> AnimationBlock:
         """What is where at samples without a gap between them."""
@@ -256,11 +260,11 @@ class Pass:
                 effects[k] = replace(
                     effect,
                     response=response_values.with_even_phase(
+                        self._found.scene,
                         self._found.effects[k],
                         effect.response,
-                        frames,
-                        self._scene.time.scene_start,
-                        float(self._scene.time.fps),
+                        sample_frames(self._scene.time, indices),
+                        self._scene.time,
                     ),
                 )
         wanted = np.full(len(indices), self._always_posed)
@@ -301,7 +305,7 @@ class Pass:
         if not is_posed or not self._bodies:
             return row
         if self._adaptive is not None:
-            row.poses = self._adaptive.at(index)
+            row.poses = dict(self._adaptive.at(index))
         elif self._effects and joint and stepper is not None:
             self._reading.add_poses(row, stepper, self._bodies)
         else:

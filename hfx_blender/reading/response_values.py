@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import bpy
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +12,9 @@ from ..authoring import responses
 from ..authoring.response_animation import PATH
 from ..engine.response.controls import WIDTH, Filter, Kind
 from ..engine.response.envelope import longest_s
+from ..engine.scene import TimeBase
 from ..stored_values import limited
+from .animation_time import animation_frames
 
 F64 = npt.NDArray[np.float64]
 
@@ -80,9 +80,10 @@ def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
 
 
 def with_even_phase(
-    effect: bpy.types.Object, values: F64, frames: F64, scene_start: int, fps: float
+    scene: bpy.types.Scene, effect: bpy.types.Object, values: F64, frames: F64, time: TimeBase
 ) -> F64:
-    """Controls (T, F, WIDTH) whose sines turn on evenly where their frequency is animated.
+    """Controls (T, F, WIDTH) at played frames, whose sines turn on evenly where their frequency
+    is animated.
 
     Turns are the integral of the frequency; its difference to frequency times time goes into
     the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
@@ -93,17 +94,17 @@ def with_even_phase(
         path = f"hfx.response[{place}].frequency"
         curve = next((c for c in compat.fcurves(effect) if c.data_path == path), None)
         if curve is not None:
-            times = (frames - scene_start) / fps
-            turns = _integral(curve.evaluate, frames, scene_start) / fps
+            times = (frames - time.scene_start) / float(time.fps)
+            turns = _integral(scene, curve, frames, time.scene_start) / float(time.fps)
             values[:, f, 3] += turns - values[:, f, 1] * times
     return values
 
 
-def _integral(value: Callable[[float], float], frames: F64, start: int) -> F64:
-    """Of a curve from a frame to others, (T,), by trapezia on a grid that all of them share."""
+def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
+    """Of a curve from a played frame to others, (T,), by trapezia on a grid that all share."""
     last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
     grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
-    at = np.array([max(value(frame), 0.0) for frame in grid.tolist()])
+    at = np.array([max(curve.evaluate(f), 0.0) for f in animation_frames(scene, grid).tolist()])
     sums = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1])) / _STEPS_A_FRAME])
     return np.interp(frames, grid, sums)
 

@@ -14,13 +14,14 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from .. import __version__
+from .. import __version__, compat
 from ..authoring import effects
 from ..avatars import avatar_meshes, body_binding
 from ..engine.body.model import load_model
 from ..engine.scene import (
     ActuatorArea,
     BodyDescription,
+    Clip,
     EffectDescription,
     HapticSurface,
     HapticVolume,
@@ -35,13 +36,17 @@ from ..stored_values import bad_values
 from . import (
     activation,
     effect_values,
-    instances,
+    reached,
     response_values,
     skin_areas,
     soundness,
     surface_reading,
+    visibility,
 )
+from .animation_time import animation_frames, played_frame
+from .curve_reading import is_steady
 from .effect_values import Shapes
+from .simulation import Simulation, unbaked_fluids
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
@@ -59,6 +64,7 @@ class HapticObjects:
     effects: list[bpy.types.Object]
     activations: list[activation.Activation]
     warnings: tuple[str, ...]
+    simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
 
     @property
@@ -76,19 +82,22 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     InputError
         There is no body or no effect, or one of them cannot be evaluated.
     """
-    # Blender does not notice by itself that a script has set a property of ``hfx``.
-    for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)):
-        obj.update_tag()
+    # Blender does not notice by itself that a script has set a property of ``hfx``. Nothing
+    # else is tagged: that would empty the caches of simulations.
+    graph = layer.depsgraph  # None: nothing of this layer was evaluated yet
+    for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)) if graph else ():
+        if compat.properties(obj) != compat.properties(obj.evaluated_get(graph)):
+            obj.update_tag()
     layer.update()
     refuse_bad_unit(scene)
-    enabled = _enabled_objects(layer.layer_collection)
+    enabled = visibility.enabled_objects(layer.layer_collection)
     bodies, told, left_out = _find_bodies(scene, layer, enabled)
     kept, warnings = _find_effects(scene, layer, enabled)
     warnings = (*_of_unknown_role(scene), *told, *warnings)
     kept, bodiless = _without_bodiless(kept, bodies)
     warnings += bodiless
     sound, faults = soundness.sorted_out(kept, soundness.warnings_of)
-    if faults and not sound and not instances.may_be(scene):
+    if faults and not sound and not any(map(reached.is_instancer, scene.objects)):
         raise InputError(next(iter(faults.values())))
     warnings += tuple(text for each in sound.values() for text in each)
     kept = list(sound)
@@ -98,7 +107,11 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
     ]
     warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
-    return HapticObjects(scene, layer, bodies, kept, activations, warnings, left_out)
+    warnings += tuple(
+        f"the fluid of '{each.name}' is not baked: it is felt as it stands; bake it first"
+        for each in unbaked_fluids(scene)
+    )
+    return HapticObjects(scene, layer, bodies, kept, activations, warnings, left_out=left_out)
 
 
 def refuse_bad_unit(scene: bpy.types.Scene) -> None:
@@ -139,7 +152,7 @@ def _find_bodies(
         if body.type != "ARMATURE":
             raise InputError(f"Body '{body.name}' is no armature: nothing poses it.")
         for obj in (body, *avatar_meshes.meshes_of(body)):
-            if not _is_evaluated(obj, layer, enabled):
+            if not visibility.may_be_seen(obj, layer, enabled):
                 raise InputError(
                     f"Body '{body.name}': '{obj.name}' is disabled in viewports or excluded "
                     "from the view layer, so Blender does not pose it."
@@ -169,10 +182,11 @@ def _find_effects(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
     found = effects.effects_of(scene)
-    has_instances = instances.may_be(scene)  # perhaps of volumes that are not in the scene
+    # Perhaps of volumes that are not in the scene.
+    has_instances = any(map(reached.is_instancer, scene.objects))
     if not found and not has_instances:
         raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
-    kept = [effect for effect in found if _is_evaluated(effect, layer, enabled)]
+    kept = [effect for effect in found if visibility.may_be_seen(effect, layer, enabled)]
     if not kept and not has_instances:
         raise InputError(
             f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
@@ -218,23 +232,6 @@ def _here(body: bpy.types.Object, bodies: list[bpy.types.Object]) -> bpy.types.O
     return ours[0] if len(ours) == 1 else None
 
 
-def _enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
-    """Objects of the collections that are on in a view layer; the eye icon does not matter."""
-    if collection.collection.hide_viewport:
-        return set()
-    found = set() if collection.exclude else set(collection.collection.objects)
-    return found.union(*map(_enabled_objects, collection.children))
-
-
-def _is_evaluated(
-    obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
-) -> bool:
-    # What the view layer leaves out comes back as its own, unposed original; and even where
-    # something else needs it, so that it is evaluated, it is not posed.
-    is_enabled = obj in enabled and not obj.hide_viewport
-    return is_enabled and obj.evaluated_get(layer.depsgraph).is_evaluated
-
-
 def describe(
     found: HapticObjects,
     time: TimeBase,
@@ -269,7 +266,7 @@ def describe(
     states = dict(zip(found.effects, found.activations, strict=True))
 
     def work(effect: bpy.types.Object) -> EffectDescription:
-        if effect.hfx.kind == "VOLUME":  # a bad mesh is told at once
+        if effect.hfx.kind == "VOLUME" and is_steady(effect):  # a bad mesh is told at once
             shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         return _describe_effect(effect, states[effect], found, ids)
 
@@ -278,6 +275,7 @@ def describe(
         none = f"Scene '{found.scene.name}' has no haptic effects to export."
         raise InputError(next(iter(faults.values()), none))
     frames = sample_frames(time, np.arange(time.sample_count))
+    frames = animation_frames(found.scene, frames)
     posed = {
         each.model_id
         for effect, each in described.items()
@@ -353,7 +351,15 @@ def _describe_effect(
         model_id=effects.model_id_for(hfx.modality),
         area=area,
         is_contact=hfx.temperature_reference == "CONTACT",
-        clips=state.clips,
+        clips=played_clips(found.scene, state),
+    )
+
+
+def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[Clip, ...]:
+    """The clips of an effect, at frames that are played."""
+    return tuple(
+        Clip(clip.name, played_frame(scene, clip.frame_start), played_frame(scene, clip.frame_end))
+        for clip in state.clips
     )
 
 

@@ -24,10 +24,12 @@ from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
 from ..report import shortened
-from . import instances, linked_files, play_space, scene_description, stepping
+from . import instances, linked_files, play_space, scene_description, stepping, visibility
+from .animation_time import animation_frames
 from .effect_values import Shapes
 from .reading_plan import Pass, Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
+from .simulation import Simulation, moves_particles, simulated
 from .stepped_reading import SteppedReading
 
 BLOCK_SIZE = 32
@@ -128,15 +130,20 @@ class SceneReader:
             layer = bpy.context.view_layer
         self._shapes = Shapes()
         self._with_velocities = with_velocities
-        self._found = scene_description.find(scene, layer)
+        found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
-        self._instances = instances.read(scene, layer, self.time, self._shapes)
-        more = () if self._instances is None else self._instances.descriptions
-        self._always_posed = with_positions or with_velocities or bool(more)
+        found = replace(found, simulation=_simulation(scene, self.time))
+        faults: dict[str, set[int]] = {}
+        self._instances = instances.Instances(found, self.time, self._shapes, faults)
+        more = self._instances.descriptions
+        is_keyed = any(visibility.is_keyed(body) for body in found.bodies)
+        self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
         self._found, self.description = scene_description.describe(
-            self._found, self.time, self._shapes, always_posed=self._always_posed, more=more
+            found, self.time, self._shapes, always_posed=self._always_posed, more=more
         )
-        warnings = (*self.description.warnings, *linked_files.missing())
+        self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
+        told = self.description.warnings
+        warnings = (*told, *self._instances.warnings, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
         # What is read of objects; instances are read apart.
         own = self.description.effects[: len(self._found.effects)]
@@ -146,6 +153,7 @@ class SceneReader:
             self._described,
             self._shapes,
             keeps_settings=stepping.foreign_handler() is None,
+            faults=faults,
         )
         self.stepping_note = ""
         self._plan: Plan | None = None
@@ -196,11 +204,12 @@ class SceneReader:
     def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
         """Whether an effect of these kinds can be on, for some samples."""
         frames = scene_description.sample_frames(self.time, indices)
+        animation = animation_frames(self._found.scene, frames)
         on = np.zeros(len(indices), np.bool_)
         for effect, state in zip(self._found.effects, self._found.activations, strict=True):
             if effect.hfx.kind in kinds:
-                on |= state.may_be_on(frames)
-        if self._instances is not None and "VOLUME" in kinds:
+                on |= state.may_be_on(animation)
+        if "VOLUME" in kinds:
             on |= self._instances.may_be_on(frames)
         return on
 
@@ -230,16 +239,28 @@ class SceneReader:
             wanted = wanted[(wanted >= part[0]) & (wanted < part[1])]
         with ExitStack() as stack:
             reading = self._pass(plan, stack, self.tolerance)
+            own = None
+            if self._instances.descriptions:
+                own = stack.enter_context(self._instances.stepper())
             for indices in _contiguous_blocks(wanted):
                 first = int(indices[0])
                 history = int(self._has_history(first))
                 if history:
                     indices = np.insert(indices, 0, first - 1)
-                block = reading.block(indices, history)
-                if self._instances is not None:
-                    frames = scene_description.sample_frames(self.time, indices)
-                    block = self._instances.extended(block, frames)
-                yield block
+                block = self._without_hidden(reading.block(indices, history))
+                yield block if own is None else self._instances.extended(block, own)
+
+    def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
+        """Nothing is felt on a body while it is disabled."""
+        found = list(block.effects)
+        for pose, body in zip(block.poses, self._described.bodies, strict=True):
+            if pose.valid.all():
+                continue
+            which = [each is body for each in self._described.bodies]
+            if any(b and w for b, w in zip(self._blinking, which, strict=True)):
+                for k in visibility.felt_on(self._described, which):
+                    found[k] = replace(found[k], levels=np.where(pose.valid, found[k].levels, 0.0))
+        return replace(block, effects=tuple(found))
 
     def _plan_now(self) -> Plan:
         """The plan for all of the samples, whichever of them are read."""
@@ -250,12 +271,13 @@ class SceneReader:
     def _pass(
         self, plan: Plan, stack: ExitStack, tolerance: Tolerance, *, is_spotty: bool = False
     ) -> Pass:
+        is_exact = self._with_velocities or bool(self._instances.descriptions)
         return Pass(
             plan,
             self._found,
             self._described,
             self._reading,
-            tolerance=EXACT if self._with_velocities or self._instances else tolerance,
+            tolerance=EXACT if is_exact else tolerance,
             always_posed=self._always_posed,
             stretch_of=self._stretch_of,
             stack=stack,
@@ -318,13 +340,23 @@ class SceneReader:
 
     def _truth(self, probes: list[int]) -> list[Row]:
         everything = range(len(self._found.effects)), range(len(self._found.bodies))
-        with stepping.own_scene(self._found.scene, self._found.layer) as stepper:
+        found = self._found
+        with stepping.own_scene(found.scene, found.layer, found.simulation) as stepper:
             return [self._reading.read(index, stepper, *everything) for index in probes]
 
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
         with ExitStack() as stack:
             reading = self._pass(plan, stack, EXACT, is_spotty=True)
             return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
+
+
+def _simulation(scene: bpy.types.Scene, time: TimeBase) -> Simulation | None:
+    """What has to be played through before a scene is read; None: nothing goes on by itself."""
+    moves = simulated(scene) is not None
+    if not moves and not (instances.sources_of(scene) and moves_particles(scene)):
+        return None
+    last = animation_frames(scene, np.array([time.frame_last + 1.0]))
+    return Simulation(scene, int(np.ceil(last[0])))
 
 
 def _same(row: Row, block: AnimationBlock) -> bool:
@@ -348,7 +380,8 @@ def _same(row: Row, block: AnimationBlock) -> bool:
             continue
         bones = None if pose.bones is None else pose.bones[0]
         surface = None if pose.surface is None else pose.surface[0]
-        if not row.poses[k].agrees(PoseRow(pose.to_world[0], bones, surface)):
+        read = row.poses[k]
+        if read is None or not read.agrees(PoseRow(pose.to_world[0], bones, surface)):
             return False
     return True
 

@@ -73,7 +73,7 @@ class Row:
 
     index: int
     effects: dict[int, EffectRow] = field(default_factory=dict)
-    poses: dict[int, PoseRow] = field(default_factory=dict)
+    poses: dict[int, PoseRow | None] = field(default_factory=dict)  # None: disabled
 
 
 def effects_agree(one: EffectRow, two: EffectRow) -> bool:

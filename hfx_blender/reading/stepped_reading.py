@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .. import compat
 from ..authoring import volumes
-from ..avatars import body_binding
+from ..avatars import avatar_meshes, body_binding
 from ..engine.scene import SceneDescription, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..errors import InputError
@@ -47,6 +47,8 @@ class SteppedReading:
     keeps_settings : bool
         Settings of effects that no curve and no driver changes are read once. Not where a user
         edits them meanwhile, or a handler might change them.
+    faults : dict, optional
+        What is known already; more is added to it.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class SteppedReading:
         shapes: effect_values.Shapes,
         *,
         keeps_settings: bool = False,
+        faults: dict[str, set[int]] | None = None,
     ) -> None:
         self._found = found
         self._scene = scene
@@ -65,7 +68,7 @@ class SteppedReading:
         self._settings: dict[int, _Settings] = {}
         self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
         self.times_stepped = 0
-        self.faults: dict[str, set[int]] = {}
+        self.faults: dict[str, set[int]] = {} if faults is None else faults
         """Meshes that stopped to be volumes: what is wrong, and the samples at which it was."""
 
     def read(
@@ -86,12 +89,14 @@ class SteppedReading:
     def _read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
         effect, state = self._found.effects[which], self._found.activations[which]
         evaluated = stepper.evaluated(effect)
+        if not evaluated.is_evaluated or evaluated.hide_viewport:
+            return EffectRow()
         known = self._settings.get(which)
         if known is not None:
-            return self._moved(known, evaluated) if evaluated.is_evaluated else EffectRow()
+            return self._moved(known, evaluated)
         hfx = evaluated.hfx
         values = EffectRow()
-        if state.source is activation.Source.OFF or not evaluated.is_evaluated:
+        if state.source is activation.Source.OFF:
             return values
         values.level = state.level(hfx)
         matrix = effect_values.world_of(evaluated)
@@ -106,14 +111,16 @@ class SteppedReading:
                 self.faults.setdefault(str(error), set()).add(index)
             values.matrix = effect_values.to_metres(matrix, self._unit_m)
         if hfx.kind == "VOLUME":
+            if hfx.shape == "MESH" and _shows_only_instances(evaluated):
+                return EffectRow()
             try:
                 values.shape = self._shapes.shape_of(effect, evaluated)
             except InputError as error:
+                self.faults.setdefault(str(error), set()).add(index)
                 values.shape = self._shapes.last_of(effect)
                 if values.shape is None:
-                    raise
+                    return EffectRow()
                 values.level = 0.0  # silent while its mesh has no inside
-                self.faults.setdefault(str(error), set()).add(index)
             values.matrix = effect_values.shape_matrices(matrix, self._unit_m, hfx)
             values.response = self._response(effect, hfx, index)
         if self._keeps[which]:
@@ -159,12 +166,18 @@ class SteppedReading:
         time = self._scene.time
         frame = np.array([float(time.frame(index))])
         return response_values.with_even_phase(
-            effect, controls[None], frame, time.scene_start, float(time.fps)
+            self._found.scene, effect, controls[None], frame, time
         )[0]
 
-    def _read_pose(self, which: int, stepper: Stepper) -> PoseRow:
+    def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:
+        """A body; None while it is disabled, and Blender does not pose it."""
         body: bpy.types.Object = self._found.bodies[which]
         binding = self._scene.bodies[which].binding
+        needed = [body]
+        if isinstance(binding, SurfaceBinding):
+            needed += avatar_meshes.meshes_of(body)
+        if any(stepper.evaluated(obj).hide_viewport for obj in needed):
+            return None
         unit_m = self._unit_m
         if isinstance(binding, SurfaceBinding):
             matrix = effect_values.world_of(stepper.evaluated(body.hfx.avatar))
@@ -176,6 +189,11 @@ class SteppedReading:
         bones = matrices.reshape(-1, 4, 4).transpose(0, 2, 1)[:, :3]
         matrix = effect_values.world_of(armature)
         return PoseRow(effect_values.to_metres(matrix, unit_m), bones=bones)
+
+
+def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
+    nodes = any(modifier.type == "NODES" for modifier in evaluated.modifiers)
+    return nodes and effect_values.is_empty(evaluated)
 
 
 def _is_animated(effect: bpy.types.Object) -> bool:

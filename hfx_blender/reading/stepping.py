@@ -9,17 +9,17 @@ reproduce is known and looked for; a few times are compared with the own scene b
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import bpy
 
+from . import simulation as simulations
+
 if TYPE_CHECKING:
     from .fed_rig import FedRig
-
-_PHYSICS = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "EXPLODE", "OCEAN"}
-
+    from .simulation import Simulation
 
 _is_stepping = False
 
@@ -35,23 +35,16 @@ class Stepper:
         scene: bpy.types.Scene,
         layer: bpy.types.ViewLayer,
         *,
-        simulates: bool = False,
         fed: Sequence[FedRig] = (),
     ) -> None:
         self._scene = scene
         self._layer = layer
-        self._simulates = simulates
         self._fed = fed
         self._copies = {rig.obj: rig.copy for rig in fed}
-        self._simulated = scene.frame_start - 1
 
     def set_frame(self, frame: Fraction) -> None:
         """Evaluate the scene at a frame, which may lie between whole ones."""
         whole = frame.numerator // frame.denominator
-        # Simulations advance on consecutive whole frames only, and interpolate between them.
-        while self._simulates and self._simulated < frame:
-            self._simulated += 1
-            self._scene.frame_set(self._simulated)
         for rig in self._fed:
             rig.set_frame(frame)
         self._scene.frame_set(whole, subframe=float(frame - whole))
@@ -61,11 +54,18 @@ class Stepper:
         return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
 
 
+Stepping = AbstractContextManager[Stepper]
+
+
 @contextmanager
-def own_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Iterator[Stepper]:
-    """Step the user's scene; its frame is restored."""
+def own_scene(
+    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, simulation: Simulation | None = None
+) -> Iterator[Stepper]:
+    """Step the user's scene, whose simulation was played through; its frame is restored."""
     with _restored(scene):
-        yield Stepper(scene, layer, simulates=simulated(scene) is not None)
+        if simulation is not None:
+            simulation.play()
+        yield Stepper(scene, layer)
 
 
 @contextmanager
@@ -148,7 +148,7 @@ def foreign_handler() -> str | None:
 
 def why_own_scene(scene: bpy.types.Scene) -> str | None:
     """What a scratch scene could not reproduce; None if nothing of the kind is there."""
-    mover = simulated(scene)
+    mover = simulations.simulated(scene)
     if mover is not None:
         return f"physics moves '{mover.name}'"
     for owner in _driven():
@@ -159,34 +159,6 @@ def why_own_scene(scene: bpy.types.Scene) -> str | None:
                 ):
                     return f"a driver of '{owner.name}' reads the scene"
     return None
-
-
-def simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """An object that physics moves or deforms."""
-    for obj in scene.objects:
-        if obj.rigid_body is not None or any(_simulates(m) for m in obj.modifiers):
-            return obj
-    return None
-
-
-def _simulates(modifier: bpy.types.Modifier) -> bool:
-    if modifier.type == "NODES" and modifier.node_group is not None:
-        return _has_simulation(modifier.node_group, set())
-    return modifier.type in _PHYSICS
-
-
-def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
-    seen.add(tree.name_full)
-    return any(
-        node.bl_idname == "GeometryNodeSimulationInput"
-        or (
-            node.type == "GROUP"
-            and node.node_tree is not None
-            and node.node_tree.name_full not in seen
-            and _has_simulation(node.node_tree, seen)
-        )
-        for node in tree.nodes
-    )
 
 
 def _driven() -> Iterator[bpy.types.ID]:

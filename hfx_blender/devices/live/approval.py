@@ -15,7 +15,7 @@ from pathlib import Path
 from ... import resources
 from ...atomic_files import atomic_file
 from ...errors import InputError
-from ..configuration import find_file
+from ..configuration import find_file, script_beside
 from .haptics import API_VERSION
 
 
@@ -46,9 +46,9 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
         One of the files cannot be read.
     """
     configuration = find_file(name_or_path, folder)
-    if configuration is None or not configuration.with_suffix(".py").is_file():
+    path = None if configuration is None else script_beside(configuration)
+    if configuration is None or path is None:
         return None
-    path = configuration.with_suffix(".py")
     mark = fingerprint(path, configuration)
     is_shipped = path.resolve().parent == resources.device_configs().resolve()
     return DeviceScript(path, configuration, mark, is_shipped or mark in _approved())

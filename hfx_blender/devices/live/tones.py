@@ -112,19 +112,30 @@ class Sounding:
         """Begin from silence."""
         self._from = self._to = self._here = Tones.none(len(self))
 
+    def fault_of(self, frame: F64) -> str:
+        """Why it is not a frame of this device; empty: it is one."""
+        columns, width = self._column_count, 1 + 2 * len(self)
+        more = np.size(frame) - columns if np.ndim(frame) == 1 else -1
+        is_of_tones = len(self) and 0 < more <= MAX_TONES * width and more % width == 0
+        if more == 0 or is_of_tones:
+            return ""
+        return f"it was sent {np.size(frame)} values and takes {columns}"
+
     def split(self, frame: F64) -> F64:
         """Take a new frame's tones as what to go to; its values (columns,).
 
-        What is not a frame is given back as it is: nobody takes it for values.
+        Raises
+        ------
+        ValueError
+            It is not a frame of this device.
         """
-        width = 1 + 2 * len(self)
-        count, rest = divmod(len(frame) - self._column_count, width) if frame.ndim == 1 else (0, 0)
-        is_frame = frame.ndim == 1 and len(frame) >= self._column_count and not rest
-        if not len(self) or not is_frame or count > MAX_TONES:
-            self._from, self._to = self._here, Tones.none(len(self))
-            return frame
+        if fault := self.fault_of(frame):
+            raise ValueError(fault)
         values = frame[: self._column_count]
-        rows = frame[self._column_count :].reshape(count, width)
+        if not len(self):
+            return values
+        rows = frame[self._column_count :].reshape(-1, 1 + 2 * len(self))
+        count = len(rows)
         numbers = np.nan_to_num(rows[:, 0]).astype(np.int64)
         tones = Tones(numbers, rows[:, 1 : 1 + len(self)], rows[:, 1 + len(self) :])
         self._from, self._to = self._here, tones if count else self._lone(values)

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects that a scene may show or depend on, though they are in none of its collections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+
+
+def is_instancer(obj: bpy.types.Object) -> bool:
+    """Whether an object may make instances of others, or of its own geometry."""
+    return (
+        obj.instance_type != "NONE"
+        or bool(obj.particle_systems)
+        or any(modifier.type == "NODES" for modifier in obj.modifiers)
+    )
+
+
+def reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.Object]:
+    """Objects, and all that they refer to over any number of steps; no less than is needed."""
+    start = list(start)
+    uses: dict[bpy.types.ID, list[bpy.types.ID]] = {}
+    for used, users in bpy.data.user_map().items():
+        for user in users:
+            if not isinstance(user, bpy.types.Scene):
+                uses.setdefault(user, []).append(used)
+    for obj in bpy.data.objects:  # the children of an instancer are what it makes instances of
+        if obj.parent is not None and obj.parent.instance_type != "NONE":
+            uses.setdefault(obj.parent, []).append(obj)
+    found: set[bpy.types.ID] = set()
+    waiting: list[bpy.types.ID] = [*start]
+    while waiting:
+        each = waiting.pop()
+        if each not in found:
+            found.add(each)
+            waiting += uses.get(each, ())
+    return {each for each in found if isinstance(each, bpy.types.Object)}

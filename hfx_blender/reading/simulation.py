@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Simulations: found, and played forward once before anything between two frames is read.
+
+A simulation goes on from the frame before, and going back to a time between two frames while
+there is no later one lets it go on from there, disturbed. Played through, its cache holds all
+frames, and Blender interpolates between them. Baked ones are left as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+
+from .reached import reached_from
+
+_PHYSICS = {
+    "CLOTH",
+    "SOFT_BODY",
+    "FLUID",
+    "DYNAMIC_PAINT",
+    "EXPLODE",
+    "OCEAN",
+    "PARTICLE_INSTANCE",
+}
+"""Modifiers that move or deform an object otherwise than its curves say."""
+
+
+class Simulation:
+    """The simulations of a scene, to be played through once.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    last : int
+        The last frame of the animation that is needed.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, last: int) -> None:
+        self._scene = scene
+        self._last = last
+        self._is_played = False
+
+    def play(self) -> None:
+        """Step through all frames of the animation, as baking does: the first time only."""
+        if self._is_played:
+            return
+        render = self._scene.render
+        remapped = render.frame_map_old, render.frame_map_new
+        try:
+            if remapped[0] != remapped[1]:
+                render.frame_map_old = render.frame_map_new = 100
+            for frame in range(_first_frame(self._scene), self._last + 1):
+                self._scene.frame_set(frame)
+        finally:
+            if remapped[0] != remapped[1]:
+                render.frame_map_old, render.frame_map_new = remapped
+        self._is_played = True
+
+
+def simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """An object that physics moves or deforms, in a scene or in what it shows instances of."""
+    if not any(map(_is_simulated, bpy.data.objects)):
+        return None
+    return next(filter(_is_simulated, _shown(scene)), None)
+
+
+def moves_particles(scene: bpy.types.Scene) -> bool:
+    """Whether particles move in a scene: emitted ones, or hair that swings."""
+    return any(
+        system.settings.type == "EMITTER" or system.use_hair_dynamics
+        for obj in _shown(scene)
+        for system in obj.particle_systems
+    )
+
+
+def unbaked_fluids(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Domains of fluids that playing does not simulate, as they want to be baked."""
+    found = []
+    if simulated(scene) is None:
+        return []
+    for obj in _shown(scene):
+        for modifier in obj.modifiers:
+            if modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
+                domain = modifier.domain_settings
+                if domain.cache_type != "REPLAY" and not domain.has_cache_baked_data:
+                    found.append(obj)
+    return found
+
+
+def has_cache(obj: bpy.types.Object) -> bool:
+    """Whether an object has frames in a cache that an edit of it would empty."""
+    return _is_simulated(obj) or bool(obj.particle_systems)
+
+
+def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Objects of a scene, and those that it reaches by way of them, by name."""
+    return sorted(reached_from(scene.objects), key=lambda obj: obj.name_full)
+
+
+def _is_simulated(obj: bpy.types.Object) -> bool:
+    return obj.rigid_body is not None or any(_simulates(each) for each in obj.modifiers)
+
+
+def _simulates(modifier: bpy.types.Modifier) -> bool:
+    if modifier.type == "NODES" and modifier.node_group is not None:
+        return _has_simulation(modifier.node_group, set())
+    return modifier.type in _PHYSICS
+
+
+def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
+    seen.add(tree.name_full)
+    return any(
+        node.bl_idname == "GeometryNodeSimulationInput"
+        or (
+            node.type == "GROUP"
+            and node.node_tree is not None
+            and node.node_tree.name_full not in seen
+            and _has_simulation(node.node_tree, seen)
+        )
+        for node in tree.nodes
+    )
+
+
+def _first_frame(scene: bpy.types.Scene) -> int:
+    """Where the first simulation of a scene begins, if not with the scene itself."""
+    starts = [start for obj in _shown(scene) for start in _starts(obj)]
+    world = scene.rigidbody_world
+    if world is not None:
+        starts.append(world.point_cache.frame_start)
+    return min([scene.frame_start, *starts])
+
+
+def _starts(obj: bpy.types.Object) -> Iterator[int]:
+    for system in obj.particle_systems:
+        yield system.point_cache.frame_start
+    for modifier in obj.modifiers:
+        if modifier.type in ("CLOTH", "SOFT_BODY"):
+            yield modifier.point_cache.frame_start
+        elif modifier.type == "DYNAMIC_PAINT" and modifier.canvas_settings is not None:
+            yield from (each.frame_start for each in modifier.canvas_settings.canvas_surfaces)
+        elif modifier.type == "FLUID" and modifier.fluid_type == "DOMAIN":
+            yield modifier.domain_settings.cache_frame_start

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects that Blender evaluates: those that a view layer has and the viewport does not disable.
+
+The monitor icon can be keyed, and then tells at each time whether an object is there; the frame
+that is current does not. Neither the eye icon nor the camera icon matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+
+from .. import compat
+from ..engine.scene import SceneDescription
+
+_PATH = "hide_viewport"
+
+
+def is_keyed(obj: bpy.types.Object) -> bool:
+    """Whether an action, a clip or a driver disables an object at times."""
+    data = obj.animation_data
+    if data is None:
+        return False
+    curves = [curve for each in compat.curve_collections(obj) for curve in each]
+    return any(curve.data_path == _PATH for curve in (*curves, *data.drivers))
+
+
+def is_disabled(obj: bpy.types.Object) -> bool:
+    """Whether an object is disabled in viewports at all times."""
+    return bool(obj.hide_viewport) and not is_keyed(obj)
+
+
+def enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
+    """Objects of the collections that are on in a view layer."""
+    if collection.collection.hide_viewport:
+        return set()
+    found = set() if collection.exclude else set(collection.collection.objects)
+    return found.union(*map(enabled_objects, collection.children))
+
+
+def may_be_seen(
+    obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
+) -> bool:
+    """Whether Blender evaluates an object at any time; ``enabled`` are those of the layer."""
+    # What the view layer leaves out comes back as its own, unposed original; and even where
+    # something else needs it, so that it is evaluated, it is not posed.
+    is_there = obj in enabled and not is_disabled(obj)
+    return is_there and obj.evaluated_get(layer.depsgraph).is_evaluated
+
+
+def felt_on(scene: SceneDescription, which: Sequence[bool]) -> list[int]:
+    """Effects, by their place in a scene, that are felt on some of its bodies as they are."""
+    ids = {body.id for body, is_one in zip(scene.bodies, which, strict=True) if is_one}
+    return [k for k, e in enumerate(scene.effects) if getattr(e.area, "body_id", None) in ids]
