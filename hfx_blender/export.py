@@ -34,7 +34,7 @@ from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
 from .errors import InputError, UsageError
-from .export_report import ExportReport, felt_effects, not_played
+from .export_report import ExportReport, felt_effects, not_played, shortfalls
 from .formats import registry
 from .formats.curves import CurveTolerance
 from .formats.glb_scene import VolumeRecorder
@@ -44,8 +44,10 @@ from .formats.written import Written, beside
 from .own_processes import cores
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .recording import Recorded, record_track
+from .report import MOST_LINES, shortened
 from .staging import place, staging
 from .stepwise import Progress, finish
+from .stored_values import bad_values
 
 REPORT_SUFFIX = ".report.json"
 
@@ -106,7 +108,8 @@ class SceneExport:
             with_velocities="velocities" in settings.record,
         )
         if settings.strict and self.reader.description.warnings:
-            raise InputError("; ".join(self.reader.description.warnings) + ".")
+            told = shortened(self.reader.description.warnings, MOST_LINES)
+            raise InputError("; ".join(told) + ".")
 
     @property
     def _wants_volumes(self) -> bool:
@@ -244,7 +247,9 @@ class SceneExport:
                 written = Written(tracks) + registry.write_all(
                     settings.formats, played, whole, settings.devices, stem, tolerance
                 )
-            lost = not_played(whole.header, [raster for _, raster in rendered.played])
+            rasters = [raster for _, raster in rendered.played]
+            lost = not_played(whole.header, rasters)
+            short = shortfalls(whole.header, rasters)
             if self._wants_volumes:
                 models = [load_model(model.id) for model in whole.header.models]
                 has_hjif = "hjif" in settings.formats and not settings.per_clip
@@ -252,18 +257,21 @@ class SceneExport:
                     models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
                 )
         silent = tuple(rendered.silent.values())
-        if settings.strict and (silent or written.left_out):
-            raise InputError("; ".join((*silent, *written.left_out)) + ".")
+        if settings.strict and (recorded.warnings or silent or written.left_out):
+            told = shortened((*recorded.warnings, *silent, *written.left_out), MOST_LINES)
+            raise InputError("; ".join(told) + ".")
         report = ExportReport(
             scene=self._scene.name,
             files=written.files,
             felt=felt,
             unrendered=lost,
-            warnings=(
-                *self.reader.description.warnings,
-                *recorded.warnings,
-                *silent,
-                *written.left_out,
+            warnings=shortened(
+                (
+                    *self.reader.description.warnings,
+                    *recorded.warnings,
+                    *silent,
+                    *written.left_out,
+                )
             ),
             left_out=written.left_out,
             silent_devices=silent,
@@ -272,7 +280,7 @@ class SceneExport:
                 "stepping": recorded.stepping,
                 **recorded.engine,
             },
-            notes=tuple(dict.fromkeys((*recorded.notes, *rendered.notes, *written.notes))),
+            notes=shortened((*recorded.notes, *short, *rendered.notes, *written.notes)),
             made_from=made_from,
         )
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
@@ -374,6 +382,9 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
 
 def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
     """The tolerance that a scene asks for."""
+    for bad in bad_values(scene):
+        if bad.path in ("tolerance", "tolerance_custom"):
+            raise InputError(f"Scene '{scene.name}': {bad}.")
     if scene.hfx.tolerance != "CUSTOM":
         return parse(scene.hfx.tolerance)
     try:
