@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -595,3 +596,17 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
         process.kill()  # bpy may hang at its end
         process.wait()
     assert any(row.get("values", [0.0])[0] == 5.0 for row in rows(path))
+
+
+def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> None:
+    found, told = live_module.Live(), []
+    found._client = SimpleNamespace(  # type: ignore[assignment]
+        send=lambda name, _: told.append((name, "values")),
+        send_haptics=lambda name, _: told.append((name, "haptics")),
+    )
+    for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
+        connected = live_module._Connected(load_device(PAD), has_script, (), 0.0)
+        found._devices[name] = connected
+    found._muted = {"muted"}
+    found._fade()
+    assert told == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]
