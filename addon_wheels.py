@@ -210,7 +210,7 @@ def _download(requirement: str, tags: Iterable[str], python: str, folder: Path) 
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
         requirements = Path(temporary, "requirements.txt")
         requirements.write_text(requirement + "\n", encoding="utf-8")
-        command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps"]
+        command = [sys.executable, "-P", "-m", "pip", "download", "--quiet", "--no-deps"]
         command += ["--disable-pip-version-check", "--only-binary=:all:"]
         command += ["--python-version", python, "--dest", temporary, "-r", str(requirements)]
         for tag in tags:

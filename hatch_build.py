@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hatchling does when the package is installed: compile the library of ``engine/native``.
+"""What hatchling does when the package is installed: compile the library of ``engine/native``,
+and add the file that protects the script ``hfx`` from modules of the current folder.
 
-Without it the package works, slower; so whatever goes wrong, the installation goes on.
+Without the library the package works, slower; so whatever goes wrong, the installation goes on.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from packaging.tags import sys_tags
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import native_build  # beside this file, not installed
+import startup_file
 
 
 class NativeLibraryHook(BuildHookInterface[Any]):
@@ -28,6 +30,13 @@ class NativeLibraryHook(BuildHookInterface[Any]):
         return native_build.requirements(Path(self.root))
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        key = "force_include_editable" if version == "editable" else "force_include"
+        path = self._folder() / startup_file.NAME
+        path.write_text(startup_file.text(), encoding="utf-8")
+        build_data[key][str(path)] = startup_file.NAME
+        self._include_library(version, build_data)
+
+    def _include_library(self, version: str, build_data: dict[str, Any]) -> None:
         target = native_build.this_target()
         if not native_build.wanted() or target is None:
             return
@@ -55,5 +64,6 @@ class NativeLibraryHook(BuildHookInterface[Any]):
             self._work.cleanup()
 
     def _folder(self) -> Path:
-        self._work = tempfile.TemporaryDirectory(prefix="hfx_native_")
+        if self._work is None:
+            self._work = tempfile.TemporaryDirectory(prefix="hfx_native_")
         return Path(self._work.name)

@@ -203,7 +203,7 @@ def fetched_compiler(say: Callable[[str], None]) -> Path:
         return compiler()
     except BuildError:
         say(f"Fetching the compiler, {REQUIREMENT} (100 MB, once)")
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-compile"]
+    command = [sys.executable, "-P", "-m", "pip", "install", "--quiet", "--no-deps", "--no-compile"]
     command += ["--disable-pip-version-check", "--only-binary=:all:", "--upgrade"]
     done = subprocess.run(
         [*command, "--target", str(FETCHED), REQUIREMENT], capture_output=True, text=True

@@ -4,7 +4,9 @@
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
 ``assets``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib. ``assets`` is the
 library of the Asset Browser, to be made anew when a sensation of ``effect_library`` changes. The
-trade takes half an hour on an idle machine, a minute or two with ``--short``.
+trade takes half an hour on an idle machine, a minute or two with ``--short``. The table of
+``safety`` is made of what ``hfx bench safety --json`` printed, idle and with ``--busy``:
+``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 DOCS = Path(__file__).resolve().parent
 PICTURES = DOCS / "pictures"
@@ -26,9 +29,15 @@ SCENES = ("demo", "crowded", "fast", "fine")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "subjects", nargs="*", metavar="SUBJECT", help="pictures, devices, assets, surfaces, trade"
+        "subjects",
+        nargs="*",
+        metavar="SUBJECT",
+        help="pictures, devices, assets, surfaces, trade, safety",
     )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
+    parser.add_argument(
+        "--record", action="append", type=Path, default=[], help="safety: of 'hfx bench safety'"
+    )
     parser.add_argument("--short", action="store_true", help="trade: rough figures")
     options = parser.parse_args()
     subjects = options.subjects or ["pictures", "devices", "assets", "surfaces", "trade"]
@@ -40,12 +49,16 @@ def main() -> None:
     if "assets" in subjects:
         folder = str(DOCS.parent / "effect_library")
         module = "hfx_blender.demo.effect_assets"
-        subprocess.run([sys.executable, "-m", module, folder], check=True)
+        subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
     if "surfaces" in subjects:
         surfaces()
     if "trade" in subjects:
         for scene in options.scene or SCENES:
             trade(scene, options.short)
+    if "safety" in subjects:
+        if not options.record:
+            parser.error("safety: no --record")
+        safety([json.loads(path.read_text(encoding="utf-8")) for path in options.record])
 
 
 def demo() -> None:
@@ -102,6 +115,16 @@ def trade(scene: str, short: bool) -> None:
     replace_part(DOCS / "trade.md", scene, section)
 
 
+def safety(records: list[dict[str, Any]]) -> None:
+    """The table of silence in ``live.md``."""
+    from hfx_blender.bench import machine, safety
+
+    made_on = dict.fromkeys(machine.as_line({**each["machine"], "load": None}) for each in records)
+    caption = f"Measured on {'; '.join(made_on)}."
+    table = safety.as_markdown(records)
+    replace_part(DOCS / "live.md", "safety", f"{caption}\n\n{table}")
+
+
 def replace_part(page: Path, name: str, content: str) -> None:
     """Put what was made into its place on a page."""
     begin, end = f"<!-- {name}: made by docs/regenerate.py -->", f"<!-- end of {name} -->"
@@ -115,7 +138,7 @@ def replace_part(page: Path, name: str, content: str) -> None:
 
 def hfx(*arguments: str) -> str:
     """Run a command of hfx; what it says."""
-    command = [sys.executable, "-m", "hfx_blender.cli", *arguments]
+    command = [sys.executable, "-P", "-m", "hfx_blender.cli", *arguments]
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 

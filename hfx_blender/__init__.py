@@ -6,6 +6,7 @@ Importing this package imports no ``bpy``; :func:`register` does.
 
 from __future__ import annotations
 
+import atexit
 from types import ModuleType
 
 from . import registration
@@ -20,4 +21,23 @@ def _modules() -> tuple[ModuleType, ...]:
     return preferences, properties, operators, ui, handlers, preview, live
 
 
-register, unregister = registration.of_modules(_modules)
+_register, _unregister = registration.of_modules(_modules)
+
+
+def register() -> None:
+    """Make Blender know the add-on.
+
+    Blender's Python module takes itself down after Python. What is still registered then hangs or
+    crashes 4.5, so a script that only ends takes it back; a whole Blender does so by itself.
+    """
+    from .blender_session import inside_blender
+
+    _register()
+    if not inside_blender():
+        atexit.register(unregister)
+
+
+def unregister() -> None:
+    """Take back what :func:`register` did."""
+    atexit.unregister(unregister)
+    _unregister()

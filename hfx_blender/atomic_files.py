@@ -5,16 +5,22 @@ from __future__ import annotations
 
 import errno
 import os
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 from .errors import OutputError
 
 _passing: set[Path] = set()
 """Folders that nothing stays in: what is written there is forced to the disk by who moves it."""
+
+PATIENCE_S: Final = 5.0
+"""So long a lock is waited for."""
+
+_RETRY_S: Final = 0.01
 
 _AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in one go
 
@@ -118,3 +124,45 @@ def _sync_folder(folder: Path) -> None:
             raise
     finally:
         os.close(descriptor)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Keep other processes and threads that lock the same file out of the ``with`` block.
+
+    The lock is a file ``path`` + ``.lock``, which stays; it is given back if its owner is killed.
+
+    Raises
+    ------
+    OutputError
+        Somebody else keeps it for longer than :data:`PATIENCE_S`, or there is no writing there.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}).") from None
+    try:
+        until = time.monotonic() + PATIENCE_S
+        while not _is_taken(descriptor):
+            if time.monotonic() > until:
+                raise OutputError(f"{path}: another process is writing it; try again.")
+            time.sleep(_RETRY_S)
+        yield
+    finally:
+        os.close(descriptor)  # which gives it back
+
+
+def _is_taken(descriptor: int) -> bool:
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -11,7 +11,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import Any, Final
 
 from .errors import HfxError, InputError
 
@@ -53,25 +54,55 @@ def start() -> Any:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Let Ctrl-C wait for the end of the block.
+    """Let Ctrl-C, and signals that end the process, wait for the end of the block.
 
     While it starts, and in operators, Blender swallows or wraps what Python raises.
     """
-    default = signal.default_int_handler
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGINT) is not default
-    ):
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
+    ours = (signal.default_int_handler, _terminated)
+    held = {each: signal.getsignal(each) for each in (signal.SIGINT, *_ENDING)}
+    held = {each: handler for each, handler in held.items() if handler in ours}
     noted: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _frame: noted.append(number))
+    for each in held:
+        signal.signal(each, lambda number, _frame: noted.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, default)
-    if noted:
+        for each, handler in held.items():
+            signal.signal(each, handler)
+    if signal.SIGINT in noted:
         raise KeyboardInterrupt
+    if noted:
+        _terminated(noted[0], None)
+
+
+_ENDING: Final = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+
+
+class TerminatedError(KeyboardInterrupt):
+    """The process was asked to end by a signal; it ends as after Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.exit_code = 128 + number
+
+
+def _terminated(number: int, _frame: FrameType | None) -> None:
+    for each in _ENDING:  # a second one does not disturb the tidying up
+        signal.signal(each, signal.SIG_IGN)
+    raise TerminatedError(number)
+
+
+def end_on_signals() -> None:
+    """Have SIGTERM and SIGHUP end the work as Ctrl-C does, unless somebody else handles them."""
+    if threading.current_thread() is threading.main_thread():
+        for each in _ENDING:
+            if signal.getsignal(each) is signal.SIG_DFL:
+                signal.signal(each, _terminated)
 
 
 def inside_blender() -> bool:
@@ -117,6 +148,25 @@ def leave(code: int) -> None:
         with suppress(OSError, ValueError):
             stream.flush()
     os._exit(code)
+
+
+def open_standard_streams() -> None:
+    """Give the process the standard streams that it was started without (``hfx ... >&-``).
+
+    Else the first files that are opened would get their numbers.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is not None:
+            continue
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+        mode = "r" if number == 0 else "w"
+        setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))
 
 
 def without_chatter(work: Callable[[], int]) -> int:

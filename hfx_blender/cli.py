@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+# isort: off
+from . import import_path  # noqa: F401  first: cleans sys.path in the process of hfx
+
+# isort: on
 import argparse
 import os
 import sys
@@ -11,14 +15,14 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout
 from typing import Any, NoReturn
 
-from . import __version__
-from .console import Console
-from .errors import HfxError, UsageError
+from . import __version__, blender_session, file_limits
+from .console import Console, is_unread
+from .errors import HfxError, OutputError, UsageError, fault_of_file
 
 EPILOG = """\
 exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a device failed;
 5 some of several inputs failed, or a format could not hold all of a device (the rest is complete);
-130 interrupted; 1 a defect of hfx.
+129, 130, 143 ended by SIGHUP, Ctrl-C, SIGTERM; 1 a defect of hfx.
 """
 
 
@@ -56,21 +60,42 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         options = build_parser(prog).parse_args(_joined(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
-            return int(options.run(options, console))
+            with file_limits.raised(getattr(options, "largest", 1.0)):
+                code = int(options.run(options, console))
+        return code or _unless_lost(console)
     except HfxError as error:
         console.warn(f"hfx: {error}")
         console.result({"error": str(error)})
         return error.exit_code
+    except blender_session.TerminatedError as ended:
+        console.warn(f"hfx: ended by {ended}; nothing half written was left behind")
+        return ended.exit_code
     except KeyboardInterrupt:
         console.warn("hfx: interrupted; nothing half written was left behind")
         return 130
-    except BrokenPipeError:
-        # Whoever read our output has gone (``hfx info x | head``): that is no defect.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except OSError as error:
+        if error.filename is None:
+            return _defect(console)
+        found = fault_of_file(error)
+        console.warn(f"hfx: {found}")
+        console.result({"error": str(found)})
+        return found.exit_code
     except Exception:
-        console.warn("hfx: a defect of hfx, please report it:\n" + traceback.format_exc())
-        return 1
+        return _defect(console)
+
+
+def _unless_lost(console: Console) -> int:
+    """The exit code of work that is done, by whether its results could be printed."""
+    if console.fault is None:
+        return 0
+    console.warn(f"hfx: standard output: cannot be written ({console.fault.strerror}).")
+    return OutputError.exit_code
+
+
+def _defect(console: Console) -> int:
+    text = "hfx: a defect of hfx, please report it:\n" + traceback.format_exc()
+    console.warn(text, several_lines=True)
+    return 1
 
 
 _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
@@ -89,14 +114,14 @@ def _joined(arguments: Sequence[str]) -> list[str]:
 
 def main() -> None:
     """Entry point of the console script."""
-    from . import blender_session
-
+    blender_session.open_standard_streams()
+    blender_session.end_on_signals()
     try:
         code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
     except SystemExit as finished:  # --help and --version
         code = finished.code if isinstance(finished.code, int) else 0
-    except BrokenPipeError:
-        code = 0
+    except OSError as error:  # of what argparse printed past the console
+        code = 0 if is_unread(error) else OutputError.exit_code
     blender_session.leave(code)
 
 

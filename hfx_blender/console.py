@@ -3,17 +3,24 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
 import sys
 import time
+from contextlib import suppress
 from typing import Any, TextIO
+
+from .printable import printable, printable_lines
 
 
 class Console:
     """Text for people on a terminal, plain lines elsewhere, one JSON value with ``--json``.
 
-    Progress and messages go to standard error, results to standard output.
+    Progress and messages go to standard error, results to standard output. What steers a
+    terminal is escaped. Where nobody reads, the work goes on; what could not be written because
+    of a fault, such as a full disk, :attr:`fault` tells.
     """
 
     def __init__(
@@ -24,26 +31,23 @@ class Console:
         self._err = err or sys.stderr
         self._live = self._err.isatty() and not as_json
         self._shown = 0
+        self.fault: OSError | None = None  # why results could not be written
 
-    def say(self, text: str = "") -> None:
-        """A line for people; silent with ``--json``."""
+    def say(self, text: str = "", *, several_lines: bool = False) -> None:
+        """Write a line for people, or several; silent with ``--json``."""
         self._clear()
         if not self.as_json:
-            self._out.write(text + "\n")
-            self._out.flush()
+            self._write(self._out, _shown(text, several_lines) + "\n")
 
-    def warn(self, text: str) -> None:
-        """A line about something that is wrong, on standard error."""
+    def warn(self, text: str, *, several_lines: bool = False) -> None:
+        """Write a line about something that is wrong, on standard error."""
         self._clear()
-        self._err.write(text + "\n")
-        self._err.flush()
+        self._write(self._err, _shown(text, several_lines) + "\n")
 
     def result(self, value: Any) -> None:
         """The machine-readable result, with ``--json`` only."""
         if self.as_json:
-            json.dump(value, self._out, indent=1, sort_keys=True)
-            self._out.write("\n")
-            self._out.flush()
+            self._write(self._out, json.dumps(value, indent=1, sort_keys=True) + "\n")
 
     def progress(self, title: str) -> Progress:
         """Progress of a piece of work, with the time that is left; seen on a terminal only."""
@@ -53,16 +57,40 @@ class Console:
         """Overwrite the progress line."""
         if self._live:
             # A line that wraps could not be overwritten.
-            line = line[: shutil.get_terminal_size().columns - 1]
-            self._err.write("\r" + line.ljust(self._shown))
-            self._err.flush()
+            line = printable(line)[: shutil.get_terminal_size().columns - 1]
+            self._write(self._err, "\r" + line.ljust(self._shown))
             self._shown = len(line)
 
     def _clear(self) -> None:
         if self._shown:
-            self._err.write("\r" + " " * self._shown + "\r")
-            self._err.flush()
+            self._write(self._err, "\r" + " " * self._shown + "\r")
             self._shown = 0
+
+    def _write(self, stream: TextIO, text: str) -> None:
+        try:
+            stream.write(text)
+            stream.flush()
+        except OSError as error:
+            if stream is self._out and not is_unread(error):
+                self.fault = error
+            _write_nowhere(stream)
+
+
+def is_unread(error: OSError) -> bool:
+    """Whether writing failed as the reader has gone (``hfx info x | head``)."""
+    return error.errno in (errno.EPIPE, errno.EINVAL)  # the latter on Windows
+
+
+def _shown(text: str, several_lines: bool) -> str:
+    return printable_lines(text) if several_lines else printable(text)
+
+
+def _write_nowhere(stream: TextIO) -> None:
+    """From now on; what the stream still holds, too."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
 
 
 class Progress:

@@ -20,11 +20,13 @@ import numpy as np
 
 from .atomic_files import atomic_file
 from .devices.configuration import load_device
+from .devices.script_rendering import Rendered, rendering
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
-from .engine.rendering.devices import Played, render_devices
+from .engine.rendering.devices import renderers_given
 from .engine.rendering.raster import Raster
+from .engine.rendering.render import Renderer
 from .engine.rendering.room import needs_positions
 from .engine.tolerance import Tolerance, parse
 from .engine.track import SUFFIX, TrackReader
@@ -32,7 +34,7 @@ from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
 from .errors import InputError, UsageError
-from .export_report import ExportReport, felt_effects, not_played
+from .export_report import ExportReport, felt_effects, not_played, shortfalls
 from .formats import registry
 from .formats.curves import CurveTolerance
 from .formats.glb_scene import VolumeRecorder
@@ -42,8 +44,10 @@ from .formats.written import Written, beside
 from .own_processes import cores
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .recording import Recorded, record_track
+from .report import MOST_LINES, shortened
 from .staging import place, staging
 from .stepwise import Progress, finish
+from .stored_values import bad_values
 
 REPORT_SUFFIX = ".report.json"
 
@@ -104,7 +108,8 @@ class SceneExport:
             with_velocities="velocities" in settings.record,
         )
         if settings.strict and self.reader.description.warnings:
-            raise InputError("; ".join(self.reader.description.warnings) + ".")
+            told = shortened(self.reader.description.warnings, MOST_LINES)
+            raise InputError("; ".join(told) + ".")
 
     @property
     def _wants_volumes(self) -> bool:
@@ -136,8 +141,12 @@ class SceneExport:
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
             volumes = VolumeRecorder(self.reader.description)
-            recorded, played = yield from self._record(track, volumes, None, self._settings.devices)
-            return self._finish(track, volumes, recorded, played, folder, made_from or {})
+            recorded, renderers = yield from self._record(
+                track, volumes, None, self._settings.devices
+            )
+            with TrackReader(track) as whole:
+                rendered = yield from rendering(whole, renderers)
+            return self._finish(track, volumes, recorded, rendered, folder, made_from or {})
 
     def record_part(
         self,
@@ -173,9 +182,9 @@ class SceneExport:
             if self._wants_volumes:
                 self._join_volumes(volumes, [part.volumes for part in parts])
             with TrackReader(track) as whole:
-                played = render_devices(whole, self._settings.devices)
+                rendered = finish(rendering(whole, renderers_given(whole, self._settings.devices)))
             recorded = Recorded.merged([part.recorded for part in parts])
-            return self._finish(track, volumes, recorded, played, folder, made_from or {})
+            return self._finish(track, volumes, recorded, rendered, folder, made_from or {})
 
     def _record(
         self,
@@ -183,7 +192,7 @@ class SceneExport:
         volumes: VolumeRecorder,
         part: tuple[int, int] | None,
         devices: Sequence[DeviceConfig],
-    ) -> Generator[float, None, tuple[Recorded, list[Played]]]:
+    ) -> Generator[float, None, tuple[Recorded, list[tuple[DeviceConfig, Renderer]]]]:
         settings = self._settings
         engine = Engine(
             self.reader.description,
@@ -191,7 +200,7 @@ class SceneExport:
             tolerance=self.tolerance,
             threads=min(settings.processes, _THREADS),
         )
-        played = yield from record_track(
+        renderers = yield from record_track(
             self.reader,
             engine,
             track,
@@ -202,7 +211,7 @@ class SceneExport:
             part=part,
             processes=settings.processes,
         )
-        return Recorded.of(self.reader, engine), played
+        return Recorded.of(self.reader, engine), renderers
 
     def _join_volumes(self, volumes: VolumeRecorder, files: Sequence[Path]) -> None:
         """Where volumes were in all parts; their shapes are read again, where each is first."""
@@ -221,7 +230,7 @@ class SceneExport:
         track: Path,
         volumes: VolumeRecorder,
         recorded: Recorded,
-        played: Sequence[Played],
+        rendered: Rendered,
         folder: Path,
         made_from: Mapping[str, Any],
     ) -> ExportReport:
@@ -230,39 +239,48 @@ class SceneExport:
         tolerance = CurveTolerance(min(self.tolerance.amplitude, DEFAULT_TOLERANCE.value))
         with TrackReader(track) as whole:
             felt = felt_effects(whole)
-            lost = not_played(whole.header, [raster for _, raster in played])
             if settings.per_clip:
-                written = _write_clips(whole, settings, stem, tolerance)
+                written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)
             else:
                 tracks = (track,) if "track" in settings.formats else ()
+                played = _named(rendered.played)
                 written = Written(tracks) + registry.write_all(
-                    settings.formats, _named(played), whole, settings.devices, stem, tolerance
+                    settings.formats, played, whole, settings.devices, stem, tolerance
                 )
+            rasters = [raster for _, raster in rendered.played]
+            lost = not_played(whole.header, rasters)
+            short = shortfalls(whole.header, rasters)
             if self._wants_volumes:
                 models = [load_model(model.id) for model in whole.header.models]
                 has_hjif = "hjif" in settings.formats and not settings.per_clip
                 written += volumes.write(
                     models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
                 )
-        if settings.strict and written.left_out:
-            raise InputError("; ".join(written.left_out) + ".")
+        silent = tuple(rendered.silent.values())
+        if settings.strict and (recorded.warnings or silent or written.left_out):
+            told = shortened((*recorded.warnings, *silent, *written.left_out), MOST_LINES)
+            raise InputError("; ".join(told) + ".")
         report = ExportReport(
             scene=self._scene.name,
             files=written.files,
             felt=felt,
             unrendered=lost,
-            warnings=(
-                *self.reader.description.warnings,
-                *recorded.warnings,
-                *written.left_out,
+            warnings=shortened(
+                (
+                    *self.reader.description.warnings,
+                    *recorded.warnings,
+                    *silent,
+                    *written.left_out,
+                )
             ),
             left_out=written.left_out,
+            silent_devices=silent,
             engine={
                 "tolerance": self.tolerance.name,
                 "stepping": recorded.stepping,
                 **recorded.engine,
             },
-            notes=tuple(dict.fromkeys((*recorded.notes, *written.notes))),
+            notes=shortened((*recorded.notes, *short, *rendered.notes, *written.notes)),
             made_from=made_from,
         )
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
@@ -293,9 +311,17 @@ def export_scene(
 
 
 def _write_clips(
-    whole: TrackReader, settings: ExportSettings, stem: Path, tolerance: CurveTolerance
-) -> Written:
-    """Each named clip of a track as files of its own, from time 0."""
+    whole: TrackReader,
+    settings: ExportSettings,
+    rendered: Rendered,
+    stem: Path,
+    tolerance: CurveTolerance,
+) -> tuple[Written, Rendered]:
+    """Each named clip of a track as files of its own, from time 0.
+
+    Scripts begin anew with each clip; a device whose script fails in one of them is left out
+    of all, and is silent in what is returned.
+    """
     found = named_clips(whole.header)
     if not found:
         raise InputError("There are no clips to write one by one: no effect has a named clip.")
@@ -312,11 +338,19 @@ def _write_clips(
         with TrackReader(path) as track:
             if "track" in settings.formats:
                 written += Written((path,))
-            played = _named(render_devices(track, settings.devices))
-            written += registry.write_all(
-                settings.formats, played, track, settings.devices, part, tolerance
+            devices = [each for each in settings.devices if each.id not in rendered.silent]
+            of_clip = finish(rendering(track, renderers_given(track, devices)))
+            if of_clip.silent:
+                reasons = {
+                    device: f"clip '{named.name}': {reason}"
+                    for device, reason in of_clip.silent.items()
+                }
+                left = rendered.without(reasons)
+                return _write_clips(whole, settings, left, stem, tolerance)
+            written += Written(notes=of_clip.notes) + registry.write_all(
+                settings.formats, _named(of_clip.played), track, settings.devices, part, tolerance
             )
-    return written
+    return written, rendered
 
 
 def _named(
@@ -348,6 +382,9 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
 
 def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
     """The tolerance that a scene asks for."""
+    for bad in bad_values(scene):
+        if bad.path in ("tolerance", "tolerance_custom"):
+            raise InputError(f"Scene '{scene.name}': {bad}.")
     if scene.hfx.tolerance != "CUSTOM":
         return parse(scene.hfx.tolerance)
     try:

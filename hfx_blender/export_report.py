@@ -24,6 +24,7 @@ class ExportReport:
     warnings: tuple[str, ...]
     engine: dict[str, Any] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()  # of the warnings: what a format could not hold of a device
+    silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
     notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
 
@@ -43,6 +44,7 @@ class ExportReport:
             "unrendered": list(self.unrendered),
             "warnings": list(self.warnings),
             "left_out": list(self.left_out),
+            "silent_devices": list(self.silent_devices),
             "notes": list(self.notes),
             "engine": self.engine,
             "made_from": dict(self.made_from),
@@ -84,3 +86,32 @@ def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str
         }
         for lost in unrendered(rasters)
     )
+
+
+_OTHERWISE = {
+    "frequency": "plays effect '{}' at another frequency",
+    "limit": "cuts effect '{}' to what an actuator may do",
+    "threshold": "plays effect '{}' weaker than is felt there",
+}
+
+
+def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...]:
+    """How devices play effects otherwise than they are, and what kinds they do not play.
+
+    What no device plays of an effect is told by :func:`not_played`; that one of several devices
+    does not lie where an effect is felt is how devices share a body.
+    """
+    effects = {effect.id: effect.name for effect in header.effects}
+    notes = []
+    for raster in rasters:
+        lacking = {each.modality for each in raster.shortfalls if each.reason == "modality"}
+        if lacking:
+            notes.append(f"device '{raster.device_id}' plays no {', '.join(sorted(lacking))}")
+        notes += [
+            f"device '{raster.device_id}' "
+            f"{_OTHERWISE[each.reason].format(effects[each.effect_id])} "
+            f"for {each.seconds:.2f} s ({each.share:.0%})"
+            for each in raster.shortfalls
+            if each.reason in _OTHERWISE
+        ]
+    return tuple(notes)

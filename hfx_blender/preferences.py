@@ -99,6 +99,8 @@ class HfxPreferences(bpy.types.AddonPreferences):
         names = ", ".join(own) or "none yet; Import Node Map or Layout in Live Devices adds some"
         layout.label(text=f"Your own devices: {names}", icon="OUTLINER_OB_FORCE_FIELD")
 
+        _draw_scripts(layout)
+
     def take_colours(self) -> None:
         """Let the palette "My Colours" be these colours."""
         from .engine import colouring
@@ -116,6 +118,22 @@ class HfxPreferences(bpy.types.AddonPreferences):
                 os.environ.pop(variable, None)
             else:
                 os.environ[variable] = value
+
+
+def _draw_scripts(layout: bpy.types.UILayout) -> None:
+    """The list of approved device scripts, each of which can be withdrawn."""
+    from .devices.live import approval
+
+    column = layout.column()
+    column.label(text="Approved Device Scripts", icon="FILE_SCRIPT")
+    fault = approval.fault_of_list()
+    found = approval.approved()
+    if fault or not found:
+        column.label(text=fault or "none", icon="ERROR" if fault else "NONE")
+    for mark, path in sorted(found.items(), key=lambda each: each[1]):
+        row = column.row()
+        row.label(text=f"{path}  ({mark[:12]})")
+        row.operator("hfx.live_revoke", text="", icon="X").fingerprint = mark
 
 
 def preferences() -> HfxPreferences | None:

@@ -52,11 +52,11 @@ FALLOFFS = (
     ("smooth", "Smooth", "Strength rises with a soft start and end"),
 )
 TOLERANCES = (
-    ("PREVIEW", "Preview", "Fast: contacts to 40 ms and to the spacing of the model's vertices"),
-    ("STANDARD", "Standard", "Contacts to 10 ms and to 5 mm or half the vertices' spacing"),
+    ("PREVIEW", "Preview", "Fast: edges to the spacing of the model's vertices, motion to 40 ms"),
+    ("STANDARD", "Standard", "Edges to 5 mm or half the vertices' spacing, motion to 10 ms"),
     ("EXACT", "Exact", "The finest that there is, at every sample"),
     ("PAPER", "Vertices Only", "A vertex is inside a volume or not, at every sample"),
-    ("CUSTOM", "Custom", "Millimetres and milliseconds of your own"),
+    ("CUSTOM", "Custom", "Millimetres of edges and milliseconds of motion of your own"),
 )
 FOLLOWS = (
     ("AUTO", "Automatic", "Its bones; the evaluated surface where more than bones deforms it"),
@@ -414,7 +414,8 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     )
     tolerance: EnumProperty(
         name="Tolerance",
-        description="Which error an export may have, to be fast",
+        description="Which error an export may have, to be fast. A contact may begin late by the "
+        "error of motion plus the time that its approach takes for the error of the edge",
         items=TOLERANCES,
         default="STANDARD",
     )
@@ -435,7 +436,9 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     )
     tolerance_custom: StringProperty(
         name="Tolerance",
-        description="Millimetres, milliseconds and, if you like, percent of full scale",
+        description="How far off edges of contacts, motion and strength may be: millimetres, "
+        "milliseconds and, if you like, percent of full scale. A contact may begin late by the "
+        "milliseconds plus the time that its approach takes for the millimetres",
         default="5mm,10ms,5%",
     )
 

@@ -20,7 +20,8 @@ from .engine.joining import joined
 from .engine.parallel.evaluating import evaluated
 from .engine.parallel.overlapping import in_turn, overlapped
 from .engine.rendering.device import DeviceConfig
-from .engine.rendering.devices import Played, renderers_of
+from .engine.rendering.devices import renderers_of
+from .engine.rendering.render import Renderer
 from .engine.samples import SampleRun
 from .engine.scene import AnimationBlock, HapticSurface, SceneDescription
 from .engine.track import TrackHeader, TrackWriter, as_kept
@@ -108,8 +109,10 @@ def record_track(
     watch: Watch | None = None,
     part: tuple[int, int] | None = None,
     processes: int = 1,
-) -> Generator[float, None, list[Played]]:
-    """Evaluate a scene block by block, record it, and render it for the devices on the way.
+) -> Generator[float, None, list[tuple[DeviceConfig, Renderer]]]:
+    """Evaluate a scene block by block, record it, and have it rendered on the way.
+
+    Renderers are returned that have been given all of it, for each device on each body.
 
     After each block the share that is done is yielded: whoever stops there leaves no file.
     Blocks are read here; where scenes are stepped, they are worked on in another thread meanwhile.
@@ -132,7 +135,7 @@ def record_track(
     read = done = 0  # samples, each of which counts half when it is read
     start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks(part and (start, stop))
-    played: list[Played] = []
+    finished: list[tuple[DeviceConfig, Renderer]] = []
 
     def counted() -> Iterator[AnimationBlock]:
         nonlocal read
@@ -154,7 +157,7 @@ def record_track(
                     for _, renderer in renderers:
                         renderer.add(runs)
                     yield [block for block, _ in some]
-        played.extend((device, renderer.raster()) for device, renderer in renderers)
+        finished.extend(renderers)
 
     # Two threads pay where Blender steps a scene, and lets the other one run meanwhile.
     together = overlapped if reader.is_stepped else in_turn
@@ -166,7 +169,7 @@ def record_track(
                     watch(block)
                 done += len(block.indices) - block.history
             yield (read + done) / (2 * count)
-    return played
+    return finished
 
 
 def _header(

@@ -3,10 +3,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Final
+
+from .printable import printable
 
 if TYPE_CHECKING:
     from .export import ExportReport
+
+
+MOST_LINES: Final = 40
+"""Warnings, and notes, that are shown; the report's file has more."""
+
+MOST_KEPT: Final = 1000
+"""Warnings that a report's file and a track keep."""
+
+
+def shortened(texts: Iterable[str], most: int = MOST_KEPT) -> tuple[str, ...]:
+    """Each text once, and how many more there are than ``most``."""
+    found = tuple(dict.fromkeys(texts))
+    left = len(found) - most
+    return found if left <= 0 else (*found[:most], f"... and {left} more")
 
 
 def describe(report: ExportReport) -> str:
@@ -26,10 +43,12 @@ def describe(report: ExportReport) -> str:
         f"{lost['body']} but played by no device"
         for lost in report.unrendered
     ]
-    lines += [f"  warning: {text}" for text in report.warnings]
-    lines += [f"  note: {text}" for text in report.notes]
+    told = set(report.silent_devices)  # by the command, on its own
+    warnings = (text for text in report.warnings if text not in told)
+    lines += [f"  warning: {text}" for text in shortened(warnings, MOST_LINES)]
+    lines += [f"  note: {text}" for text in shortened(report.notes, MOST_LINES)]
     lines += [f"  wrote {path} ({_size(path.stat().st_size)})" for path in report.files]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _size(count: int) -> str:

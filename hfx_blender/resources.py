@@ -72,6 +72,11 @@ def approved_scripts() -> Path:
     return _user_data() / "approved_scripts.json"
 
 
+def time_on() -> Path:
+    """Folder that remembers how long devices were on; it need not exist."""
+    return _user_data() / "time_on"
+
+
 def live_settings() -> Path:
     """File that remembers how the user's devices are connected; it need not exist."""
     return _user_data() / "live_devices.json"

@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from .atomic_files import move, passing
 from .errors import OutputError
+from .stage_folders import stage_folder
 
 placing = threading.Lock()
 """Held while finished files get their names: who ends the process at once waits for it."""
@@ -43,26 +42,23 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     OutputError
         The folder cannot be written to, or something within the block could not be written.
     """
-    is_new = not folder.exists()
+    made = ExitStack()
     try:
+        is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
-        stage = Path(
-            tempfile.mkdtemp(prefix=f".{name[:100]}.", suffix=".tmp", dir=within or folder)
-        )
+        stage = made.enter_context(stage_folder(within or folder, name))
     except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{folder}: cannot be written to ({reason}).") from error
     try:
-        with passing(stage):
+        with made, passing(stage):
             yield stage
-    except BrokenPipeError:  # of our own output: nobody reads it any more
-        raise
     except OSError as error:
-        raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
+        path = str(error.filename or folder).replace(str(stage), str(folder))
+        raise OutputError(f"{path}: {error.strerror}.") from error
     except OutputError as error:  # the user knows the file by its final name
         raise OutputError(str(error).replace(str(stage), str(folder))) from error
     finally:
-        shutil.rmtree(stage, ignore_errors=True)
         if is_new:
             with suppress(OSError):  # it holds the results, unless there are none
                 folder.rmdir()

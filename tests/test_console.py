@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -11,6 +12,7 @@ import pytest
 
 from hfx_blender import console as console_module
 from hfx_blender.console import Console
+from hfx_blender.errors import InputError
 
 
 class Terminal(io.StringIO):
@@ -124,3 +126,51 @@ def test_the_progress_line_makes_room_for_messages(clock: Clock) -> None:
     progress(0.5)
     console.warn("hot")
     assert err.screen(50) == ["hot", ""]
+
+
+STEERING = "a\x1b[31m\x07\x9b\u202egpj\u2028\x00\udcff"
+ESCAPED = "a\\x1b[31m\\x07\\x9b\\u202egpj\\u2028\\x00\\udcff"
+
+
+def test_names_cannot_steer_a_terminal() -> None:
+    out, err = io.StringIO(), Terminal()
+    console = Console(out=out, err=err)
+    console.say(f"{STEERING}\nb")
+    console.warn(f"{STEERING}\r\nb")
+    console.say(f"{STEERING}\nb", several_lines=True)
+    assert out.getvalue() == f"{ESCAPED}\\nb\n{ESCAPED}\nb\n"
+    assert err.getvalue() == f"{ESCAPED}\\r\\nb\n"
+    console.show(STEERING)
+    assert "\x1b" not in err.getvalue()
+
+
+def test_faults_are_one_safe_line_wherever_they_are_shown() -> None:
+    error = InputError(f"Scene '{STEERING}\n' is bad.")
+    assert str(error) == f"Scene '{ESCAPED}\\n' is bad."
+    assert str(InputError(str(error))) == str(error)
+    assert str(InputError("Größe 5 µm, 日本, \u200d")) == "Größe 5 µm, 日本, \u200d"
+
+
+class Lost(io.StringIO):
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+    def write(self, text: str) -> int:
+        raise OSError(self.number, os.strerror(self.number))
+
+
+def test_where_nobody_reads_the_work_goes_on() -> None:
+    console = Console(out=Lost(errno.EPIPE), err=Lost(errno.EPIPE))
+    console.say("felt")
+    console.warn("hot")
+    Console(as_json=True, out=Lost(errno.EPIPE)).result({})
+    assert console.fault is None
+
+
+def test_results_that_are_lost_are_known() -> None:
+    console = Console(out=Lost(errno.ENOSPC), err=Lost(errno.ENOSPC))
+    console.warn("hot")
+    assert console.fault is None
+    console.say("felt")
+    assert console.fault is not None and console.fault.errno == errno.ENOSPC

@@ -13,7 +13,19 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "hfx_blender"
 PURE = ("engine", "formats", "devices")
-SHARED = {"errors", "resources", "atomic_files", "file_suffixes", "own_processes", *PURE}
+SHARED = {
+    "errors",
+    "resources",
+    "atomic_files",
+    "file_limits",
+    "file_suffixes",
+    "import_path",
+    "own_processes",
+    "printable",
+    "stage_folders",
+    "stepwise",
+    *PURE,
+}
 BLENDER = ("bpy", "mathutils", "bmesh", "bpy_extras", "gpu", "idprop")
 HEAVY = ("scipy", "trimesh", "fast_simplification", "serial")
 EVERYDAY = (

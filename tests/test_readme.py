@@ -31,13 +31,27 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_python_example_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-    (example,) = code("python")
+    example, _ = code("python")
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(compile(example, "README.md", "exec"), {})
     lines = printed.getvalue().splitlines()
     assert lines[0].startswith("pressure "), "the arrow is what is felt at 2.75 s"
     assert lines[-1].startswith("(1550, "), "15.5 s at 100 Hz"
+
+
+@pytest.mark.parametrize("end", ["", "hfx_blender.unregister()\n"])
+def test_a_pipeline_script_runs_and_ends(folder: Path, end: str) -> None:
+    """In a process of its own, which Blender's module used to crash or hang at its end."""
+    _, example = code("python")
+    (folder / "script.py").write_text(example + end, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=folder, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    written = done.stdout.splitlines()[-1]
+    assert written == "garage.hfxtrack garage.back_pad.csv garage.report.json"
+    assert {path.name for path in (folder / "out").iterdir()} == set(written.split())
 
 
 def test_the_command_lines_are_understood() -> None:

@@ -5,7 +5,8 @@
 
 enum { CONFIGURE = 0x01, VALUES = 0x02, STOP = 0x03, READY = 0x81, STOPPED = 0x83 };
 enum { ASKED = 0, NO_VALUES = 1, REFUSED = 2 };
-enum { OFF = 0, ON = 1, HELD_OFF = 2 };
+
+#define KNOWN 0x48465831UL /* "HFX1" */
 
 #define HEAD 4
 #define CRC 4
@@ -83,11 +84,67 @@ static void reply(hfx_core *core, uint8_t kind, uint16_t sequence, const uint8_t
     core->write(sent, out);
 }
 
+static uint32_t check_of(const hfx_core *core)
+{
+    uint32_t sum = KNOWN;
+    for (uint8_t i = 0; i < HFX_MAX_CHANNELS; i++)
+        sum = ((sum << 1) | (sum >> 31)) ^ core->filled[i] ^ core->is_resting[i];
+    return sum;
+}
+
+/* How fast accounts fill and empty. Rounded so that a channel is rather on for less, never more. */
+static void limit(hfx_core *core, uint32_t most_on_ms, uint32_t rest_ms)
+{
+    uint32_t on_ms = most_on_ms && most_on_ms < HFX_MAX_ON_MS ? most_on_ms : HFX_MAX_ON_MS;
+    if (most_on_ms == 0 || rest_ms == 0)
+        rest_ms = HFX_REST_MS;
+    else /* shorter in the same proportion, but never in a smaller one than our own */
+        rest_ms = (uint32_t)(((uint64_t)rest_ms * on_ms + most_on_ms - 1) / most_on_ms);
+    uint32_t least_ms =
+        (uint32_t)(((uint64_t)on_ms * HFX_REST_MS + HFX_MAX_ON_MS - 1) / HFX_MAX_ON_MS);
+    if (rest_ms < least_ms)
+        rest_ms = least_ms;
+    core->fills_per_ms = (HFX_FULL + on_ms - 1) / on_ms;
+    core->empties_per_ms = HFX_FULL / rest_ms;
+    if (core->empties_per_ms == 0)
+        core->empties_per_ms = 1;
+}
+
+/* What is left of an amount of HFX_FULL at most, at least 0. */
+static uint32_t less(uint32_t amount, uint32_t passed_ms, uint32_t per_ms)
+{
+    if (passed_ms > 2 && passed_ms > amount / per_ms) /* the product might not fit; a board */
+        return 0;                                     /* that is quick divides nothing */
+    uint32_t gone = passed_ms * per_ms;
+    return gone < amount ? amount - gone : 0;
+}
+
+/* Bring the accounts up to date: what the pins did since the last time. */
+static void settle(hfx_core *core, uint32_t now_ms)
+{
+    uint32_t passed_ms = now_ms - core->settled_ms;
+    if (passed_ms == 0)
+        return;
+    core->settled_ms = now_ms;
+    for (uint8_t i = 0; i < HFX_MAX_CHANNELS; i++) {
+        uint32_t filled = core->filled[i];
+        if (core->levels[i])
+            filled = HFX_FULL - less(HFX_FULL - filled, passed_ms, core->fills_per_ms);
+        else if (filled)
+            filled = less(filled, passed_ms, core->empties_per_ms);
+        core->filled[i] = filled;
+        if (filled >= HFX_FULL)
+            core->is_resting[i] = true;
+        else if (filled == 0)
+            core->is_resting[i] = false;
+    }
+    core->check = check_of(core);
+}
+
 static void silence(hfx_core *core)
 {
     memset(core->levels, 0, sizeof core->levels);
     memset(core->asked, 0, sizeof core->asked);
-    memset(core->state, OFF, sizeof core->state);
 }
 
 static void disarm(hfx_core *core, uint8_t reason, uint16_t sequence)
@@ -100,15 +157,14 @@ static void disarm(hfx_core *core, uint8_t reason, uint16_t sequence)
 static void configure(hfx_core *core, const uint8_t *payload, uint8_t count, uint16_t sequence,
                       uint32_t now_ms)
 {
-    if (count != 11)
+    if (count != 11 && count != 15)
         return;
     uint32_t crc = crc32(payload, count);
     silence(core);
     core->used = payload[4];
     uint32_t dead_man = read16(payload + 5);
-    uint32_t most_on = read32(payload + 7);
     core->dead_man_ms = dead_man && dead_man < HFX_DEAD_MAN_MS ? dead_man : HFX_DEAD_MAN_MS;
-    core->most_on_ms = most_on && most_on < HFX_MAX_ON_MS ? most_on : HFX_MAX_ON_MS;
+    limit(core, read32(payload + 7), count == 15 ? read32(payload + 11) : 0);
     core->configuration = crc;
     core->is_armed = core->used >= 1 && core->used <= core->channels;
     core->has_sequence = false;
@@ -142,6 +198,7 @@ static void take_values(hfx_core *core, const uint8_t *payload, uint8_t count, u
 
 static void understand(hfx_core *core, uint32_t now_ms)
 {
+    settle(core, now_ms); /* before anything changes */
     uint8_t *bytes = core->received;
     uint8_t size = unstuff(bytes, core->count);
     if (size < HEAD + CRC || bytes[0] != HFX_VERSION)
@@ -164,6 +221,25 @@ void hfx_begin(hfx_core *core, uint8_t channels, hfx_write_fn write)
     memset(core, 0, sizeof *core);
     core->channels = channels <= HFX_MAX_CHANNELS ? channels : HFX_MAX_CHANNELS;
     core->write = write;
+    limit(core, 0, 0);
+    core->check = check_of(core);
+}
+
+void hfx_begin_again(hfx_core *core, uint8_t channels, hfx_write_fn write)
+{
+    uint32_t filled[HFX_MAX_CHANNELS];
+    uint8_t is_resting[HFX_MAX_CHANNELS];
+    bool is_known = core->check == check_of(core);
+    memcpy(filled, core->filled, sizeof filled);
+    memcpy(is_resting, core->is_resting, sizeof is_resting);
+    hfx_begin(core, channels, write);
+    if (!is_known)
+        return; /* the power was off: what memory holds is chance */
+    for (uint8_t i = 0; i < HFX_MAX_CHANNELS; i++) {
+        core->filled[i] = filled[i] <= HFX_FULL ? filled[i] : HFX_FULL;
+        core->is_resting[i] = is_resting[i] != 0;
+    }
+    core->check = check_of(core);
 }
 
 void hfx_receive(hfx_core *core, uint8_t byte, uint32_t now_ms)
@@ -182,6 +258,7 @@ void hfx_receive(hfx_core *core, uint8_t byte, uint32_t now_ms)
 
 void hfx_tick(hfx_core *core, uint32_t now_ms)
 {
+    settle(core, now_ms);
     if (!core->is_armed)
         return;
     uint32_t silent_ms = now_ms - core->heard_ms;
@@ -190,16 +267,6 @@ void hfx_tick(hfx_core *core, uint32_t now_ms)
         return;
     }
     bool is_live = silent_ms < core->live_ms;
-    for (uint8_t i = 0; i < core->used; i++) {
-        uint16_t asked = is_live ? core->asked[i] : 0;
-        if (asked == 0) {
-            core->state[i] = OFF;
-        } else if (core->state[i] == OFF) {
-            core->state[i] = ON;
-            core->on_since_ms[i] = now_ms;
-        } else if (core->state[i] == ON && now_ms - core->on_since_ms[i] >= core->most_on_ms) {
-            core->state[i] = HELD_OFF; /* until it is asked for silence once */
-        }
-        core->levels[i] = core->state[i] == ON ? asked : 0;
-    }
+    for (uint8_t i = 0; i < core->used; i++)
+        core->levels[i] = is_live && !core->is_resting[i] ? core->asked[i] : 0;
 }

@@ -16,7 +16,9 @@ static const uint8_t PINS[] = {3, 5, 6, 9, 10, 11};
 #endif
 static const uint8_t CHANNELS = sizeof PINS;
 
-static hfx_core core;
+/* Not cleared at a restart (each time that its port is opened, an Uno restarts): what was on for
+ * long before it still has to rest. */
+static hfx_core core __attribute__((section(".noinit")));
 static uint8_t duty[sizeof PINS];
 
 static void send(const uint8_t *bytes, uint8_t count)
@@ -34,7 +36,7 @@ void setup()
         pinMode(PINS[i], OUTPUT);
         digitalWrite(PINS[i], LOW);
     }
-    hfx_begin(&core, CHANNELS, send);
+    hfx_begin_again(&core, CHANNELS, send);
     Serial.begin(115200);
     wdt_enable(WDTO_250MS); /* a sketch that hangs is restarted, and starts silent */
 }

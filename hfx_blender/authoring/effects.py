@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -185,7 +185,20 @@ def set_area(effect: bpy.types.Object, vertices: Iterable[int], weights: Iterabl
 def area(effect: bpy.types.Object) -> tuple[list[int], list[float]]:
     """The painted vertex ids and weights of an effect; empty where nothing was painted."""
     # An empty ID-property array has no element type and comes back as a plain list.
-    return list(effect.get(VERTICES, [])), list(effect.get(WEIGHTS, []))
+    return _stored(effect, VERTICES, int), _stored(effect, WEIGHTS, float)
+
+
+def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:
+    found = effect.get(key, [])
+    try:
+        values = list(found)
+    except TypeError:
+        values = [None]
+    if not all(isinstance(each, kind) for each in values):
+        raise InputError(
+            f"Effect '{effect.name}': '{key}' is not a list of numbers; paint it anew."
+        )
+    return values
 
 
 def checked_area(
@@ -222,12 +235,17 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
     Blender copies properties with the object, so copies share their ``uid``: the first by name
     keeps it, each other gets one derived from it, the same on every run.
     """
-    taken: dict[str, int] = {}
+    known = {obj.hfx.uid or obj.name for obj in objects}
+    counts: dict[str, int] = {}
     ids: dict[str, str] = {}
     for obj in sorted(objects, key=lambda obj: (obj.name, obj.name_full)):
-        uid = obj.hfx.uid or obj.name
-        copies = taken[uid] = taken.get(uid, 0) + 1
-        ids[obj.name_full] = uid if copies == 1 else f"{uid}-{copies}"
+        uid = own = obj.hfx.uid or obj.name
+        counts[own] = counts.get(own, 0) + 1
+        while counts[own] > 1 and uid in known:  # an id may look like one that is derived
+            uid = f"{own}-{counts[own]}"
+            counts[own] += uid in known
+        known.add(uid)
+        ids[obj.name_full] = uid
     return ids
 
 

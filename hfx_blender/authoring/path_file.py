@@ -48,7 +48,12 @@ def load(path: Path) -> PathRecipe:
     InputError
         For the first fault: file, place in it, what was found and what is allowed.
     """
-    top = read(path).members(
+    return recipe_of(read(path))
+
+
+def recipe_of(document: Node) -> PathRecipe:
+    """The same of a document that was read."""
+    top = document.members(
         required=("schema", "version", "name", "kind", "points_m"),
         optional=("description", "closed", "motion"),
     )

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ..stored_values import limited, limited_row
+
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
@@ -39,8 +41,8 @@ def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
         return Sphere()
     if hfx.shape == "CYLINDER":
         return Cylinder()
-    radius = max(hfx.radius, 1e-30)
-    return Capsule(max(hfx.height / 2 - hfx.radius, 0.0) / radius)
+    radius, height = limited(hfx, "radius"), limited(hfx, "height")
+    return Capsule(max(height / 2 - radius, 0.0) / max(radius, 1e-30))
 
 
 def modality_colour(modality: str) -> tuple[float, float, float, float]:
@@ -56,12 +58,13 @@ def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
     import numpy as np
 
     if hfx.shape == "CUBOID":
-        return np.array(hfx.size[:], np.float64) / 2
-    if hfx.shape == "CYLINDER":
-        return np.array([hfx.radius, hfx.radius, hfx.height / 2])
+        return np.array(limited_row(hfx, "size")) / 2
     if hfx.shape == "MESH":
         return np.ones(3)
-    return np.full(3, hfx.radius, np.float64)
+    radius = limited(hfx, "radius")
+    if hfx.shape == "CYLINDER":
+        return np.array([radius, radius, limited(hfx, "height") / 2])
+    return np.full(3, radius)
 
 
 def refresh_display(effect: bpy.types.Object) -> None:

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..devices import surface_calibration
 from ..devices.configuration import find_file
+from ..devices.live.approval import script_of
 from ..engine.body.model import load_model
 from ..engine.native.library import library
 from ..errors import HfxError
-from ..file_hash import sha256_of
+from ..file_hash import sha256_of, state_of
 from .units import Unit
 
 
@@ -42,14 +44,18 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
     models : iterable of str
         Ids of the body models.
     """
-    files = {}
+    files: dict[str, str | None] = {}
     if unit.input is not None:
         files[Path(unit.input).name] = sha256_of(Path(unit.input))
-        files |= {name: sha256_of(path) for name, path in sorted(_linked_files().items())}
+        from ..reading.linked_files import linked_files  # which needs Blender
+
+        # None is a state, too: what is missing now may come back.
+        files |= {name: state_of(each.path) for name, each in linked_files().items()}
     return {
         "files": files,
         "devices": {name: _device_hash(name) for name in devices},
         "models": {model: load_model(model).content_hash for model in models},
+        "calibration": surface_calibration.load(),
         "options": unit.options.as_json(),
         "tools": tools(),
     }
@@ -65,8 +71,9 @@ def is_still(recorded: Any, unit: Unit) -> bool:
         return (
             recorded["options"] == unit.options.as_json()
             and recorded["tools"] == tools()
+            and recorded["calibration"] == surface_calibration.load()
             and source.name in files
-            and all(sha256_of(_place_of(name, source)) == known for name, known in files.items())
+            and all(state_of(_place_of(name, source)) == known for name, known in files.items())
             and all(_device_hash(name) == known for name, known in recorded["devices"].items())
             and all(load_model(m).content_hash == known for m, known in recorded["models"].items())
         )
@@ -80,35 +87,11 @@ def _place_of(name: str, source: Path) -> Path:
 
 
 def _device_hash(name: str) -> str:
+    """Of its configuration; with a script, of both, and of whether that may run."""
     path = find_file(name)
     if path is None:
         raise FileNotFoundError(name)
-    return sha256_of(path)
-
-
-def _linked_files() -> dict[str, Path]:
-    """Files besides the .blend that the haptics of the open file may depend on, by their names.
-
-    Libraries, caches of motion and of simulations, and pictures that shape or move something;
-    not those that only colour it.
-    """
-    import bpy
-
-    found: dict[str, Path] = {}
-    owners = [*bpy.data.libraries, *bpy.data.cache_files, *bpy.data.volumes]
-    users = bpy.data.user_map(subset=list(bpy.data.images), value_types={"TEXTURE", "NODETREE"})
-    owners += [
-        image
-        for image in bpy.data.images
-        if image.source != "GENERATED" and image.packed_file is None and users.get(image)
-    ]
-    for owner in owners:
-        path = Path(bpy.path.abspath(owner.filepath, library=owner.library))
-        if owner.filepath and path.is_file():
-            found[owner.filepath if owner.library is None else str(path)] = path
-    source = Path(bpy.data.filepath)
-    caches = source.parent / f"blendcache_{source.stem}"
-    for path in caches.glob("*") if caches.is_dir() else ():
-        if path.is_file():
-            found[f"//{caches.name}/{path.name}"] = path
-    return found
+    script = script_of(name)
+    if script is None:
+        return sha256_of(path)
+    return script.fingerprint if script.is_approved else f"{script.fingerprint} not approved"

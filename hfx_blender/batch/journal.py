@@ -23,12 +23,14 @@ _LARGEST_REPORT = 2**26
 def finished(unit: Unit) -> dict[str, Any] | None:
     """The report of an earlier export of ``unit``, if nothing has changed since.
 
-    None if there is none, an input, an option or a version is another one, or one of the
-    files is missing or is not what was written.
+    None if there is none, an input, an option or a version is another one, one of the files is
+    missing or is not what was written, or a device was left out as its script did not run.
     """
     folder = Path(unit.folder)
     report = read(folder / (unit.stem + REPORT_SUFFIX))
     if report is None or not inputs.is_still(report.get("made_from"), unit):
+        return None
+    if report.get("silent_devices"):
         return None
     return report if has_files(report, folder) else None
 

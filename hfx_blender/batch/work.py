@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.tolerance import parse as parse_tolerance
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track.layout import SAMPLES_PER_CHUNK
-from ..errors import HfxError
+from ..errors import HfxError, InputError, fault_of_file
 from . import inputs, pieces, ranges
 from .options import ExportOptions
 from .units import Outcome, Unit, failure
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 Progress = Callable[[float], None]
 
 _VOLUMES: Final = ".npz"
+_LONGEST_NAME: Final = 255  # bytes, of file systems in use
 
 
 @dataclass
@@ -51,15 +53,25 @@ def done_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
         return done(unit, progress)
     except HfxError as error:
         return failure(unit, str(error), error.exit_code)
-    except BrokenPipeError:  # nobody reads our output any more; that ends the command
+    except BrokenPipeError:  # the master has gone; that ends a worker
         raise
+    except OSError as error:
+        _state.clear()
+        if error.filename is None:
+            return _defect(unit, error)
+        found = fault_of_file(error)
+        return failure(unit, str(found), found.exit_code)
     except MemoryError:
         _state.clear()
         return failure(unit, "not enough memory for this scene", 1, retire=True)
     except Exception as error:
-        _state.clear()
-        reason = f"a defect of hfx ({error!r})"
-        return failure(unit, reason, 1, retire=True, traceback=traceback.format_exc())
+        return _defect(unit, error)
+
+
+def _defect(unit: Unit, error: Exception) -> Outcome:
+    _state.clear()
+    reason = f"a defect of hfx ({error!r})"
+    return failure(unit, reason, 1, retire=True, traceback=traceback.format_exc())
 
 
 def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
@@ -70,6 +82,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     HfxError
         The scene cannot be exported, or results cannot be written.
     """
+    _check_name(unit)
     blender_session.start()
     _open(unit)
 
@@ -116,6 +129,16 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
         "text": describe(report),
         "remarks": remarks,
     }
+
+
+def _check_name(unit: Unit) -> None:
+    """Refuse a file whose results could not be named after it."""
+    longest = f"{unit.stem}.report.json.tmp"
+    if len(os.fsencode(longest)) > _LONGEST_NAME:
+        raise InputError(
+            f"{unit.input}: its name is too long: results are named after it, and '{longest}' has "
+            f"more than {_LONGEST_NAME} bytes."
+        )
 
 
 def _open(unit: Unit) -> None:

@@ -108,14 +108,14 @@ class WorkerProcess:
         self._told.clear()
         self._count = 0
         self._answers = queue.SimpleQueue()
-        process = subprocess.Popen(
+        process = own_processes.start(
             self._command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
-            env={**own_processes.environment(), "PYTHONUTF8": "1"},
+            variables={"PYTHONUTF8": "1"},
             **group,
         )
         self._process = process

@@ -17,7 +17,6 @@ from __future__ import annotations
 import json
 import os
 import statistics
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -175,12 +174,7 @@ def _scene(folder: Path, kind: Kind) -> Path:
 
 def _run(program: str, *arguments: Path) -> tuple[float, dict[str, Any]]:
     """Seconds that a program measured of itself, and what it reported."""
-    done = subprocess.run(
-        [sys.executable, "-c", program, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=own_processes.environment(),
-    )
+    done = own_processes.run(own_processes.program(program, *arguments))
     before, found, seconds = done.stderr.rpartition("seconds=")
     if not found:
         raise RuntimeError(f"a measured process failed:\n{done.stderr}")

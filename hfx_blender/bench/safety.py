@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from .. import own_processes
 from ..errors import InputError
-from . import safety_stops, safety_values
+from . import safety_silences, safety_stops, safety_values
 
 LIMITS_MS: Final = {
     "operator stops": 50.0,
@@ -29,6 +29,10 @@ LIMITS_MS: Final = {
     "script hangs": 150.0,
     "Blender killed": 50.0,
     "Blender frozen": 300.0,
+    "pause, a script is late": 50.0,
+    "offset is over": 50.0,
+    "nothing new": 300.0,
+    "computer slept": 50.0,
     "gap beside hostile scripts": 50.0,
 }
 """The longest allowed."""
@@ -42,14 +46,20 @@ _VALUES_A_ROUND: Final = 100_000
 Progress = Callable[[float], None]
 
 
+ROWS: Final = (*LIMITS_MS, "limiter", "opened files")
+
+
 def measure(
     *,
     short: bool = False,
     rounds: int = 1000,
     busy: bool = False,
+    only: Sequence[str] = ROWS,
     progress: Progress = lambda share: None,
 ) -> dict[str, Any]:
     """Milliseconds from fault to silence, over ``rounds`` trials of each kind; plain data.
+
+    Each row says how long it took and how busy the machine was.
 
     Parameters
     ----------
@@ -58,6 +68,8 @@ def measure(
     rounds : int
     busy : bool
         Keep every processor busy meanwhile.
+    only : sequence of str
+        Of :data:`ROWS`.
     progress : callable
 
     Raises
@@ -70,18 +82,32 @@ def measure(
     rounds = min(rounds, 10) if short else rounds
     gap_s = 2.0 if short else max(_GAP_SECONDS, rounds / safety_stops.RATE_HZ)
     found: dict[str, Any] = {}
+    names = [name for name in ROWS if name in only]
     with _load(os.cpu_count() or 1 if busy else 0):
-        for k, name in enumerate(LIMITS_MS):
-            share = lambda part, k=k: progress((k + part) / (len(LIMITS_MS) + 2))  # noqa: E731
+        for k, name in enumerate(names):
+            share = lambda part, k=k: progress((k + part) / len(names))  # noqa: E731
+            began_s = time.monotonic()
             with tempfile.TemporaryDirectory() as folder:
-                trials = safety_stops.run(name, Path(folder), rounds, gap_s, share)
-            found[name] = _row(name, trials)
-        found["limiter"] = safety_values.limiter(rounds * _VALUES_A_ROUND)
-        progress((len(LIMITS_MS) + 1) / (len(LIMITS_MS) + 2))
-        with tempfile.TemporaryDirectory() as folder:
-            found["opened files"] = safety_values.opened_files(Path(folder), rounds)
+                row = _measured(name, Path(folder), rounds, gap_s, share)
+            seconds = round(time.monotonic() - began_s, 1)
+            load = round(os.getloadavg()[0], 2)
+            found[name] = {**row, "seconds": seconds, "load": load, "busy": busy}
     progress(1.0)
     return found
+
+
+def _measured(
+    name: str, folder: Path, rounds: int, gap_s: float, progress: Progress
+) -> dict[str, Any]:
+    if name == "limiter":
+        return safety_values.limiter(rounds * _VALUES_A_ROUND)
+    if name == "opened files":
+        return safety_values.opened_files(folder, rounds)
+    if name == "gap beside hostile scripts":
+        return _row(name, safety_stops.gaps(folder, gap_s))
+    make, at_a_time = {**safety_stops.KINDS, **safety_silences.KINDS}[name]
+    at_a_time = min(at_a_time, rounds)
+    return _row(name, safety_stops.run(name, make, at_a_time, folder, rounds, progress))
 
 
 def _row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
@@ -131,10 +157,41 @@ def as_text(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def as_markdown(records: Sequence[dict[str, Any]]) -> str:
+    """A table for a page.
+
+    Parameters
+    ----------
+    records : sequence of dict
+        As ``hfx bench safety --json`` prints them, idle or busy, of all rows or of some; of two
+        that measured the same, the last counts.
+    """
+    lines = [
+        "| silence after | machine | trials | median | p99 | max | at most |",
+        "|---" * 7 + "|",
+    ]
+    rows = {(n, row["busy"]): row for each in records for n, row in each["safety"].items()}
+    for name in ROWS:
+        for busy in (False, True):
+            row = rows.get((name, busy))
+            if row is None:
+                continue
+            machine = f"{'busy' if busy else 'idle'}, load {row['load']:.1f}"
+            if "faults" in row:
+                figures = f"| | {row['faults']} {row['what']} | 0"
+            else:
+                times = (row[key] for key in ("median_ms", "p99_ms", "max_ms"))
+                told = " | ".join("-" if each is None else f"{each:.1f} ms" for each in times)
+                never = f", {row['never_silent']} never silent" if row["never_silent"] else ""
+                figures = f"{told}{never} | {row['limit_ms']:.0f} ms"
+            lines.append(f"| {name} | {machine} | {row['trials']:,} | {figures} |")
+    return "\n".join(lines)
+
+
 @contextmanager
 def _load(count: int) -> Iterator[None]:
     """Processes that do nothing but keep a processor busy."""
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    busy = [own_processes.start(own_processes.program("while True: pass")) for _ in range(count)]
     try:
         yield
     finally:

@@ -6,8 +6,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from .. import resources
+from .. import own_processes, resources
 from ..devices.live import approval
 from ..devices.live.client import LiveClient
 from ..devices.live.haptics import packed
@@ -78,36 +77,86 @@ class Trials:
     never_silent: int = 0
     not_played: int = 0
 
+    @property
+    def count(self) -> int:
+        return len(self.times_s) + self.never_silent
+
 
 def run(
     name: str,
+    make: Callable[[Path], Rounds],
+    at_a_time: int,
     folder: Path,
     rounds: int,
-    gap_s: float,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Trials:
-    """All rounds of one kind.
+    """All rounds of one kind, in threads: each waits most of the time.
+
+    Parameters
+    ----------
+    name : str
+    make : callable
+        Makes who does rounds in a folder.
+    at_a_time : int
+        How many of those.
+    folder : Path
+    rounds : int
+    progress : callable
 
     Raises
     ------
     InputError
         Devices hardly ever play here, so nothing can be told.
     """
-    if name == "gap beside hostile scripts":
-        return _gaps(folder, gap_s)
-    kinds: dict[str, Callable[[], _Rounds]] = {
-        "operator stops": lambda: _OperatorStops(folder),
-        "script raises": lambda: _ScriptFails(folder, _RAISES),
-        "script hangs": lambda: _ScriptFails(folder, _HANGS),
-        "Blender killed": lambda: _BlenderFails(folder, signal.SIGKILL),
-        "Blender frozen": lambda: _BlenderFails(folder, signal.SIGSTOP),
-    }
+    found: list[Trials] = []
+    errors: list[BaseException] = []
+
+    def work(number: int) -> None:
+        own = folder / str(number)
+        tell = progress if number == 0 else _untold
+        try:
+            own.mkdir()
+            found.append(rounds_of(name, partial(make, own), -(-rounds // at_a_time), tell))
+        except BaseException as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(at_a_time)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    if errors:
+        raise errors[0]
+    return Trials(
+        [time_s for each in found for time_s in each.times_s],
+        sum(each.never_silent for each in found),
+        sum(each.not_played for each in found),
+    )
+
+
+def _untold(_share: float) -> None:
+    pass
+
+
+def rounds_of(
+    name: str,
+    make: Callable[[], Rounds],
+    rounds: int,
+    progress: Callable[[float], None],
+) -> Trials:
+    """Rounds until there are enough; one that says nothing is repeated.
+
+    Raises
+    ------
+    InputError
+        Devices hardly ever play here, so nothing can be told.
+    """
     found = Trials()
-    kind = kinds[name]()
+    kind = make()
     try:
-        while len(found.times_s) + found.never_silent < rounds:
+        while found.count < rounds:
             try:
-                found.times_s.append(kind.round())
+                found.times_s += kind.several()
             except NotSilentError:
                 found.never_silent += 1
                 kind.recover()
@@ -116,7 +165,7 @@ def run(
                 if found.not_played > rounds + 10:
                     raise InputError(f"{name}: the device does not play ({error}).") from None
                 kind.recover()
-            progress((len(found.times_s) + found.never_silent) / rounds)
+            progress(min(1.0, found.count / rounds))
     finally:
         kind.close()
     return found
@@ -154,10 +203,12 @@ class Log:
     def is_loud(self) -> bool:
         """Whether the last line can be felt."""
         rows = self.read()
-        return bool(rows) and _is_loud(rows[-1])
+        return bool(rows) and is_loud_row(rows[-1])
 
-    def silence_after(self, fault_s: float) -> float | None:
+    def silence_after(self, fault_s: float, *, by_values: bool = False) -> float | None:
         """Seconds from a fault to the stop that nothing loud follows; None: there is none yet.
+
+        ``by_values``: or to values that cannot be felt, where no stop is asked for.
 
         Raises
         ------
@@ -165,18 +216,19 @@ class Log:
             It was silent before the fault.
         """
         before = [row for row in self.read() if row["time_s"] < fault_s]
-        if not before or not _is_loud(before[-1]):
+        if not before or not is_loud_row(before[-1]):
             raise NotPlayedError("it was silent before the fault")
         found = None
         for row in self.rows[len(before) :]:
-            if _is_loud(row):
+            if is_loud_row(row):
                 found = None
-            elif "stop" in row and found is None:
+            elif ("stop" in row or by_values) and found is None:
                 found = row["time_s"] - fault_s
         return found
 
 
-def _is_loud(row: dict[str, Any]) -> bool:
+def is_loud_row(row: dict[str, Any]) -> bool:
+    """Whether what a simulator was given can be felt."""
     return any(row.get("values", ())[::2])
 
 
@@ -184,7 +236,7 @@ def _nothing() -> None:
     pass
 
 
-class _Rounds:
+class Rounds:
     """Rounds of one kind, with what they share."""
 
     def round(self) -> float:
@@ -195,6 +247,10 @@ class _Rounds:
         NotPlayedError, NotSilentError
         """
         raise NotImplementedError
+
+    def several(self) -> list[float]:
+        """The same for all that one round tells."""
+        return [self.round()]
 
     def recover(self) -> None:
         """Begin anew after a round that failed."""
@@ -231,11 +287,11 @@ class _Rounds:
             time.sleep(0.002)
         found = log.silence_after(fault_s)
         if found is None:
-            return _Rounds.silence(log, fault_s, each)
+            return Rounds.silence(log, fault_s, each)
         return found
 
 
-class _WithClient(_Rounds):
+class WithClient(Rounds):
     """Rounds in which this process takes Blender's place and lives on."""
 
     name = "band"
@@ -262,7 +318,7 @@ class _WithClient(_Rounds):
         return state is None or state.state in ("stopped", "fault", "lost", "closed")
 
 
-class _OperatorStops(_WithClient):
+class _OperatorStops(WithClient):
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
         self._log = Log(folder / "log")
@@ -287,7 +343,7 @@ class _OperatorStops(_WithClient):
         return self.silence(self._log, fault_s)
 
 
-class _ScriptFails(_WithClient):
+class _ScriptFails(WithClient):
     """From the moment at which the script fails, as it writes down itself."""
 
     name = "scripted"
@@ -295,7 +351,7 @@ class _ScriptFails(_WithClient):
     def __init__(self, folder: Path, source: str) -> None:
         super().__init__(folder)
         self._mark = folder / "mark"
-        self._wish = _scripted(folder, self.name, source.format(mark=str(self._mark)))
+        self._wish = scripted(folder, self.name, source.format(mark=str(self._mark)))
         self._count = 0
 
     def _feed(self, time_s: float) -> None:
@@ -310,7 +366,7 @@ class _ScriptFails(_WithClient):
         log = Log(path)
         # Connected anew each time: after three faults it would stay off.
         self._client.disconnect(self.name)
-        _connect(self._client, self._folder, self.name, path, self._wish)
+        connect_scripted(self._client, self._folder, self.name, path, self._wish)
         self.until_played(log.is_loud, partial(self.patiently, partial(self._feed, 0.0)))
         fails = partial(self._feed, 1.0)
         self.until_played(self._has_failed, fails, self.is_stopped)
@@ -322,7 +378,7 @@ class _ScriptFails(_WithClient):
         return self._mark.exists() and bool(self._mark.read_text())
 
 
-class _BlenderFails(_Rounds):
+class _BlenderFails(Rounds):
     def __init__(self, folder: Path, how: signal.Signals) -> None:
         self._folder, self._how, self._count = folder, how, 0
         package = __package__.split(".bench")[0] if __package__ else "hfx_blender"
@@ -332,7 +388,7 @@ class _BlenderFails(_Rounds):
         self._count += 1
         path = self._folder / f"log{self._count}"
         log = Log(path)
-        process = subprocess.Popen([sys.executable, "-c", self._source, str(path)])
+        process = own_processes.start(own_processes.program(self._source, path))
         try:
             self.until_played(log.is_loud, is_over=lambda: process.poll() is not None)
             fault_s = time.monotonic()
@@ -344,7 +400,7 @@ class _BlenderFails(_Rounds):
             path.unlink(missing_ok=True)
 
 
-def _gaps(folder: Path, seconds: float) -> Trials:
+def gaps(folder: Path, seconds: float) -> Trials:
     """Between what a healthy device is sent, beside three hostile scripts that come again.
 
     A stop because this process did not come to its heartbeat is no gap: it is counted, and the
@@ -355,7 +411,7 @@ def _gaps(folder: Path, seconds: float) -> Trials:
         "hangs": "def render(haptics):\n    while True: pass\n",
         "floods": _FLOODS,
     }
-    wishes = {name: _scripted(folder, name, source) for name, source in hostile.items()}
+    wishes = {name: scripted(folder, name, source) for name, source in hostile.items()}
     client = LiveClient()
     path = folder / "log"
     log = Log(path)
@@ -367,7 +423,7 @@ def _gaps(folder: Path, seconds: float) -> Trials:
             state = client.devices.get(name)
             if state is None or state.state in ("fault", "stopped"):
                 client.disconnect(name)
-                _connect(client, folder, name, folder / f"log {name}", wish)
+                connect_scripted(client, folder, name, folder / f"log {name}", wish)
             client.send_haptics(name, packed(1.0, [], np.array(playing())))
         if "did not answer" in client.devices["band"].text:
             client.arm("band")
@@ -376,7 +432,7 @@ def _gaps(folder: Path, seconds: float) -> Trials:
     try:
         client.connect("band", DEVICE, {"kind": "simulator", "path": str(path)})
         try:
-            _Rounds.until_played(log.is_loud, feed)
+            Rounds.until_played(log.is_loud, feed)
         except NotPlayedError as error:
             raise InputError(f"gap beside hostile scripts: {error}.") from None
         end = time.monotonic() + seconds
@@ -405,7 +461,7 @@ def gaps_of(rows: list[dict[str, Any]]) -> Trials:
     return found
 
 
-def _scripted(folder: Path, name: str, source: str) -> dict[str, str]:
+def scripted(folder: Path, name: str, source: str) -> dict[str, str]:
     """A device of that name with a script, in a folder of its own."""
     text = (resources.device_configs() / "forearm_band.json").read_text(encoding="utf-8")
     configuration = folder / f"{name}.json"
@@ -416,6 +472,19 @@ def _scripted(folder: Path, name: str, source: str) -> dict[str, str]:
     return found.as_wish()
 
 
-def _connect(client: LiveClient, folder: Path, name: str, log: Path, wish: dict[str, str]) -> None:
+def connect_scripted(
+    client: LiveClient, folder: Path, name: str, log: Path, wish: dict[str, str]
+) -> None:
     output = {"kind": "simulator", "path": str(log)}
     client.connect(name, f"{name}_left", output, folder=folder, script=wish)
+
+
+KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
+    "operator stops": (_OperatorStops, 1),
+    "script raises": (partial(_ScriptFails, source=_RAISES), 1),
+    "script hangs": (partial(_ScriptFails, source=_HANGS), 2),
+    "Blender killed": (partial(_BlenderFails, how=signal.SIGKILL), 1),
+    "Blender frozen": (partial(_BlenderFails, how=getattr(signal, "SIGSTOP", signal.SIGTERM)), 2),
+}
+"""Who makes the rounds, and how many of them at a time: one, where others that begin would spoil
+the figure."""

@@ -14,8 +14,6 @@ import json
 import os
 import shutil
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -39,7 +37,7 @@ from pathlib import Path
 from hfx_blender import blender_session
 bpy = blender_session.start()
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.engine.rendering.devices import render_devices
+from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export import ExportSettings, SceneExport
 from hfx_blender.formats import registry
@@ -214,12 +212,7 @@ def _resident(pid: int) -> int:
 
 
 def _child(program: str, *arguments: Path | str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", program, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=own_processes.environment(),
-    )
+    done = own_processes.run(own_processes.program(program, *arguments))
     _, found, value = done.stderr.rpartition("found=")
     if not found:
         raise RuntimeError(f"a measured process failed:\n{done.stderr}")

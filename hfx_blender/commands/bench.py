@@ -63,6 +63,12 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--busy", action="store_true", help="for safety: with every processor busy meanwhile"
     )
+    parser.add_argument(
+        "--only",
+        action="append",
+        metavar="ROW",
+        help="for safety: only this row, as 'operator stops'; may be given again",
+    )
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
@@ -79,7 +85,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     for name in NAMES if options.name == "all" else (options.name,):
         result, text = _MEASURES[name](options, console.progress(f"Measuring {name}"))
         found[name] = result
-        console.say(f"{text}\n")
+        console.say(f"{text}\n", several_lines=True)
     record = {"machine": machine.describe(), "short": options.short, **found}
     console.say(machine.as_line(record["machine"]))
     if options.history is not None:
@@ -197,8 +203,12 @@ def _safety(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]
     from ..bench import safety
 
     rounds = options.rounds or 1000
+    for name in options.only or ():
+        if name not in safety.ROWS:
+            raise UsageError(f"--only '{name}': expected one of {', '.join(safety.ROWS)}")
+    only = options.only or safety.ROWS
     result = safety.measure(
-        short=options.short, rounds=rounds, busy=options.busy, progress=progress
+        short=options.short, rounds=rounds, busy=options.busy, only=only, progress=progress
     )
     return result, safety.as_text(result)
 

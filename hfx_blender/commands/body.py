@@ -157,7 +157,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
         raise InputError(f"{folder}: holds no body model ({', '.join(f.name for f in files)}).")
     models = [load(PerceptualModel, file) for file in found]
     rows = stats.table(models)
-    console.say(stats.as_text(rows))
+    console.say(stats.as_text(rows), several_lines=True)
     levels = {model.modality: _level_sizes(model, folder) for model in models}
     for modality, sizes in levels.items():
         if len(sizes) > 1:
@@ -168,7 +168,9 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
         for fault in faults:
             console.warn(fault)
     if options.compare:
-        console.say("\n" + stats.comparison_as_text(library.manifest(), _times()))
+        console.say(
+            "\n" + stats.comparison_as_text(library.manifest(), _times()), several_lines=True
+        )
     installed = [{"id": each.id, "kind": each.kind, "file": str(each.path)} for each in entries]
     console.result(
         {"parts": [asdict(row) for row in rows], "levels": levels, "installed": installed}
@@ -189,7 +191,8 @@ def _say_installed(entries: Sequence[Any], console: Console) -> None:
     if not entries:
         console.say(f"None of your own in {resources.user_body_models()}.")
         return
-    console.say("\nYour own:")
+    console.say()
+    console.say("Your own:")
     for each in entries:
         what = each.facts.get("modality", each.kind)
         console.say(f"{each.id:<34}{what:<13}{each.facts['vertices']:>7} vertices  {each.folder}")

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..console import Console
 from ..errors import InputError
+from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:
@@ -39,6 +40,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--strict", action="store_true", help="something that is left out is an error: exit code 3"
     )
+    add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import blender_session, own_processes
 from ..console import Console
+from ..printable import printable
 from ..staging import make_folder
 
 if TYPE_CHECKING:
@@ -50,8 +50,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..demo.scene_file import build_and_open
     from ..demo.summary import summarise
     from ..devices.configuration import load_device
+    from ..devices.script_rendering import render_devices
     from ..engine.track import TrackReader
-    from ..export import ExportSettings, export_scene, render_devices
+    from ..export import ExportSettings, export_scene
     from ..formats import chart_svg
 
     folder: Path = options.output
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     with TrackReader(track_file) as track:
         rasters = [raster for _, raster in render_devices(track, devices)]
         chart_svg.write(track, rasters, folder / "chart.svg")
-        console.say(summarise(track, rasters, report))
+        console.say(summarise(track, rasters, report), several_lines=True)
     pictures = None
     if not options.no_pictures:
         pictures = _draw(scene_file, track_file, folder, console)
@@ -84,7 +85,8 @@ def _draw(
     scene_file: Path, track_file: Path, folder: Path, console: Console
 ) -> dict[str, str] | None:
     """Draw the pictures; where Blender cannot, only they are missing."""
-    console.say("\nDrawing four pictures; this can take a minute ...")
+    console.say()
+    console.say("Drawing four pictures; this can take a minute ...")
     if blender_session.inside_blender():  # a whole Blender cannot be started as a Python module
         problem = _draw_here(scene_file, track_file, folder)
     else:
@@ -108,15 +110,9 @@ def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
 
 def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
     """Draw in a process of its own, which may crash; what went wrong."""
-    command = [sys.executable, "-m", "hfx_blender.demo.pictures", scene_file, track_file, folder]
+    command = own_processes.command("demo.pictures", scene_file, track_file, folder)
     try:
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            timeout=_PICTURE_LIMIT_S,
-            env=own_processes.environment(),
-        )
+        done = own_processes.run(command, _PICTURE_LIMIT_S)
     except subprocess.TimeoutExpired:
         return f"it took longer than {_PICTURE_LIMIT_S} s"
     except OSError as error:
@@ -141,4 +137,4 @@ def _say_what_there_is(
     ]
     if pictures:
         lines.append("  felt.png         the avatar at one moment of each task (T1.png ... T4.png)")
-    console.say("\n".join(lines))
+    console.say("\n".join(map(printable, lines)), several_lines=True)

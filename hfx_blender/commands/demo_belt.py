@@ -20,7 +20,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..demo import belt, belt_chart
     from ..demo.scene_file import build_and_open
     from ..devices.configuration import load_device
-    from ..engine.rendering.devices import render_devices
+    from ..devices.script_rendering import render_devices
     from ..engine.spatial_sound.layouts import LAYOUTS
     from ..engine.track import TrackReader
     from ..export import ExportSettings, export_scene
@@ -61,7 +61,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 f"  {STEM}{SUFFIX}  {len(layout)} loudspeakers, in step with the motors",
                 "  belt.svg        motors and loudspeakers over time",
             )
-        )
+        ),
+        several_lines=True,
     )
     console.result(
         {

@@ -5,11 +5,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ..console import Console
 from ..errors import InputError
 from .info import describe_device
+
+if TYPE_CHECKING:
+    from ..devices.live.approval import DeviceScript
+
+_SHORTEST_HASH: Final = 8
 
 
 def add_parser(commands: Any) -> None:
@@ -23,7 +28,22 @@ def add_parser(commands: Any) -> None:
     )
     imported.add_argument("file", type=Path, metavar="FILE")
     imported.add_argument("--name", help="of the device (default: the file's)")
-    for sub, function in ((listing, _list), (check, _check), (imported, _import)):
+    scripts = actions.add_parser("scripts", help="device scripts of your own, and approved ones")
+    approve = actions.add_parser("approve", help="allow a device's script, as it is now")
+    approve.add_argument(
+        "name", metavar="DEVICE", help="its name, or the file of its configuration"
+    )
+    approve.add_argument("--hash", help="of the bytes that you have read; others are refused")
+    revoke = actions.add_parser("revoke", help="withdraw an approval; where it plays it is stopped")
+    revoke.add_argument("name", metavar="DEVICE|HASH", help="a device, or a hash of 'scripts'")
+    for sub, function in (
+        (listing, _list),
+        (check, _check),
+        (imported, _import),
+        (scripts, _scripts),
+        (approve, _approve),
+        (revoke, _revoke),
+    ):
         sub.add_argument("--json", action="store_true", help="the result as JSON")
         sub.set_defaults(run=function)
 
@@ -79,3 +99,100 @@ def _import(options: argparse.Namespace, console: Console) -> int:
     console.say(f"{made}: device '{name}'")
     console.result({"file": str(made), "device": name})
     return 0
+
+
+def _scripts(_options: argparse.Namespace, console: Console) -> int:
+    from ..devices.live import approval
+
+    fault = approval.fault_of_list()
+    if fault:
+        console.warn(f"hfx: {fault}")
+    approved = approval.approved()
+    found = [
+        {"script": path, "hash": mark, "is_approved": True}
+        for mark, path in sorted(approved.items(), key=lambda each: each[1])
+    ]
+    now = {each.fingerprint: each for each in _own_scripts(console)}
+    for mark, script in now.items():
+        if not script.is_approved:
+            found.append({"script": str(script.path), "hash": mark, "is_approved": False})
+    for each in found:
+        told = "approved" if each["is_approved"] else "not approved"
+        if each["is_approved"] and each["hash"] not in now:
+            told += " (changed since, gone, or in another folder)"
+        console.say(f"{each['hash']}  {each['script']}: {told}")
+    if not found:
+        console.say("no device scripts of your own")
+    console.result({"scripts": found, "fault": fault or None})
+    return InputError.exit_code if fault else 0
+
+
+def _own_scripts(console: Console) -> list[DeviceScript]:
+    """Scripts beside configurations in the user's own folder."""
+    from .. import resources
+    from ..devices.live import approval
+
+    found = []
+    for path in sorted(resources.user_devices().glob("*.py")):
+        try:
+            script = approval.script_of(path.with_suffix(".json"))
+        except InputError as error:
+            console.warn(f"hfx: {error}")
+            continue
+        if script is not None:
+            found.append(script)
+    return found
+
+
+def _script_of(name: str) -> DeviceScript:
+    from ..devices.configuration import find_file
+    from ..devices.live import approval
+
+    if find_file(name) is None:
+        raise InputError(f"Device '{name[:100]}' is unknown; 'hfx device list' tells which are.")
+    found = approval.script_of(name)
+    if found is None:
+        raise InputError(f"Device '{name[:100]}' brings no script.")
+    return found
+
+
+def _approve(options: argparse.Namespace, console: Console) -> int:
+    from ..devices.live import approval
+
+    found = _script_of(options.name)
+    console.say(f"{found.path}")
+    console.say(f"hash {found.fingerprint} (of script, configuration and interface)")
+    if approval.is_shipped(found.path):
+        console.say("is shipped: it needs no approval")
+    else:
+        if options.hash is not None and options.hash.lower() != found.fingerprint:
+            raise InputError(
+                f"{found.path}: its hash is {found.fingerprint}, not {options.hash[:64]}; "
+                "look at it again."
+            )
+        approval.approve(found)
+        console.say("approved: it runs with all of your rights until a byte of it changes")
+    console.result({"script": str(found.path), "hash": found.fingerprint, "is_approved": True})
+    return 0
+
+
+def _revoke(options: argparse.Namespace, console: Console) -> int:
+    from ..devices.live import approval
+
+    marks = [m for m in approval.approved() if _is_named(m, options.name)]
+    if len(marks) > 1:
+        raise InputError(f"'{options.name}' is the beginning of {len(marks)} hashes; name more.")
+    if marks:
+        approval.revoke_fingerprint(marks[0])
+    else:
+        found = _script_of(options.name)
+        if approval.is_shipped(found.path):
+            raise InputError(f"{found.path}: is shipped; its approval cannot be withdrawn.")
+        approval.revoke(found)
+    console.say(f"{options.name}: approval withdrawn")
+    console.result({"withdrawn": options.name})
+    return 0
+
+
+def _is_named(mark: str, text: str) -> bool:
+    return len(text) >= _SHORTEST_HASH and mark.startswith(text.lower())

@@ -22,6 +22,7 @@ from ..engine.tolerance import Tolerance
 from ..engine.tolerance import parse as parse_tolerance
 from ..errors import UsageError
 from ..own_processes import cores
+from ..printable import printable
 
 SOME_FAILED = 5
 _OF_A_PIECE = ("piece", "samples", "files")  # of its record, in the result
@@ -54,7 +55,9 @@ def add_parser(commands: Any) -> None:
         "--tolerance",
         type=_tolerance,
         metavar="T",
-        help="preview, standard, exact, paper, or values such as 3mm,5ms (default: the scene's)",
+        help="preview, standard, exact, paper, or values such as 3mm,5ms,5%%: how far off edges, "
+        "motion and strength may be; a contact may begin late by the ms plus the time that its "
+        "approach takes for the mm (default: the scene's)",
     )
     parser.add_argument(
         "--device",
@@ -140,7 +143,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if in_process:
         blender_session.start()
     outcomes: list[Outcome] = []
-    tell = _Teller(console, outcomes)
+    tell = _Teller(console, outcomes, _given_paths(options))
     with staging(_stage_folder(options), "hfx-export") as stage:
         units = _units(options, stage.resolve())
         title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
@@ -164,6 +167,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     console.result(results if len(results) > 1 else results[0])
     failed = [result for result in results if "error" in result]
     if not failed:
+        if any(each.get("silent_devices") for each in results):
+            return SOME_FAILED
         # What was named and could not be written is no success, though all else is complete.
         named = bool(options.formats and options.device)
         return SOME_FAILED if named and any(each.get("left_out") for each in results) else 0
@@ -236,6 +241,18 @@ def _cores_of_each(options: argparse.Namespace) -> int:
     return max((options.cores or cores()) // (1 if _in_process(options) else options.jobs), 1)
 
 
+def _given_paths(options: argparse.Namespace) -> list[tuple[str, str]]:
+    """Paths in full, and as the user gave them; those of files before their folders."""
+    found = [(os.path.abspath(path), str(path)) for path in options.scenes]
+    folder, given = os.path.abspath(options.output), options.output
+    if folder != os.path.dirname(folder):  # not the root, which begins every path
+        found.append(
+            (os.path.join(folder, ""), os.path.join("" if str(given) == "." else given, ""))
+        )
+        found.append((folder, str(given)))
+    return found
+
+
 def _open_stem() -> str:
     import bpy
 
@@ -245,8 +262,11 @@ def _open_stem() -> str:
 class _Teller:
     """Says what becomes of the scenes, as soon as it is known."""
 
-    def __init__(self, console: Console, outcomes: list[Outcome]) -> None:
+    def __init__(
+        self, console: Console, outcomes: list[Outcome], given: list[tuple[str, str]]
+    ) -> None:
         self._console = console
+        self._given = given  # paths: in full, and as the user gave them
         self._outcomes = outcomes
         self._failed = 0
 
@@ -254,7 +274,7 @@ class _Teller:
         """For one scene."""
         self._note(unit, outcome)
         if "text" in outcome:
-            self._console.say(outcome["text"])
+            self._console.say(self._as_given(outcome["text"]), several_lines=True)
 
     def brief(self, unit: Unit, outcome: Outcome) -> None:
         """For one of many."""
@@ -267,20 +287,29 @@ class _Teller:
         elif "piece" in outcome and "unchanged" not in outcome:
             self._console.say(f"{unit.title}: {outcome['text']}")
 
+    def _as_given(self, text: str) -> str:
+        """Show paths as the user gave them: a unit has them in full, for other processes."""
+        for full, given in self._given:
+            text = text.replace(full, given)
+        return text
+
     def _note(self, unit: Unit, outcome: Outcome) -> None:
+        if "error" in outcome:
+            outcome["error"] = self._as_given(outcome["error"])
         self._outcomes.append(outcome)
         if "traceback" in outcome:
-            self._console.warn(
-                f"hfx: {unit.title}: a defect of hfx, please report it:\n{outcome['traceback']}"
-            )
+            text = f"{printable(unit.title)}: a defect of hfx, please report it"
+            self._console.warn(f"hfx: {text}:\n{outcome['traceback']}", several_lines=True)
         elif "error" in outcome:
             known = unit.input is not None and Path(unit.input).name in outcome["error"]
             where = "" if known else f"{unit.title}: "
             self._console.warn(f"hfx: {where}{outcome['error']}")
         elif "unchanged" in outcome:
             self._console.say(f"{unit.title}: exported before, nothing has changed")
+        for silent in outcome.get("report", {}).get("silent_devices", ()):
+            self._console.warn(f"hfx: {unit.title}: {silent}")
         for remark in outcome.get("remarks", ()):
-            self._console.say(f"{unit.title}: {remark}")
+            self._console.say(f"{unit.title}: {self._as_given(remark)}")
 
     def interrupted(self, count: int) -> None:
         """Says what is left of a batch, if anything."""

@@ -10,7 +10,9 @@ from typing import Any
 from .. import blender_session
 from ..console import Console
 from ..errors import InputError
+from ..printable import printable
 from .info_report import facts_of_report, is_report
+from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:
@@ -18,6 +20,7 @@ def add_parser(commands: Any) -> None:
         "info", help="what is in a file", description="Tell what is in a file of ours."
     )
     parser.add_argument("file", type=Path, metavar="FILE")
+    add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 
@@ -38,7 +41,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file.")
     facts = tellers[path.suffix](path)
-    console.say(_as_text(facts))
+    console.say(_as_text(facts), several_lines=True)
     console.result(facts)
     return 0
 
@@ -172,20 +175,24 @@ def describe_device(device: Any) -> dict[str, Any]:
     }
 
 
-def _as_text(value: Any, indent: int = 0) -> str:
+def _as_text(value: Any) -> str:
     """Nested facts as indented lines."""
+    return "\n".join(map(printable, _lines(value, 0)))
+
+
+def _lines(value: Any, indent: int) -> list[str]:
     pad = "  " * indent
-    lines = []
+    lines: list[str] = []
     for key, entry in value.items():
         if isinstance(entry, dict):
-            lines += [f"{pad}{key}:", _as_text(entry, indent + 1)] if entry else []
+            lines += [f"{pad}{key}:", *_lines(entry, indent + 1)] if entry else []
         elif isinstance(entry, list) and entry and isinstance(entry[0], dict):
             lines.append(f"{pad}{key}:")
             for item in entry:
                 (_, title), *rest = item.items()
-                lines += [f"{pad}  {title}", _as_text(dict(rest), indent + 2)]
+                lines += [f"{pad}  {title}", *_lines(dict(rest), indent + 2)]
         elif isinstance(entry, list):
             lines.append(f"{pad}{key}: {', '.join(map(str, entry)) or 'none'}")
         else:
             lines.append(f"{pad}{key}: {entry}")
-    return "\n".join(line for line in lines if line)
+    return lines

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import blender_session
 from ..errors import InputError, UsageError
+from .largest import add_largest
 
 if TYPE_CHECKING:
     from ..engine.texture.haptic_map import HapticMap
@@ -34,6 +35,7 @@ def add_arguments(parser: Any) -> None:
         help="a map (.texture.json), a picture of heights, a point cloud (.ply, .xyz), a .blend, "
         "or a material of 'hfx texture list'",
     )
+    add_largest(parser)
     parser.add_argument("--object", metavar="NAME", help="whose surface, in a .blend")
     parser.add_argument(
         "--resolution", type=int, default=512, metavar="N", help="texels along the longer edge"

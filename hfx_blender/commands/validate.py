@@ -9,6 +9,7 @@ from typing import Any
 
 from ..console import Console
 from ..errors import InputError
+from .largest import add_largest
 
 SOME_FAILED = 5
 
@@ -24,6 +25,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
     parser.add_argument("--strict", action="store_true", help="warnings are errors")
+    add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 

@@ -16,7 +16,7 @@ from typing import Final
 from .. import resources
 from ..engine.body.model import PerceptualModel, load_model, manifest
 from ..engine.modality import MODALITIES
-from ..engine.rendering.device import Actuator, DeviceConfig, VertexPlace
+from ..engine.rendering.device import Actuator, DeviceConfig, ScriptFiles, VertexPlace
 from ..engine.rendering.placement import vertices_of
 from ..errors import InputError
 from . import surface_calibration
@@ -25,6 +25,7 @@ from .layout_reader import ID_PATTERN
 from .strict_json import read
 
 SUFFIX: Final = ".json"
+SCRIPT_SUFFIX: Final = ".py"
 _OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
@@ -109,15 +110,29 @@ def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | No
 def _worn(path: Path) -> DeviceConfig | None:
     """The device of a file, or of the file without ``_left`` or ``_right``; None: neither."""
     if path.is_file():
-        return _read(path)
+        return _with_script(_read(path), path, path)
     stem, _, side = path.stem.rpartition("_")
     written = path.with_name(stem + SUFFIX) if stem else path
     if side not in WEARABLE_SIDES or not written.is_file():
         return None
-    device = _read(written)
+    device = _with_script(_read(written), written, path)
     if device.side is None:
         return None
     return device if device.side == side else _mirrored(device)
+
+
+def script_beside(configuration: Path) -> Path | None:
+    """The script of a device, ``<device>.py`` beside its configuration; None: it has none."""
+    script = configuration.with_suffix(SCRIPT_SUFFIX)
+    return script if script.is_file() else None
+
+
+def _with_script(device: DeviceConfig, configuration: Path, loaded: Path) -> DeviceConfig:
+    script = script_beside(configuration)
+    if script is None:
+        return device
+    files = ScriptFiles(script.absolute(), configuration.absolute(), loaded.absolute())
+    return replace(device, script=files)
 
 
 def check(path: Path, models: Callable[[str], PerceptualModel] | None = load_model) -> list[str]:

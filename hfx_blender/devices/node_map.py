@@ -24,7 +24,7 @@ from ..engine.rendering.placement import on_parts
 from ..errors import InputError
 from . import unitouch_layout
 from .layout_reader import ID_DESCRIBED, ID_PATTERN
-from .strict_json import read
+from .strict_json import Node, read
 
 MODEL: Final = "hfx-vibration-1"
 MAX_NODES: Final = 1000
@@ -76,14 +76,14 @@ def import_node_map(
     if unitouch_layout.is_layout(document):
         content = unitouch_layout.configuration_of(document, device_id, models(MODEL))
     else:
-        content = configuration_of(path, device_id, models(MODEL))
+        content = configuration_of(document, device_id, models(MODEL))
     made.parent.mkdir(parents=True, exist_ok=True)
     with atomic_file(made) as file:
         file.write(json.dumps(content, indent=2).encode() + b"\n")
     return made
 
 
-def configuration_of(path: Path, device_id: str, model: PerceptualModel) -> dict[str, Any]:
+def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> dict[str, Any]:
     """A node map as a device configuration, plain data.
 
     Raises
@@ -91,8 +91,7 @@ def configuration_of(path: Path, device_id: str, model: PerceptualModel) -> dict
     InputError
         The file is not a node map: the message names the place in it.
     """
-    document = read(path)
-    top = document.value
+    top, path = document.value, Path(document.file)
     nodes = top.get("nodes") if isinstance(top, dict) else None
     if isinstance(top, dict) and "actuator_types" in top:
         raise InputError(

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import chain, pairwise
 from math import isfinite
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,9 @@ Bool = npt.NDArray[np.bool_]
 
 FARTHEST = 1e12
 """Metres, and entries of matrices: a place beyond it is none, and its speed no float32."""
+
+NOTHING: Final = 1e-9
+"""A body whose matrix holds nothing larger is one point."""
 
 
 def active_rows(
@@ -64,11 +67,15 @@ def _finite_rows(
 
 
 def posed_rows(pose: PoseBlock) -> I64:
-    """Rows that were read and hold nothing but numbers that a place can have."""
+    """Rows that were read and hold nothing but numbers that a place can have.
+
+    A body that is scaled to nothing has none either.
+    """
     finite = pose.valid.copy()
     for values in (pose.to_world, pose.bones, pose.surface):
         if values is not None and not _is_near(values):
             finite &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
+    finite &= (np.abs(pose.to_world[:, :3, :3]) > NOTHING).any(axis=(1, 2))
     return finite.nonzero()[0]
 
 
@@ -90,7 +97,8 @@ def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) 
     known = np.isin(rows, posed)
     if not known.all():
         counters.warn(
-            f"body '{body.name}': its pose is not a finite number; it feels nothing there",
+            f"body '{body.name}': its pose is not a finite number, or scaled to nothing; "
+            "it feels nothing there",
             int(np.count_nonzero(~known)),
         )
     return rows[known]

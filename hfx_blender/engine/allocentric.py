@@ -78,6 +78,7 @@ class AllocentricAreas:
             with_details=bool(self._maker.record & {"depth", "surface"}),
             with_impact="impact" in self._maker.record,
             threads=self._threads,
+            title=f"effect '{effect.name}'",
         )
         return lambda: self._felt(effect, animated, body, block, pose, skin, found())
 

@@ -93,6 +93,7 @@ def begin(
     with_details: bool = False,
     with_impact: bool = False,
     threads: Threads | None = None,
+    title: str = "a volume",
 ) -> Callable[[], Contacts]:
     """Vertices of a body whose skin is inside a volume at some rows of a block.
 
@@ -113,6 +114,8 @@ def begin(
         And how it began, however slowly.
     threads : Threads, optional
         Threads for the compiled part, which looks at skin while this one goes on.
+    title : str
+        The volume, as warnings name it.
 
     Returns
     -------
@@ -131,7 +134,7 @@ def begin(
             return partial(_told_by, found, rows)
     contacts = _found_in_numpy(
         *(effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets),
-        *(with_details, with_impact),
+        *(with_details, with_impact, title),
     )
     return lambda: contacts
 
@@ -154,13 +157,14 @@ def _found_in_numpy(
     own_sets: bool,
     with_details: bool,
     with_impact: bool,
+    title: str,
 ) -> Contacts:
     assert effect.matrices is not None
     inverses, usable = inverse_placement(effect.matrices[rows])
     usable = usable & (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
     if not usable.all():
         counters.warn(
-            "a volume is flattened, endless or not a number: it is not felt",
+            f"{title} is flattened, endless or not a number: it is not felt",
             int(np.count_nonzero(~usable & heard)),
         )
         follows = follows.copy()

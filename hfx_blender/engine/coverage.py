@@ -40,7 +40,8 @@ Bool = npt.NDArray[np.bool_]
 FINEST_SHARE: Final = 1.0 / 8.0
 FINEST_M: Final = (0.00025, 0.001)
 """Distance of samples where no error at all is accepted: an eighth of the spacing of vertices,
-and between these. A finer one changes no coverage by more than a hundredth."""
+and between these. A finer one changes no coverage by more than a hundredth, however a pose
+stretches the skin."""
 
 _HEXAGON: Final = math.sqrt(2.0 / math.sqrt(3.0))  # spacing of cells of area 1
 
@@ -52,25 +53,30 @@ def spacing_m(area_m2: F64) -> F64:
 
 
 def sample_distance_m(tolerance: Tolerance, spacing: F64) -> F64:
-    """How far apart samples may be where vertices are ``spacing`` apart, metres.
+    """How far skin may be from its sample where vertices are ``spacing`` apart, metres.
 
-    Samples no farther apart than the accepted error find every edge of a contact within it,
-    and everything that is larger. What asks for less than the finest gets the finest.
+    A sample stands for the skin around it. Where all of that is within the accepted error, the
+    sample is inside if the skin is inside of a volume that much smaller, and is not if the skin
+    is outside of one that much larger: so no edge of a contact is found farther off. What asks
+    for less than the finest gets the finest.
     """
     wanted = np.minimum(tolerance.spacing_share * spacing, tolerance.distance_m)
+    return np.maximum(wanted, finest_m(spacing))
+
+
+def finest_m(spacing: F64) -> F64:
+    """The same where no error is accepted."""
     finest: F64 = np.clip(FINEST_SHARE * spacing, *FINEST_M)
-    return np.maximum(wanted, finest)
-
-
-def _distances(model: PerceptualModel, tolerance: Tolerance) -> tuple[F64, F64]:
-    """Spacing and distance of samples at each vertex, metres."""
-    spacing = spacing_m(model.areas_m2.astype(np.float64))
-    return spacing, sample_distance_m(tolerance, spacing)
+    return finest
 
 
 def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
-    spacing, distance = _distances(model, tolerance)
-    return bool((distance < spacing).any()) and len(model.triangles) > 0
+    """Whether vertices do not tell enough of the skin; in some pose any may be far apart.
+
+    No skin is farther from its vertex than the vertices around.
+    """
+    is_asked = tolerance.spacing_share < 1.0 or math.isfinite(tolerance.distance_m)
+    return is_asked and len(model.triangles) > 0
 
 
 def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
@@ -117,16 +123,14 @@ class Skin:
     ) -> None:
         self.model = model
         self.tolerance = tolerance
-        spacing, distance = _distances(model, tolerance)
+        spacing = spacing_m(model.areas_m2.astype(np.float64))
         self.is_split = _is_split(model, tolerance)
         self.surface, owner = model, np.arange(len(model), dtype=np.int32)
         if finer is not None:
             self.surface, owner = finer, cell_of_skin(model)[1]
         self.edge_m = tolerance.edge_m(float(spacing.max()))
         self._owner = owner
-        self._distance = distance[owner]  # (skin vertices,)
-        if not self.is_split:
-            self._distance = np.full(len(model), np.inf)
+        self._spacing = spacing[owner]  # (skin vertices,)
         if self.surface is model:
             self.clusters = clusters_of(model)
         else:
@@ -181,14 +185,15 @@ class Skin:
     @cached_property
     def table(self) -> SkinTable:
         """Where the skin is sampled; cluster by cluster, as they are needed."""
-        spacing = spacing_m(self.surface.areas_m2.astype(np.float64))
         return SkinTable(
             self.surface,
             self.clusters,
             self.outlines,
             self._owner,
-            self._distance,
-            np.asarray(self._distance < spacing) & self.is_split,
+            sample_distance_m(self.tolerance, self._spacing),
+            finest_m(self._spacing),
+            self.is_split,
+            self.tolerance,
         )
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -23,6 +24,7 @@ from .placed import Placed
 from .posed_skin import PosedSkin
 from .swept import crossings, passing
 
+F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
@@ -103,12 +105,13 @@ class Found:
             how = np.where(wide[rows, clusters], reach.COVERED, reach.NOT).astype(np.uint8)
             self._look_natively(reach.Pairs(i64(clusters), i64(rows), how, steps), some)
             return
+        allowed_m = self._allowed_m(some, clusters, rows)
         posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
         for part in _batches(clusters, table.place_counts):
             pair, row = clusters[part], rows[part]
             points, gaps = posed.skin(pair, row, table)
             clear = placed.target.clearances(points, np.repeat(row, table.place_counts[pair]))
-            skin = PosedSkin(table, pair, row, points, gaps, clear)
+            skin = PosedSkin(table, pair, row, points, gaps, clear, allowed_m[part])
             self.counters.vertices_posed += points.shape[1]
             self._cover(skin, wide[row, pair])
             self._follow(skin, followed[row, pair])
@@ -125,12 +128,15 @@ class Found:
         native.look_at_skin(
             pairs,
             table,
-            native.Posing(points=points),
+            native.Posing(
+                points=points, allowed_m=self._allowed_m(some, pairs.clusters, pairs.rows)
+            ),
             Target(
                 target.shapes,
                 target.which,
                 target.falloff,
                 target.amplitude,
+                placed.matrices,
                 placed.inverses,
                 placed.pose.to_world[placed.rows],
             ),
@@ -138,6 +144,18 @@ class Found:
             self.weights,
             self.column_of[table.cells],
         )
+
+    def _allowed_m(self, some: I64, clusters: I64, rows: I64) -> F64:
+        """How far skin of pairs of ``some`` clusters may be from its samples, metres (pairs,)."""
+        placed, distance_m = self.placed, self.placed.skin.skin.tolerance.distance_m
+        if not math.isfinite(distance_m):
+            return np.full(len(clusters), distance_m)
+        at = placed.rows
+        stretches = placed.skin.surface.least_stretches(
+            some, placed.pose, at, placed.pose.to_world[at]
+        )
+        allowed: F64 = distance_m * stretches[rows, np.searchsorted(some, clusters)]
+        return allowed
 
     def _places(self, skin: PosedSkin, contacts: I64) -> tuple[I64, I64]:
         """Rows and columns of some contacts."""

@@ -61,6 +61,13 @@ def largest_stretch(matrices: F64) -> F64:
     return stretch
 
 
+def longest_axis(linear: F64) -> F64:
+    """What matrices (..., 3, 3) make of the axis that they make most of, (...); they stretch
+    some way by no less."""
+    longest: F64 = np.sqrt(np.square(linear).sum(axis=-2).max(axis=-1))
+    return longest
+
+
 def turned_by(before: F64, after: F64) -> F64:
     """By how much placements (n, 4, 4) turn, radians (n,); exactly 0 where they do not."""
     if native.is_there():

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .posed_skin import PosedSkin
+from .skin_quads import ROUNDING, diagonals, squares_of, steps_within
 from .target import Target, steepest
 
 F64 = npt.NDArray[np.float64]
@@ -60,10 +61,9 @@ def covered(
     unit, at, rows = posed.units[slots], posed.at[slots], posed.rows_of(slots)
     gap, reach = gap[slots], reach[slots]
     at_vertex = target.weights(posed.points.take(at, axis=1), rows)
-    is_split = table.steps[unit] > 0
-    near = (gap >= -reach) & is_split
+    near = (gap >= -reach) & table.is_split
     if not target.falloff.is_flat:
-        varies = is_split & (steepest(target.falloff) * reach > target.amplitude)
+        varies = table.is_split & (steepest(target.falloff) * reach > target.amplitude)
         near |= varies & (at_vertex > 0.0) & (-gap < target.falloff.share + reach)
         asked = np.flatnonzero(near)
         near[asked] = ~told_by_vertices(posed, slots[asked], target)
@@ -80,7 +80,8 @@ def covered(
         slot, quad = slot[cut], quad[cut]
         corners = posed.corners(posed.pairs[slot], quad)
         felt: list[tuple[I64, F64]] = []
-        for samples in sampled(posed, slot, quad, corners, target):
+        steps = steps_of(posed, posed.pairs[slot], quad, corners, target)
+        for samples in sampled(posed, slot, quad, corners, steps, target):
             every = samples.slots if len(target.shapes) > 1 else samples.slots[:0]
             found = target.weights(samples.points, posed.rows_of(every))
             felt.append((samples.owners, samples.summed(found)))
@@ -169,12 +170,46 @@ class Samples:
         return sums
 
 
+def steps_of(
+    posed: PosedSkin, pairs: I64, quads: I64, corners: tuple[I64, I64, I64], target: Target
+) -> I64:
+    """How many samples quads of pairs need both ways, as they are posed, (P,).
+
+    As many as at rest, until a pose takes skin farther from its samples than is accepted; and
+    no more than the finest, which tell how much is covered however far the skin is stretched.
+    """
+    table = posed.table
+    steps: I64 = table.steps[quads]
+    some = np.flatnonzero(table.finest[quads] > steps)
+    if not len(some):
+        return steps
+    pairs, quads = pairs[some], quads[some]
+    start, one, other = (posed.points.take(each[some], axis=1) for each in corners)
+    to_metres = target.to_metres[posed.rows[pairs]]
+    along, across = (np.einsum("nij,jn->in", to_metres, each - start) for each in (one, other))
+    squares, places = squares_of(along, across), table.quads[quads, :4].T
+    allowed = posed.allowed_m[pairs]
+    if np.isfinite(table.spacing_share):
+        longest = np.sqrt(np.maximum(squares[0], squares[2]))
+        allowed = np.minimum(allowed, table.spacing_share * longest)
+    known = steps[some].astype(np.float64)
+    most = 2.0 * known * allowed * (1.0 + ROUNDING)
+    far = np.flatnonzero(diagonals(places, squares, known) > most)
+    wanted = steps_within(places[:, far], squares[:, far], allowed[far])
+    steps[some[far]] = np.fmin(wanted, table.finest[quads[far]]).astype(np.int64)
+    return steps
+
+
 def sampled(
-    posed: PosedSkin, slots: I64, quads: I64, corners: tuple[I64, I64, I64], target: Target
+    posed: PosedSkin,
+    slots: I64,
+    quads: I64,
+    corners: tuple[I64, I64, I64],
+    steps: I64,
+    target: Target,
 ) -> Iterator[Samples]:
     """Where the skin of quads is: (P,) quads of slots, with the points of their corners."""
     table = posed.table
-    steps = table.steps[table.unit_of[quads]]
     for number in np.flatnonzero(np.bincount(steps)).tolist():
         mine = np.flatnonzero(steps == number)
         count = number * number
@@ -183,8 +218,7 @@ def sampled(
             some = quads[part]
             start, one, other = (posed.points.take(each[part], axis=1) for each in corners)
             along, across = one - start, other - start
-            at = table.sample_starts[some][:, None] + np.arange(count)
-            one, other, height, shares = table.samples.take(at, axis=1)
+            one, other, height, shares = table.samples_at(some, number)
             points = along[:, :, None] * one
             points += start[:, :, None]
             points += across[:, :, None] * other

@@ -86,6 +86,7 @@ class Placed:
             falloff,
             inverses[:, :3, :3],
             to_world[:, :3, :3],
+            matrices[:, :3, :3],
             skin.skin.tolerance.amplitude,
         )
         boxes = np.zeros((len(rows), 2, 3))

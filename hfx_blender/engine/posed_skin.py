@@ -34,6 +34,7 @@ class PosedSkin:
     points: F64  # (3, N) the places of each pair
     gaps: F64  # (slots,) how far a unit's neighbours can be from it
     clear: F64  # (N,) a bound of each point's distance to the boundary, see sweep.clearance
+    allowed_m: F64  # (pairs,) how far skin may be from its samples, as it is posed
 
     @cached_property
     def shifts(self) -> I64:

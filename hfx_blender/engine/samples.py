@@ -122,6 +122,34 @@ class SampleRun:
             return len(self.vertices)  # each sample has a set of its own
         return int(self.sizes.sum())
 
+    def one(self, k: int) -> SampleRun:
+        """Its sample ``k`` as a run."""
+        j = k if self.sets is None else int(self.sets[k])
+        entries = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
+        row = slice(k, k + 1)
+
+        def part(values: F32 | None) -> F32 | None:
+            return None if values is None else values[entries]
+
+        return SampleRun(
+            stream=self.stream,
+            indices=self.indices[row],
+            times_s=self.times_s[row],
+            levels=self.levels[row],
+            parameters=self.parameters[row],
+            offsets=np.array([0, entries.stop - entries.start]),
+            vertices=self.vertices[entries],
+            weights=self.weights[entries],
+            positions=part(self.positions),
+            velocities=part(self.velocities),
+            depth_m=part(self.depth_m),
+            surface=part(self.surface),
+            surface_normals=part(self.surface_normals),
+            impact=None if self.impact is None else self.impact.part(entries),
+            focus=None if self.focus is None else self.focus[row],
+            drive=None if self.drive is None else self.drive.part(row),
+        )
+
     def __iter__(self) -> Iterator[Sample]:
         for k, j in enumerate(self.set_of.tolist()):
             part = slice(int(self.offsets[j]), int(self.offsets[j + 1]))

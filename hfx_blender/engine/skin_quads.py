@@ -14,6 +14,7 @@ from .body.model import PerceptualModel
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
 
+ROUNDING: Final = 1e-9
 _BULGE_LIMIT: Final = 0.25  # of a triangle's size; more is a crease, not a curve
 
 
@@ -29,11 +30,11 @@ class Quads:
     places: F64  # (4, Q)
     areas: F64  # (3, Q) square metres
     total: F64  # (Q,) square metres
-    longest: F64  # (Q,) metres: the longer of the sides on edges
     reaches: F64  # (Q,) greatest share of the way to the other corners
     means: F64  # (Q,) the same on average
     bulges: F64  # (3, Q)
     sizes: F64  # (Q,) metres: square root of twice the triangle's area
+    squares: F64  # (3, Q) of its edges from the first corner, see :func:`squares_of`
 
     @classmethod
     def of(cls, surface: PerceptualModel, ring: I32) -> Quads:
@@ -54,7 +55,6 @@ class Quads:
         edge, other, inner, inner_2 = places
         twist, twist_2 = inner - edge, inner_2 - other
         areas = np.stack([edge * other, edge * twist_2, twist * other]) * doubled
-        lengths = np.sqrt(np.maximum(edge**2 * _dot(along, along), other**2 * _dot(across, across)))
 
         # Of that place's a + b and c, times the area there, over all s and t.
         whole_area = areas[0] + 0.5 * areas[1] + 0.5 * areas[2]
@@ -84,12 +84,66 @@ class Quads:
             places,
             areas,
             whole_area,
-            lengths,
             np.maximum(np.maximum(edge, other), inner + inner_2),
             means,
             bulges,
             sizes,
+            squares_of(along, across),
         )
+
+
+def squares_of(along: F64, across: F64) -> F64:
+    """Squared lengths of the edges (3, Q) of triangles, and their product in between, (3, Q)."""
+    return np.stack([_dot(along, along), _dot(along, across), _dot(across, across)])
+
+
+def steps_within(places: F64, squares: F64, distance: F64) -> F64:
+    """Into how many parts both ways quads are divided, so that each part is near its sample.
+
+    No place of a part is farther from the sample in its middle than the distance. Parts are
+    skewed where a pose stretches the triangle; it does so by one matrix, so that the lengths of
+    its edges and their product tell all.
+
+    Parameters
+    ----------
+    places : (4, Q) float64
+        Of :class:`Quads`.
+    squares : (3, Q) float64
+        Of :func:`squares_of`, in any pose.
+    distance : (Q,) float64
+        In the same units.
+
+    Returns
+    -------
+    (Q,) float64
+        Whole numbers from 1, or infinity; not a number where a length is none.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most = np.ceil(diagonals(places, squares, np.inf) / (2.0 * distance) - ROUNDING)
+        steps = np.ceil(diagonals(places, squares, most) / (2.0 * distance) - ROUNDING)
+    return np.maximum(steps, 1.0)
+
+
+def diagonals(places: F64, squares: F64, steps: F64 | float) -> F64:
+    """The longest diagonal of any part of quads divided so, times the steps, (Q,).
+
+    The place for (s, t) is linear in either, so that the way from a part's sample to its corner
+    is half a step times the sum, or the difference, of both derivatives halfway there. Over the
+    whole quad these are longest at its corners; halfway places are a quarter of a step inside.
+    """
+    edge, other, inner, inner_2 = places
+    most = 1.0 - 0.5 / np.maximum(steps, 1.0)
+    longest = np.zeros(squares.shape[1])
+    for one, two in (
+        (edge * most + inner * (1.0 - most), other * most + inner_2 * (1.0 - most)),
+        (inner * (1.0 + most) - edge * most, inner_2 * (1.0 + most) - other * most),
+        (edge * (1.0 - most) + inner * most, inner_2 * most - other * (1.0 + most)),
+        (edge * (1.0 + most) - inner * most, -other * (1.0 - most) - inner_2 * most),
+    ):
+        squared = one * one * squares[0] + 2.0 * one * two * squares[1] + two * two * squares[2]
+        longest = np.maximum(longest, squared)
+    found: F64 = np.sqrt(longest)
+    return found
 
 
 def _dot(one: F64, other: F64) -> F64:

@@ -4,7 +4,8 @@
 A *unit* is a vertex of the skin, and of each triangle around it the *quad* next to the vertex:
 from it over a place on one edge and a place inside to a place on the other edge. These places
 divide edges and triangle by the size of the cells, so that skin next to a much finer neighbour
-belongs to the coarser one. A quad is sampled at ``steps`` by ``steps`` places.
+belongs to the coarser one. A quad is sampled at ``steps`` by ``steps`` places; where a pose
+stretches it, at more of them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from .body.model import PerceptualModel
 from .indexing import lacking, largest, ramp
 from .native import skin_filling as native
 from .skin_mesh import SkinMesh
-from .skin_quads import Quads, closeness
+from .skin_quads import Quads, closeness, steps_within
+from .tolerance import Tolerance
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -28,8 +30,11 @@ Bool = npt.NDArray[np.bool_]
 
 _FLAT_ENOUGH: Final = 0.1  # of the distance of samples: a lower bulge is not modelled
 
-_MOST_STEPS: Final = 256
+MOST_STEPS: Final = 256
 """A cell of a metre is sampled no more finely than this along a quad: memory has an end."""
+
+_LEAST_SHARE: Final = 0.01
+"""A vertex may stand for this share of its unit, however exact the rest of it has to be."""
 
 _TURNED: Final = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
 
@@ -51,10 +56,13 @@ class SkinTable:
         Each cluster's vertices of the skin: one for each unit, then corners around them.
     owner : (skin vertices,) int32
         The vertex of the model whose cell each vertex of the skin is in.
-    distance : (skin vertices,) float64
-        How far apart samples may be, metres.
-    is_split : (skin vertices,) bool
-        Which stand for more than themselves.
+    distance, finest : (skin vertices,) float64
+        How far skin at rest may be from its sample, metres, and how far at the finest.
+    is_split : bool
+        Whether vertices stand for more than themselves.
+    tolerance : Tolerance
+        Says how far skin that is posed may be from its sample, and how much of a unit may be
+        counted where its vertex is.
 
     Attributes
     ----------
@@ -73,19 +81,26 @@ class SkinTable:
         Each cell is one unit.
     vertices : (P,) int32
         The vertex of the skin at each place.
-    cell_of, unit_shares, vertex_shares, steps, reaches, means : (P,)
+    is_split : bool
+        As given; else the vertex is a unit's only sample.
+    cell_of, unit_shares, vertex_shares, reaches, means : (P,)
         Of each unit: its cell; its share of the cell's area, and what the sample at the vertex
-        stands for; samples along a quad, 0 where the vertex is the only one; how far its skin
-        goes towards the farthest corner, as a share, at most and on average.
+        stands for; how far its skin goes towards the farthest corner, as a share, at most and on
+        average.
     quad_starts : (P + 1,) int64
         The first quad of each unit.
     unit_of, around : (Q,), (Q, 2) int64
         Each quad's unit, and the places of its triangle's other corners.
     is_ringed : (P,) uint8
         Whether the first of these already are all neighbours of a unit.
-    heights_m, wholes, sample_starts : (Q,)
-        Of each quad: height of the bulge in the rest pose, 0 where it does not count; share of
-        the cell's area, all samples together; its first sample.
+    steps, finest, heights_m, wholes, sample_starts : (Q,)
+        Of each quad: samples both ways at rest, and the most in any pose; height of the bulge in
+        the rest pose, 0 where it does not count; share of the cell's area, all samples together;
+        its first sample.
+    quads : (Q, 10) float64
+        Of each quad, what places its samples: see :class:`.skin_quads.Quads`, places, areas and
+        bulges; these are the areas of a sample as a share of the cell's, and of none that does
+        not count.
     bulge_m, most_samples : (clusters,)
         The highest bulge of each cluster; the most samples of any of its cells.
     largest_cell : int
@@ -99,10 +114,14 @@ class SkinTable:
         outlines: list[I32],
         owner: I32,
         distance: F64,
-        is_split: Bool,
+        finest: F64,
+        is_split: bool,
+        tolerance: Tolerance,
     ) -> None:
         self.surface, self.mesh = surface, SkinMesh.of(surface)
-        self._distance, self._is_split = distance, is_split
+        self._distances, self.is_split = np.stack([distance, finest]), is_split
+        self.spacing_share, self.distance_m = tolerance.spacing_share, tolerance.distance_m
+        self._most_share = max(tolerance.amplitude, _LEAST_SHARE)
         self.cells = np.concatenate(cells)
         counts = np.bincount(owner, minlength=len(self.cells)).astype(np.int64, copy=False)
         self.starts = np.cumsum([0, *(len(some) for some in outlines)], dtype=np.int64)
@@ -118,15 +137,16 @@ class SkinTable:
         is_unit = np.arange(total) - self.starts[self._cluster] < self.unit_counts[self._cluster]
         self.cell_of = np.zeros(total, np.int64)
         self.cell_of[is_unit] = np.repeat(np.arange(len(self.cells)), counts[self.cells])
-        numbers = np.where(is_unit & is_split.any(), np.diff(self.mesh.starts)[self.vertices], 0)
+        numbers = np.where(is_unit & is_split, np.diff(self.mesh.starts)[self.vertices], 0)
         self.quad_starts = np.concatenate([[0], np.cumsum(numbers, dtype=np.int64)])
         quads = int(self.quad_starts[-1])
         self.unit_shares, self.vertex_shares = np.zeros(total), np.zeros(total)
-        self.steps, self.reaches = np.zeros(total, np.int64), np.zeros(total)
+        self.reaches = np.zeros(total)
         self.means, self.is_ringed = np.zeros(total), np.zeros(total, np.uint8)
         self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int64)
+        self.steps, self.finest = np.zeros(quads, np.int64), np.zeros(quads, np.int64)
         self.heights_m, self.wholes = np.zeros(quads), np.zeros(quads)
-        self.sample_starts = np.zeros(quads, np.int64)
+        self.sample_starts, self.quads = np.zeros(quads, np.int64), np.zeros((quads, 10))
         self.bulge_m, self.most_samples = np.zeros(len(cells)), np.ones(len(cells), np.int64)
         self._sample_count, self.largest_cell = 0, 1
         self._samples = np.zeros((4, 0))
@@ -175,8 +195,8 @@ class SkinTable:
         self.largest_cell = int(self.most_samples.max())
 
     def _fill(self, new: I64) -> None:
-        is_split = self._is_split.view(np.uint8)
-        filling = native.Filling(self, self.mesh, self._distance, is_split, self._closeness)
+        settings = self._distances, self._closeness, self.is_split, self._most_share
+        filling = native.Filling(self, self.mesh, *settings)
         count = filling.fill(new, self._sample_count)
         self._make_room(count)
         filling.place_samples(self._samples)
@@ -190,37 +210,38 @@ class SkinTable:
         areas = np.bincount(unit, quads.total, minlength=len(units))
         areas = np.where(areas > 0.0, areas, 1.0)
 
-        distance = self._distance[vertices]
-        sides, sizes = (largest(each, unit, len(units)) for each in (quads.longest, quads.total))
-        wanted = np.maximum(np.sqrt(sizes), 0.5 * sides) / distance
-        steps = np.clip(np.ceil(wanted - 1e-9), 1.0, _MOST_STEPS).astype(np.int64)
-        steps[~self._is_split[vertices]] = 0
-
-        numbers = np.bincount(unit, minlength=len(units)) * steps * steps
+        distance = self._distances[0, vertices]
+        steps, most = (
+            np.clip(steps_within(quads.places, quads.squares, each), 1.0, MOST_STEPS)
+            for each in self._distances[:, vertices[unit]]
+        )
+        numbers = np.bincount(unit, steps * steps, len(units))
         cell = self.cell_of[units]
         unit_shares = areas / np.bincount(cell, areas)[cell]
-        vertex_shares = unit_shares / (numbers + 1.0)
-        scale = (unit_shares - vertex_shares) / areas / np.maximum(steps * steps, 1)
+        vertex_shares = unit_shares * np.where(
+            numbers > 0, np.minimum(1.0 / (numbers + 1.0), self._most_share), 1.0
+        )
+        scale = (unit_shares - vertex_shares) / areas
 
         heights = np.abs(quads.bulges).max(axis=0) / 3.0  # all three edges meet in the middle
         is_curved = heights * quads.sizes > _FLAT_ENOUGH * distance[unit]
         bulges = 2.0 * np.where(is_curved, heights, 0.0)
         reaches = largest(quads.reaches + bulges, unit, len(units))
-        reaches[steps == 0] = 0.0
         means = np.bincount(unit, quads.total * (quads.means + bulges), len(units)) / areas
 
         self.unit_shares[units], self.vertex_shares[units] = unit_shares, vertex_shares
-        self.steps[units], self.reaches[units] = steps, reaches
-        self.means[units] = np.where(steps == 0, 0.0, means)
+        if self.is_split:
+            self.reaches[units], self.means[units] = reaches, means
         at = self.quad_starts[units][unit] + turn
         self.unit_of[at], self.around[at] = units[unit], around
         self.is_ringed[units] = _same_members(unit, around, len(units), len(self.vertices))
         self.heights_m[at] = np.where(is_curved, heights * quads.sizes, 0.0)
-        self.wholes[at] = quads.total * (scale * steps * steps)[unit]
+        self.steps[at], self.finest[at] = steps, most
+        self.wholes[at] = quads.total * scale[unit]
         self.bulge_m[new] = largest(self.heights_m[at], which[unit], len(new))
-        of_cells = np.bincount(cell, 1 + numbers)
+        of_cells = np.bincount(cell, 1 + np.bincount(unit, most * most, len(units)))
         self.most_samples[new] = np.maximum(largest(of_cells[cell], which, len(new)), 1.0)
-        self._place_samples(at, quads, steps[unit], scale[unit])
+        self._place_samples(at, quads, scale[unit])
 
     def _rings(self, clusters: I64, units: I64) -> tuple[I64, I64, I32, I64]:
         """The quads of units: number, unit, triangle from the unit on, places around it."""
@@ -254,24 +275,47 @@ class SkinTable:
         """One over the spacing of vertices, but for a factor, (skin vertices,)."""
         return closeness(self.mesh.areas_m2)
 
-    def _place_samples(self, at: I64, quads: Quads, steps: I64, scale: F64) -> None:
+    def _place_samples(self, at: I64, quads: Quads, scale: F64) -> None:
+        steps = self.steps[at]
         counts = steps * steps
         self.sample_starts[at] = self._sample_count + np.cumsum(counts) - counts
         self._make_room(self._sample_count + int(counts.sum()))
         curved = self.heights_m[at] > 0.0
-        for number in np.unique(steps[steps > 0]).tolist():
+        parts = quads.places, quads.areas * (scale / counts), quads.bulges * curved
+        self.quads[at] = np.concatenate(parts).T
+        for number in np.unique(steps).tolist():
             mine = np.flatnonzero(steps == number)
-            # Places of the samples in each quad, (1, steps^2).
-            ticks = (np.arange(number) + 0.5) / number
-            s, t = (each.reshape(1, -1) for each in np.meshgrid(ticks, ticks, indexing="ij"))
-            edge, other, inner, inner_2 = quads.places[:, mine, None]
-            one = s * (1.0 - t) * edge + s * t * inner
-            two = (1.0 - s) * t * other + s * t * inner_2
-            to_one, to_two, between = quads.bulges[:, mine, None] * curved[mine, None]
-            height = (1.0 - one - two) * (one * to_one + two * to_two) + one * two * between
-            area, by_s, by_t = quads.areas[:, mine, None] * scale[mine, None]
             places = self.sample_starts[at[mine]][:, None] + np.arange(number * number)
-            self._samples[:, places] = np.stack([one, two, height, area + s * by_s + t * by_t])
+            self._samples[:, places] = self.samples_of(at[mine], number)
+
+    def samples_at(self, quads: I64, number: int) -> F64:
+        """Of :attr:`samples` those of some quads, ``number`` squared of each, (4, k, N).
+
+        What a pose needs more of is made anew.
+        """
+        is_known = self.steps[quads] == number
+        if not is_known.any():
+            return self.samples_of(quads, number)
+        at = self.sample_starts[quads][:, None] + np.arange(number * number)
+        if is_known.all():
+            return self._samples.take(at, axis=1)
+        found = np.empty((4, *at.shape))
+        found[:, is_known] = self._samples.take(at[is_known], axis=1)
+        found[:, ~is_known] = self.samples_of(quads[~is_known], number)
+        return found
+
+    def samples_of(self, quads: I64, number: int) -> F64:
+        """Samples of some quads, ``number`` squared of each, (4, k, N)."""
+        # Places of the samples in each quad, (1, N).
+        ticks = (np.arange(number) + 0.5) / number
+        s, t = (each.reshape(1, -1) for each in np.meshgrid(ticks, ticks, indexing="ij"))
+        edge, other, inner, inner_2, *rest = self.quads[quads].T[:, :, None]
+        area, by_s, by_t, to_one, to_two, between = rest
+        one = s * (1.0 - t) * edge + s * t * inner
+        two = (1.0 - s) * t * other + s * t * inner_2
+        height = (1.0 - one - two) * (one * to_one + two * to_two) + one * two * between
+        fewer = np.square(self.steps[quads] / number)[:, None]
+        return np.stack([one, two, height, (area + s * by_s + t * by_t) * fewer])
 
 
 def _same_members(owners: I64, pairs: I64, count: int, size: int) -> Bool:

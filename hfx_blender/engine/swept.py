@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from .details import Details
 from .motion import Motion
-from .narrow import WHOLE, Inside, sampled, told_by_vertices
+from .narrow import WHOLE, Inside, sampled, steps_of, told_by_vertices
 from .posed_skin import PosedSkin
 from .target import Target, steepest
 from .tolerance import Tolerance
@@ -216,15 +216,18 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
     told = told_by_vertices(posed, slots, target) & told_by_vertices(posed, earlier, target)
     shares = np.where(told, table.unit_shares[unit], table.vertex_shares[unit])
     found = [_entered(posed, path, slots, shares, target)]
-    split = np.flatnonzero((table.steps[unit] > 0) & ~told)
+    split = np.flatnonzero(~told & table.is_split)
     owner, quad = table.quads_of(unit[split])
     slots, pairs = slots[split][owner], pairs[split][owner]
     rings = [posed.corners(each, quad) for each in (pairs - 1, pairs)]
     if drift.steps == 1:
         met = np.flatnonzero(~_stays_outside(posed, rings, slots, target))
-        slots, quad = slots[met], quad[met]
+        slots, quad, pairs = slots[met], quad[met], pairs[met]
         rings = [(one[met], two[met], three[met]) for one, two, three in rings]
-    paths = (sampled(posed, slots, quad, corners, target) for corners in rings)
+    ends = zip((pairs - 1, pairs), rings, strict=True)
+    needed = [steps_of(posed, each, quad, corners, target) for each, corners in ends]
+    steps = np.maximum(*needed)
+    paths = (sampled(posed, slots, quad, corners, steps, target) for corners in rings)
     for start, end in zip(*paths, strict=True):
         rows = posed.rows_of(start.slots)
         path = drift.path(start.points, end.points, rows)

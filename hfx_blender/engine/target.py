@@ -35,6 +35,7 @@ class Target:
     falloff: Falloff
     to_shape: F64  # (n, 3, 3) world to shape space, the linear part
     to_world: F64  # (n, 3, 3) the body's own space to the world, the linear part
+    to_metres: F64  # (n, 3, 3) shape space to the world, the linear part
     amplitude: float  # change of weight within a unit that need not be sampled
 
     @cached_property

@@ -20,12 +20,16 @@ class Tolerance:
     """The error that is acceptable, in space, in time and in strength.
 
     ``spacing_share`` and ``distance_m`` both bound where the edge of a contact may be found:
-    the smaller of the share of the local spacing of vertices and the distance counts. 0 asks
-    for the finest that the engine has; infinity asks for nothing.
+    the smaller of the share of the local spacing of vertices, as they are posed, and the distance,
+    as bones scale it, counts. 0 asks for the finest that the engine has; infinity asks for nothing.
+
+    A weight lies between the exact ones of volumes whose surface is that much farther in and that
+    much farther out, up to ``amplitude``. A contact begins within ``time_s``, a sample, and the
+    time that its approach takes for that distance.
     """
 
     name: str
-    time_s: float  # of the begin and the end of a contact
+    time_s: float  # by which motion that is interpolated may be early or late
     spacing_share: float  # of the distance between neighbouring vertices
     distance_m: float
     amplitude: float  # at an actuator, share of its full scale

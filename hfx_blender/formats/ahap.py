@@ -7,7 +7,9 @@ share of full scale, sharpness 0 to 1 the device's own range of frequencies.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -167,8 +169,10 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     intensity = _control(entries, INTENSITY_CONTROL, 1.0, (0.0, 1.0))
     sharpness = _control(entries, SHARPNESS_CONTROL, 0.0, (-1.0, 1.0))
     pieces, transients = [], []
+    lost: Counter[str] = Counter()
     for entry in entries:
         event = entry.get("Event", {})
+        _count_lost(entry, lost)
         kind, start = event.get("EventType"), float(event.get("Time", 0.0))
         values = {p["ParameterID"]: p["ParameterValue"] for p in event.get("EventParameters", [])}
         level = min(max(float(values.get(INTENSITY, 1.0)), 0.0), 1.0)
@@ -190,7 +194,27 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     title = metadata.get("Description") if isinstance(metadata, dict) else None
     label = title if isinstance(title, str) and title else Path(name).stem
     end = max((each.time_s + _TRANSIENT_S for each in transients), default=0.0)
-    return [mixed(label, pieces, transients, end)], frequencies
+    signal = mixed(label, pieces, transients, end)
+    told = tuple(f"{count} {what}" for what, count in lost.items())
+    return [replace(signal, left_out=told + signal.left_out)], frequencies
+
+
+def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
+    """What of an entry is not played by :func:`decode`."""
+    event = entry.get("Event")
+    if event is not None and event.get("EventType") not in ("HapticTransient", "HapticContinuous"):
+        lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1
+    elif event is not None:
+        for each in event.get("EventParameters", []):
+            value = each["ParameterValue"]
+            if each["ParameterID"] not in (INTENSITY, SHARPNESS):
+                lost[f"parameters {each['ParameterID']} of events"] += 1
+            elif not 0.0 <= value <= 1.0:
+                lost[f"values of {each['ParameterID']} beyond 0 to 1, taken as the nearest"] += 1
+    for key in ("Parameter", "ParameterCurve"):
+        control = entry.get(key, {}).get("ParameterID", INTENSITY_CONTROL)
+        if control not in (INTENSITY_CONTROL, SHARPNESS_CONTROL):
+            lost[f"changes of {control}"] += 1
 
 
 def _range_of(metadata: Any) -> FrequencyRange:

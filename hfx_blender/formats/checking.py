@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 import math
+import mmap
+import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +22,7 @@ from ..errors import InputError
 
 MAX_BYTES: Final = 64 << 20
 MAX_FINDINGS: Final = 1000
+_READ_BYTES: Final = 1 << 20
 _HALF_PAIR: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _SHOWN = 60  # characters of a value that a message repeats
 
@@ -271,14 +274,38 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     """
     try:
         with open(path, "rb") as file:
-            content = file.read(most + 1)
+            parts, size = [], 0
+            # Part by part: asked for all at once, Python takes the most that it could be.
+            while size <= most and (part := file.read(_READ_BYTES)):
+                parts.append(part)
+                size += len(part)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: cannot be read ({error}).") from error
-    if len(content) > most:
+    if size > most:
         raise InputError(f"{path}: is larger than {most >> 20} MiB, the most that is read.")
-    return content
+    return b"".join(parts)
+
+
+def mapped(path: Path) -> bytes:
+    """A file's content of any size, of which only what is looked at is read.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            if not os.fstat(file.fileno()).st_size:
+                return b""
+            found: Any = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            return found  # type: ignore[no-any-return]  # it is sliced as bytes are
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}).") from error
 
 
 def decoding_findings(

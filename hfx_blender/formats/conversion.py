@@ -3,30 +3,37 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Final
 
+from .. import file_limits
 from ..devices.configuration import load_device
-from ..engine.body.model import load_model
+from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.devices import renderers_given
 from ..engine.rendering.raster import Raster
-from ..engine.rendering.render import render
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
-from . import csv_raster, npz_raster
+from ..stage_folders import stage_folder
+from ..stepwise import finish
+from . import csv_raster, npz_raster, raster_rules
 from .curves import CurveTolerance
-from .files import format_of, read_signals
+from .files import format_of, read_signals, validate
 from .hjif import from_actuators
 from .registry import DEVICE_FORMATS, TRACK_FORMATS, DeviceFormat, TrackFormat, write
 from .signal_raster import raster_of
 from .signals import DEFAULT_TOLERANCE, distinct
+from .wav import SIDECAR_SUFFIX
+from .wav import SUFFIX as WAV_SUFFIX
 from .written import Written, beside
+
+_READ_AGAIN: Final = 64 << 20  # bytes
+_BY_ROWS: Final = (csv_raster.SUFFIX, npz_raster.SUFFIX, WAV_SUFFIX)
 
 
 def convert(
@@ -67,15 +74,20 @@ def convert(
     UsageError
         The formats cannot be converted into each other, or an option is missing.
     InputError
-        The source cannot be read, or the target cannot hold what is asked.
+        The source cannot be read, asks for too much (``file_limits``), or the target cannot
+        hold what is asked: nothing is written that ``validate`` would not pass.
     OutputError
         A file cannot be written.
+    ScriptError
+        The device's script may not run, or has failed.
     """
     kind, stem = _target(target, to)
     with _staging(target.parent) as stage:
         written = _converted(source, kind, stage / stem, device, body, tolerance)
         if strict and written.left_out:
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
+        for path in written.files:
+            _refuse_invalid(source, path, target.parent / path.name)
         for path in written.files:
             if (target.parent / path.name).is_dir():
                 raise OutputError(f"{target.parent / path.name}: there is a folder of that name.")
@@ -114,12 +126,16 @@ def _converted(
         with TrackReader(source) as track:
             if kind in TRACK_FORMATS:
                 devices = (load_device(device),) if device else ()
+                if kind == "hjif":
+                    _refuse_long(track, None)
                 return TRACK_FORMATS[kind].write(track, devices, stem, tolerance)
             found = _device(device, kind)
-            raster = render(
-                track.header, track.runs(), found, load_model, body_id=_body_id(track, body)
-            )
-        return write(kind, raster, found, stem, tolerance)
+            _refuse_long(track, found)
+            given = renderers_given(track, (found,), [_body_id(track, body)])
+            rendered = finish(rendering(track, given)).complete()
+        ((_, raster),) = rendered.played
+        raster_rules.refuse(raster, str(source))
+        return write(kind, raster, found, stem, tolerance) + Written(notes=rendered.notes)
     is_raster = format_of(source).name in ("npz", "csv")
     if kind in TRACK_FORMATS and kind != "hjif":
         raise UsageError(f"{source}: only a track can be converted to {kind}")
@@ -136,16 +152,58 @@ def _converted(
     if write_signals is None or device is not None:
         found_device = _device(device, kind)
     signals, frequencies = read_signals(source)
+    told = tuple(note for each in signals for note in each.left_out)
     if all(each.is_silent for each in signals):
         raise InputError(f"{source}: holds no vibration.")
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
         write_raster = from_actuators.write if kind == "hjif" else partial(write, kind)
+        if found_device.script is not None:
+            notes += (
+                f"the script of device '{found_device.id}' did not run: {source.name} holds "
+                "what to play, not what is felt",
+            )
         written = write_raster(raster, found_device, stem, tolerance)
-        return written + Written((), left_out, notes)
+        return written + Written((), told + left_out, notes)
     assert write_signals is not None
     written = write_signals(distinct(signals), frequencies, stem, tolerance)
+    written += Written((), told)
     return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written
+
+
+def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
+    """Refuse to give a file its name that our own validation would not pass.
+
+    Tables and sound are as large as their time: beyond ``_READ_AGAIN`` bytes the rules of their
+    rows, kept before they are written, must do, and that they are no larger than what is read.
+    """
+    if made.name.endswith(SIDECAR_SUFFIX):
+        return
+    size = made.stat().st_size
+    if not made.name.endswith(WAV_SUFFIX):  # of which only the head is read
+        file_limits.MEMORY.check(size, str(final), "it would have")
+    if size > _READ_AGAIN and made.name.endswith(_BY_ROWS):
+        return
+    _, findings = validate(made)
+    errors = [each for each in findings if each.severity == "error"]
+    if errors:
+        place = f"{errors[0].place}: " if errors[0].place else ""
+        raise InputError(
+            f"{source}: cannot be converted to {final.name}, which would not be valid: "
+            f"{place}{errors[0].message} [{errors[0].code}]."
+        )
+
+
+def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
+    """Refuse a track whose time base asks for too many values, before any is made."""
+    time, name = track.header.time, str(track.path)
+    file_limits.SECONDS.check(time.sample_count / float(time.rate_hz), name, "its samples last")
+    # A time beside what each actuator is given; what HJIF has of one effect at a time.
+    columns = 6 if device is None else sum(len(each.type.controls) for each in device.actuators)
+    rows_bytes = 8.0 * time.sample_count * (columns + 1)
+    whom = "" if device is None else f" for '{device.id}'"
+    asks = f"'sample_count' is {time.sample_count:,}: values{whom} would take"
+    file_limits.MEMORY.check(rows_bytes, name, asks)
 
 
 def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
@@ -191,15 +249,16 @@ def _raster(source: Path, device: DeviceConfig) -> Raster:
 @contextmanager
 def _staging(folder: Path) -> Iterator[Path]:
     """A folder beside the result, gone afterwards."""
+    made = ExitStack()
     try:
-        stage = Path(tempfile.mkdtemp(prefix=".hfx.", suffix=".tmp", dir=folder))
+        stage = made.enter_context(stage_folder(folder, "hfx"))
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written to ({error.strerror}).") from error
     try:
-        yield stage
+        with made:
+            yield stage
     except OutputError as error:  # the user knows the file by its final name
         raise OutputError(str(error).replace(str(stage), str(folder))) from error
     except OSError as error:
-        raise OutputError(f"{error.filename or folder}: {error.strerror}.") from error
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        path = str(error.filename or folder).replace(str(stage), str(folder))
+        raise OutputError(f"{path}: {error.strerror}.") from error

@@ -10,7 +10,7 @@ from typing import Any, Final
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
 from . import csv_raster, glb, jsonl_samples, npz_raster, wav_reader
-from .checking import read_bytes
+from .checking import mapped, read_bytes, refuse_errors
 from .files import FileFormat, format_of, validate
 from .hjif import reader as hjif_reader
 from .hjif.body_parts import described
@@ -24,19 +24,17 @@ def facts_of(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        It is of no known format, or cannot be read.
+        It is of no known format, cannot be read, or has errors.
     """
     kind, findings = validate(path)
-    errors = [each for each in findings if each.severity == "error"]
+    refuse_errors(findings, str(path))
     facts: dict[str, Any] = {
         "file": str(path),
         "format": kind.title,
         "bytes": path.stat().st_size,
-        "valid": "no, see hfx validate" if errors else "yes",
+        "valid": "yes",
     }
-    if not errors:
-        facts |= _TELLERS.get(kind.name, _signals)(path, kind)
-    return facts
+    return facts | _TELLERS.get(kind.name, _signals)(path, kind)
 
 
 def is_known(path: Path) -> bool:
@@ -49,7 +47,6 @@ def is_known(path: Path) -> bool:
 
 
 def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
-    assert kind.signals is not None
     signals, frequencies = kind.signals(read_bytes(path), str(path))
     return {
         "lowest_hz": frequencies.lowest_hz,
@@ -115,7 +112,7 @@ def _csv(path: Path, kind: FileFormat) -> dict[str, Any]:
 
 
 def _wav(path: Path, kind: FileFormat) -> dict[str, Any]:
-    form, _ = wav_reader.inspect(read_bytes(path, _MOST_BYTES))
+    form, _ = wav_reader.inspect(mapped(path))
     assert form is not None
     return {
         "channels": form.channels,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from .. import file_limits
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError
@@ -27,7 +28,7 @@ from . import (
     tact_rules,
     wav_reader,
 )
-from .checking import Finding, read_bytes
+from .checking import Finding, mapped, read_bytes
 from .hjif import rules, to_signals
 from .signals import FrequencyRange, Signal
 
@@ -44,7 +45,27 @@ class FileFormat:
     name: str
     title: str
     validate: Callable[[bytes, str], list[Finding]]
-    signals: Decoder | None = None  # None: it does not hold vibration as envelopes
+    decode: Decoder | None = None  # None: it does not hold vibration as envelopes
+
+    @property
+    def has_signals(self) -> bool:
+        """Whether it holds vibration as envelopes."""
+        return self.decode is not None
+
+    def signals(self, content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
+        """The vibration of a file, within the limits of what a file may ask for.
+
+        Raises
+        ------
+        InputError
+            It cannot be read, has errors, asks for too much, or is of a format without envelopes.
+        """
+        if self.decode is None:
+            raise InputError(f"{name}: {self.title} holds no vibration envelopes.")
+        signals, frequencies = self.decode(content, name)
+        lasts_s = max((each.duration_s for each in signals), default=0.0)
+        file_limits.SECONDS.check(lasts_s, name, "its envelopes last")
+        return signals, frequencies
 
 
 FILE_FORMATS: Final[dict[str, FileFormat]] = {
@@ -124,12 +145,21 @@ def validate(path: Path) -> tuple[FileFormat, list[Finding]]:
     if path.name.endswith(TRACK_SUFFIX):
         return _TRACK, _track_findings(path)
     found = format_of(path)
-    content = read_bytes(path, _MOST_BYTES)
+    content = mapped(path) if found.name == "wav" else read_bytes(path, _MOST_BYTES)
+    prefix = found.name.upper()
     try:
-        return found, found.validate(content, str(path))
+        findings = found.validate(content, str(path))
+        if found.has_signals and not any(each.severity == "error" for each in findings):
+            found.signals(content, str(path))  # what is valid can be read
+        return found, findings
+    except file_limits.TooLargeError as error:
+        return found, [Finding(f"{prefix}-LARGE", "", _message(error, path))]
     except InputError as error:
-        message = str(error).removeprefix(f"{path}: ").rstrip(".")
-        return found, [Finding(f"{found.name.upper()}-UNREADABLE", "", message)]
+        return found, [Finding(f"{prefix}-UNREADABLE", "", _message(error, path))]
+
+
+def _message(error: InputError, path: Path) -> str:
+    return str(error).removeprefix(f"{path}: ").rstrip(".")
 
 
 def _track_findings(path: Path) -> list[Finding]:
@@ -141,8 +171,7 @@ def _track_findings(path: Path) -> list[Finding]:
             for _ in track.runs():
                 pass
     except InputError as error:
-        message = str(error).removeprefix(f"{path}: ").rstrip(".")
-        return [Finding("TRACK-CONTENT", "", message)]
+        return [Finding("TRACK-CONTENT", "", _message(error, path))]
     return []
 
 
@@ -154,7 +183,4 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read, has errors, or is of a format without envelopes.
     """
-    found = format_of(path)
-    if found.signals is None:
-        raise InputError(f"{path}: {found.title} holds no vibration envelopes.")
-    return found.signals(read_bytes(path), str(path))
+    return format_of(path).signals(read_bytes(path), str(path))

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import io
 import json
+import math
+import struct
 import tokenize
 import zipfile
 import zlib
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
@@ -18,10 +21,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from .. import file_limits
 from ..atomic_files import atomic_file
 from ..engine.rendering.raster import Column, Felt, Raster, Shortfall
 from ..engine.samples import Stream
 from ..errors import InputError
+from . import raster_rules
 from .checking import (
     MAX_BYTES,
     Anything,
@@ -40,8 +45,10 @@ from .checking import (
 
 SUFFIX: Final = ".raster.npz"
 FORMAT: Final = "hfx-raster"
-MAX_ARRAY_BYTES: Final = 4 << 30
-"""All arrays together: a day at 100 Hz of 60 columns."""
+_MOST_ENTRIES: Final = 10_000
+_BLOCK_BYTES: Final = 1 << 20
+_META: Final = 64 << 20
+_HEAD_BYTES: Final = 1 << 12  # of an array, in which its shape is
 
 _TEXT = Text()
 _DOCUMENT = Record(
@@ -82,7 +89,13 @@ _DAMAGE: Final = (
     IndexError,
     RuntimeError,
     NotImplementedError,
-    tokenize.TokenError,  # numpy takes an array's header apart with it
+    struct.error,
+    # numpy takes an array's header apart as Python text
+    SyntaxError,
+    TypeError,
+    MemoryError,
+    RecursionError,
+    tokenize.TokenError,
     zipfile.BadZipFile,
     zlib.error,
 )
@@ -142,29 +155,41 @@ def read(path: Path) -> Raster:
 
 
 def decode(content: bytes, name: str) -> Raster:
-    """:func:`read` from bytes."""
+    """:func:`read` from bytes. Shapes are compared before an array is unpacked."""
     try:
-        arrays = _arrays(content)
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return _decoded(archive, len(content), name)
     except _DAMAGE as error:
         raise InputError(f"{name}: not a raster archive, or damaged ({error}).") from error
-    if "meta" not in arrays or arrays["meta"].dtype != np.uint8:
+
+
+def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
+    entries = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
+    if len(archive.infolist()) > _MOST_ENTRIES or len(entries) != len(archive.infolist()):
+        raise InputError(f"{name}: not a raster archive: it has too many entries, or one twice.")
+    file_limits.check_unpacked(sum(each.file_size for each in entries.values()), packed_bytes, name)
+    heads = {key: _head(archive, each) for key, each in entries.items()}
+    if "meta" not in heads or heads["meta"].kind != np.uint8 or entries["meta"].file_size > _META:
         raise InputError(f"{name}: not a raster archive: it has no 'meta'.")
-    meta = parse(arrays["meta"].tobytes(), name)
+    meta = parse(_array(archive, entries["meta"], heads["meta"]).tobytes(), name)
     report = Report("NPZ")
     check(_DOCUMENT, meta, report)
     refuse_errors(report.findings, name)
-    expected = {
-        "times_s": (len(arrays.get("times_s", ())),),
-        "values": (len(arrays.get("times_s", ())), len(meta["columns"])),
-        "neutral": (len(meta["columns"]),),
-    }
-    for each, shape in expected.items():
-        found = arrays.get(each)
-        if found is None or found.dtype != np.float64 or found.shape != shape:
-            raise InputError(f"{name}: '{each}' is not float64 of the shape {shape}.")
-        if not np.isfinite(found).all():
-            raise InputError(f"{name}: '{each}' has numbers that are not finite.")
-    return Raster(
+    rows = heads["times_s"].shape[:1] if "times_s" in heads else (0,)
+    columns = (len(meta["columns"]),)
+    shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
+    for key, shape in shapes.items():
+        head = heads.get(key)
+        if head is None or head.kind != np.float64 or head.shape != shape or not rows:
+            raise InputError(f"{name}: '{key}' is not float64 of the shape {shape}.")
+    for k in range(len(meta["felt"])):
+        first = heads.get(f"felt.{k}.indices")
+        for each, kind in _FELT.items():
+            head = heads.get(f"felt.{k}.{each}")
+            if head is None or first is None or head.kind != kind or head.shape != first.shape:
+                raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
+    arrays = {key: _array(archive, each, heads[key]) for key, each in entries.items()}
+    raster = Raster(
         device_id=meta["device"],
         body_id=meta["body"],
         actuators=tuple(meta["actuators"]),
@@ -174,44 +199,55 @@ def decode(content: bytes, name: str) -> Raster:
         values=arrays["values"],
         neutral=arrays["neutral"],
         shortfalls=tuple(Shortfall(**each) for each in meta["shortfalls"]),
-        felt=tuple(_felt(arrays, k, Stream(*each), name) for k, each in enumerate(meta["felt"])),
+        felt=tuple(
+            Felt(Stream(*each), *(arrays[f"felt.{k}.{key}"] for key in _FELT))  # type: ignore[arg-type]
+            for k, each in enumerate(meta["felt"])
+        ),
     )
+    raster_rules.refuse(raster, name)
+    return raster
 
 
-def _felt(arrays: dict[str, npt.NDArray[Any]], k: int, stream: Stream, name: str) -> Felt:
-    columns = [arrays.get(f"felt.{k}.{each}") for each in _FELT]
-    for column, kind in zip(columns, _FELT.values(), strict=True):
-        first = columns[0]
-        if column is None or first is None or column.dtype != kind or column.shape != first.shape:
-            raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
-    return Felt(stream, *columns)  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class _Head:
+    """Shape, kind and place of an array, without its numbers."""
+
+    shape: tuple[int, ...]
+    kind: np.dtype[Any]
+    begin: int  # bytes before its first number
 
 
-def _arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
-    """All arrays; a small file that would unpack to a huge one is refused before it does."""
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-        if size > MAX_ARRAY_BYTES or size > 2048 * len(content) + (1 << 20):
-            raise ValueError(f"its arrays would be {size} bytes")
-        found = {}
-        for entry in archive.infolist():
-            with archive.open(entry) as file:
-                found[entry.filename.removesuffix(".npy")] = _array(file.read(), entry.file_size)
-    return found
-
-
-def _array(content: bytes, size: int) -> npt.NDArray[Any]:
-    file = io.BytesIO(content)
+def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
+    """The head of an array whose size is what the head says."""
+    with archive.open(entry) as packed:
+        file = io.BytesIO(packed.read(_HEAD_BYTES))
     version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
     if version != (1, 0):
         raise ValueError("an array of an unknown version")
     header = np.lib.format.read_array_header_1_0(file)  # type: ignore[no-untyped-call]
     shape, is_fortran, kind = header
-    if kind.hasobject or is_fortran or kind.itemsize == 0:
+    if kind.hasobject or is_fortran or kind.itemsize == 0 or kind.fields or kind.subdtype:
         raise ValueError("an array of an unknown kind")
-    count = 1
-    for each in shape:
-        count *= each
-    if count < 0 or count * kind.itemsize != size - file.tell():
+    if any(type(each) is not int or each < 0 for each in shape):
+        raise ValueError("an array of an unknown shape")
+    if math.prod(shape) * kind.itemsize != entry.file_size - file.tell():
         raise ValueError("an array of the wrong size")
-    return np.frombuffer(content, kind, offset=file.tell()).reshape(shape).copy()
+    return _Head(shape, kind, file.tell())
+
+
+def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, head: _Head) -> npt.NDArray[Any]:
+    """An array, unpacked straight into its place: its numbers are in memory once."""
+    found = np.zeros(head.shape, head.kind)
+    place: Any = found.reshape(-1).view(np.uint8)
+    with archive.open(entry) as packed:
+        packed.read(head.begin)
+        at = 0
+        while at < len(place):
+            part = packed.read(min(_BLOCK_BYTES, len(place) - at))
+            if not part:
+                raise EOFError("an array ends early")
+            place[at : at + len(part)] = np.frombuffer(part, np.uint8)
+            at += len(part)
+        if packed.read(1):  # the end is read, where the sum is checked
+            raise ValueError("an array of the wrong size")
+    return found

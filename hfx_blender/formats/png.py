@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from .. import file_limits
 from ..atomic_files import atomic_file
 from ..errors import InputError
 
@@ -24,7 +25,7 @@ U8 = npt.NDArray[np.uint8]
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _CHANNELS: Final = {0: 1, 2: 3, 4: 2, 6: 4}  # of the colour types that are read
-MAX_PIXELS: Final = 1 << 28
+_LONGEST: Final = 1 << 15  # pixels of an edge
 
 
 def write(values: Grey, path: Path) -> None:
@@ -70,12 +71,15 @@ def read(path: Path) -> tuple[Grey, bool]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from error
     try:
-        return _decoded(content)
+        return decode(content, str(path))
+    except InputError:
+        raise
     except (ValueError, struct.error, zlib.error) as error:
         raise InputError(f"{path}: is not a PNG picture that can be read ({error}).") from error
 
 
-def _decoded(content: bytes) -> tuple[Grey, bool]:
+def decode(content: bytes, name: str) -> tuple[Grey, bool]:
+    """:func:`read` from bytes; ``ValueError`` and its like stand for a damaged one."""
     if not content.startswith(_SIGNATURE):
         raise ValueError("no PNG signature")
     chunks = list(_chunks(content))
@@ -88,9 +92,12 @@ def _decoded(content: bytes) -> tuple[Grey, bool]:
         raise ValueError(f"{depth} bits of colour type {colour}; read are 8 and 16, no palette")
     if packing or filtering or interlace:
         raise ValueError("an interlaced or unknown packing")
-    if not 0 < rows * columns <= MAX_PIXELS:
-        raise ValueError(f"{columns} x {rows} pixels")
+    if not (0 < rows <= _LONGEST and 0 < columns <= _LONGEST):
+        raise ValueError(f"{columns} x {rows} pixels, allowed are edges of 1 to {_LONGEST}")
+    file_limits.PIXELS.check(rows * columns, name, f"{columns} x {rows} are")
     unit = _CHANNELS[colour] * depth // 8
+    most_bytes = 5.0 * rows * columns * unit  # packed rows, and rows, and sums in 16 bits
+    file_limits.MEMORY.check(most_bytes, name, "its rows would take")
     size = rows * (columns * unit + 1)
     unpacker = zlib.decompressobj()
     packed = b"".join(data for name, data in chunks if name == b"IDAT")

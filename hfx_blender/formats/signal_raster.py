@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from .. import file_limits
 from ..engine.rendering.device import Actuator, DeviceConfig
 from ..engine.rendering.raster import Column, Raster
 from ..errors import InputError
@@ -21,7 +22,6 @@ F64 = npt.NDArray[np.float64]
 RATE_HZ: Final = 500
 TICK_S: Final = 0.022
 """A tick is a burst that fades over this time, as long as those of HJIF's reference software."""
-_MOST_VALUES: Final = 50_000_000
 
 
 def raster_of(
@@ -60,8 +60,8 @@ def raster_of(
         max([each.duration_s, *(tick.time_s + TICK_S for tick in each.transients)])
         for each in signals
     )
-    if lasts_s * RATE_HZ * len(columns) > _MOST_VALUES:
-        raise InputError(f"{name}: lasts {lasts_s:.0f} s, which is too long to be converted.")
+    values_bytes = 8.0 * lasts_s * RATE_HZ * (len(columns) + 1)
+    file_limits.MEMORY.check(values_bytes, name, f"values for '{device.id}' would take")
     times = np.arange(max(ceil(lasts_s * RATE_HZ - 1e-6), 1)) / RATE_HZ
     neutral = np.array([control.neutral for _, control in columns])
     values = np.tile(neutral, (len(times), 1))

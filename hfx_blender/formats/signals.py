@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from .. import file_limits
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.limits import limited
 from ..engine.rendering.raster import Raster
@@ -45,6 +46,7 @@ class Signal:
     amplitude: Curve  # 0..1; its last keyframe is the end
     frequency_hz: Curve
     transients: tuple[Transient, ...] = ()
+    left_out: tuple[str, ...] = ()  # what its file holds and this does not, one sentence each
 
     @property
     def duration_s(self) -> float:
@@ -222,10 +224,6 @@ class Piece:
     frequency_hz: Curve
 
 
-_MOST_OVERLAP: Final = 20_000_000
-"""Keyframes of pieces that sound together, over all pieces: what one file may ask for."""
-
-
 def mixed(
     name: str, pieces: Sequence[Piece], transients: Iterable[Transient] = (), end_s: float = 0.0
 ) -> Signal:
@@ -233,7 +231,7 @@ def mixed(
 
     Raises
     ------
-    InputError
+    TooLargeError
         So many pieces overlap that it is not the file of a sane tool.
     """
     kept = [each for each in pieces if each.end_s > each.start_s]
@@ -246,8 +244,8 @@ def mixed(
             edges.append(curve.times_s[inside])
     times = np.unique(np.concatenate(edges))
     spans = [np.searchsorted(times, (each.start_s, each.end_s)).tolist() for each in kept]
-    if sum(last - first for first, last in spans) > _MOST_OVERLAP:
-        raise InputError(f"'{name}': too many of its events sound at the same time.")
+    together = sum(last - first for first, last in spans)
+    file_limits.OVERLAP.check(together, f"'{name}'", "what sounds at the same time has")
     sums, pitch = np.zeros((2, 2, len(times)))  # just before, and from each time on
     best = np.full((2, len(times)), -1.0)  # where a piece begins, it is silent but has a pitch
     for each, (first, last) in zip(kept, spans, strict=True):
@@ -259,9 +257,12 @@ def mixed(
             sums[side, part] += value
             best[side, part] = np.where(stronger, value, best[side, part])
             pitch[side, part] = np.where(stronger, hertz, pitch[side, part])
+    left_out: tuple[str, ...] = ()
+    if sums.max(initial=0.0) > 1.0 + 1e-9:
+        left_out = (f"'{name}': what sounds together adds up to more than full scale: cut to it",)
     sums = np.clip(sums, 0.0, 1.0)
     pitch = _carried(pitch)
-    return Signal(name, _stepped(times, sums), _stepped(times, pitch), tuple(transients))
+    return Signal(name, _stepped(times, sums), _stepped(times, pitch), tuple(transients), left_out)
 
 
 def _carried(pitch: F64) -> F64:

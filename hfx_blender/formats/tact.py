@@ -7,7 +7,9 @@ are constant between switches; there is no frequency.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from .. import file_limits
 from .checking import clean, parse, read_bytes, refuse_errors
 from .curves import Curve
 from .signals import FrequencyRange, Piece, Signal, mixed
@@ -62,6 +65,8 @@ def document(
     layout = LAYOUTS[kind]
     end_s = max((each.duration_s for each in signals), default=0.0)
     steps = max(1, int(np.ceil(end_s * 1000.0 / INTERVAL_MS - 1e-6)))
+    most_bytes = 3.0 * 8.0 * steps * len(layout.positions) * MAX_DOTS  # strengths, in three steps
+    file_limits.MEMORY.check(most_bytes, name, "strengths every 20 ms would take")
     places = {
         (position, index): k * MAX_DOTS + index
         for k, position in enumerate(layout.positions)
@@ -187,12 +192,16 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     found = parse(content, name)
     refuse_errors(findings(found), name)
     pieces: dict[tuple[str, int], list[Piece]] = {}
+    lost: Counter[str] = Counter()
     for track in found["project"]["tracks"]:
         if not track.get("enable", True):
+            lost["tracks that are switched off"] += 1
             continue
         for effect in track["effects"]:
             for position, mode in effect["modes"].items():
                 dots = found["project"]["layout"]["layouts"][position]
+                if mode["mode"] == "PATH_MODE":
+                    _count_lost(mode, dots, lost)
                 played = (
                     _dot_pieces(effect, mode)
                     if mode["mode"] == "DOT_MODE"
@@ -205,7 +214,24 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         mixed(f"{position} {index}", each, (), end_s)
         for (position, index), each in sorted(pieces.items())
     ]
+    if signals and lost:
+        told = tuple(f"{count} {what}" for what, count in lost.items())
+        signals[0] = replace(signals[0], left_out=told + signals[0].left_out)
     return signals, DEFAULT_RANGE
+
+
+def _count_lost(mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]) -> None:
+    """What of a path cannot be played as it is meant."""
+    for feedback in mode["pathMode"]["feedback"]:
+        if not feedback["pointList"]:
+            lost["paths without points, which are silent"] += 1
+        elif not dots:
+            lost["paths at a position whose layout has no dots"] += 1
+        else:
+            if len(feedback["pointList"]) > 1:
+                lost["moving points, which jump from dot to dot"] += 1
+            if feedback["playbackType"] != "NONE":
+                lost["fades of paths"] += 1
 
 
 _FADES: Final = {
@@ -236,11 +262,13 @@ def _path_pieces(
     effect: dict[str, Any], mode: dict[str, Any], dots: list[dict[str, Any]]
 ) -> Iterator[tuple[int, Piece]]:
     if not dots:
-        return
+        return  # a warning of the rules; decode counts it
     places = np.array([[float(dot["x"]), float(dot["y"])] for dot in dots])
     begin = effect["startTime"]
     for feedback in mode["pathMode"]["feedback"]:
         points = feedback["pointList"]
+        if not points:
+            continue  # silence, as players take it; decode counts it
         ends = [point["time"] for point in points[1:]] + [effect["offsetTime"]]
         for point, end in zip(points, ends, strict=True):
             off = places - (float(point["x"]), float(point["y"]))

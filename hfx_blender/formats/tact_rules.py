@@ -149,6 +149,10 @@ def findings(found: Any) -> list[Finding]:
                     message = f"the layout has no position '{position[:40]}'"
                     report.error("POSITION", here, message)
                     continue
+                if mode["mode"] == "PATH_MODE":
+                    paths = mode["pathMode"]["feedback"]
+                    if any(not each["pointList"] for each in paths):
+                        report.warn("PATH-EMPTY", here, "a path has no points: it is silent")
                 known = {dot["index"] for dot in layouts[position]}
                 for feedback in mode["dotMode"]["feedback"]:
                     if feedback["endTime"] < feedback["startTime"]:

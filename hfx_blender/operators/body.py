@@ -9,6 +9,7 @@ from bpy.props import CollectionProperty, EnumProperty, IntProperty
 from ..authoring import effects
 from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES
+from ..printable import printable
 from .shared import HfxOperator, active_armature, active_body, select_only
 
 _shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the strings itself
@@ -87,7 +88,7 @@ def _add(
     from ..avatars import bodies
 
     for warning in bodies.add_body(body, avatar, parts=parts):
-        operator.report({"WARNING"}, f"{body.name}: {warning}")
+        operator.report({"WARNING"}, printable(f"{body.name}: {warning}"))
     meshes = [f"'{mesh.name}'" for mesh in avatar_meshes.meshes_of(body)]
     shown = f", shown by {' and '.join(meshes)}" if meshes else ""
     return f"'{body.name}' is a haptic body{shown}"

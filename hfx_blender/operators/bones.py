@@ -9,6 +9,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..errors import InputError
+from ..printable import printable
 from .shared import HfxOperator, active_armature
 
 
@@ -106,7 +107,7 @@ class HFX_OT_load_bones(_FileOperator):
         from ..avatars import bone_table
 
         for warning in bone_table.load(armature, self._path()):
-            self.report({"WARNING"}, warning)
+            self.report({"WARNING"}, printable(warning))
         count = sum(1 for row in armature.hfx.bone_map if row.bone)
         return f"{count} bones loaded"
 

@@ -10,6 +10,7 @@ from bpy.app.handlers import persistent
 
 from ..authoring import effect_assets
 from ..errors import HfxError
+from ..printable import printable
 from .shared import HfxOperator, select_only
 
 
@@ -35,7 +36,7 @@ class HFX_OT_place_dropped(HfxOperator):
                 faults.append(str(error))
         if faults:
             # Not as an error: what was dropped is gone, which has to be an undo step.
-            self.report({"WARNING"}, "; ".join(faults))
+            self.report({"WARNING"}, printable("; ".join(faults)))
             return ""
         select_only(context, made[0])
         for effect in made[1:]:

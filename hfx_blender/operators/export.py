@@ -14,6 +14,7 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..authoring import effects
 from ..errors import InputError
+from ..printable import printable
 from ..stepwise import finish
 from .shared import HfxOperator
 
@@ -205,7 +206,7 @@ class HFX_OT_export(HfxOperator, ExportHelper):
 
     def _told(self, report: ExportReport) -> str:
         for warning in report.warnings:
-            self.report({"WARNING"}, warning)
+            self.report({"WARNING"}, printable(warning))
         names = [each.name for each in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         return f"Wrote {', '.join(names[:_NAMED])}{more} to {report.files[0].parent}"

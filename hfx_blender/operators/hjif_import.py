@@ -11,6 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..authoring import effects
 from ..errors import InputError
+from ..printable import printable
 from .shared import HfxOperator, active_body
 
 
@@ -38,7 +39,7 @@ class HFX_OT_import_hjif(HfxOperator, ImportHelper):
         frame = float(context.scene.frame_current)
         made, left_out = hjif_import.import_hjif(context.scene, Path(self.filepath), body, frame)
         for each in left_out:
-            self.report({"WARNING"}, f"Left out {each}")
+            self.report({"WARNING"}, printable(f"Left out {each}"))
         if not made:
             raise InputError(f"{self.filepath}: has nothing that an effect could be.")
         return f"Added {len(made)} effects"

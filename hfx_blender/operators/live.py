@@ -250,7 +250,37 @@ class HFX_OT_live_approve(_OfDevice):
             raise InputError(f"{found.path}: has changed just now; look at it again.")
         approval.approve(found)
         live.unapproved.discard(self.name)
+        if not approval.is_shipped(found.path):
+            live.approved[self.name] = found.fingerprint
         return f"{found.path.name} approved"
+
+
+class HFX_OT_live_revoke(_LiveOperator):
+    """Withdraw the approval of a device's script; where it plays it is stopped at once"""
+
+    bl_idname = "hfx.live_revoke"
+    bl_label = "Withdraw Approval"
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    fingerprint: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ..devices.live import approval
+
+        if self.fingerprint:  # of the list in the preferences: its files may be gone
+            live.withdraw({self.fingerprint})
+            approval.revoke_fingerprint(self.fingerprint)
+            return "Approval withdrawn"
+        running = live.approved.get(self.name)  # the files may have changed since
+        live.withdraw(set() if running is None else {running})
+        found = approval.script_of(self.name, resources.user_devices())
+        if found is not None:
+            approval.revoke(found)
+        if running is not None and running in approval.approved():
+            approval.revoke_fingerprint(running)
+        if found is None and running is None:
+            raise InputError(f"Device '{self.name}' brings no script.")
+        return f"{self.name}: approval withdrawn"
 
 
 _classes, _unregister_classes = bpy.utils.register_classes_factory(
@@ -264,6 +294,7 @@ _classes, _unregister_classes = bpy.utils.register_classes_factory(
         HFX_OT_live_stop_all,
         HFX_OT_live_pulse,
         HFX_OT_live_approve,
+        HFX_OT_live_revoke,
     )
 )
 

@@ -13,6 +13,7 @@ from .. import resources
 from ..errors import HfxError, InputError
 from ..playback import live_settings
 from ..playback.live import live
+from ..printable import printable
 from .shared import HfxOperator
 
 if TYPE_CHECKING:
@@ -40,7 +41,9 @@ class HFX_OT_live_find(HfxOperator):
         ports = _look()
         if not _found:
             there = ", ".join(ports) or "none"
-            self.report({"WARNING"}, f"No device was found that we know. Serial ports: {there}.")
+            self.report(
+                {"WARNING"}, printable(f"No device was found that we know. Serial ports: {there}.")
+            )
             return {"CANCELLED"}
         context.window_manager.invoke_search_popup(self)
         return {"RUNNING_MODAL"}

@@ -10,6 +10,7 @@ import bpy
 
 from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError
+from ..printable import printable
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
 """What the extension brings as wheels; its small zip brings none of them."""
@@ -53,7 +54,7 @@ class HfxOperator(bpy.types.Operator):
             )
             return {"CANCELLED"}
         if message:
-            self.report({"INFO"}, message)
+            self.report({"INFO"}, printable(message))
         return {"FINISHED"}
 
     @classmethod

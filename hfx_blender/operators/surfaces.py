@@ -11,6 +11,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from .. import file_suffixes
 from ..authoring import surfaces
 from ..errors import InputError
+from ..printable import printable
 from ..surface_properties import IMAGE_KINDS, SOURCES
 from .shared import HfxOperator
 
@@ -24,7 +25,8 @@ def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
     """Make an object's maps; what is noted, and what is wrong with them as a warning."""
     note = surfaces.make(obj)
     if obj.hfx.surface.warning:
-        operator.report({"WARNING"}, f"'{obj.name}': {obj.hfx.surface.warning}.")
+        text = f"'{obj.name}': {obj.hfx.surface.warning}."
+        operator.report({"WARNING"}, printable(text))
     return note
 
 

@@ -19,7 +19,7 @@ from ..engine.samples import SampleRun
 from ..errors import HfxError
 from ..reading.live_scene import LiveScene
 from .actuator_places import ActuatorPlaces, places_of
-from .over_time import OverTime, devices_of
+from .over_time import OverTime, devices_of, notes_of
 from .skin_now import Skins
 
 F64 = npt.NDArray[np.float64]
@@ -115,6 +115,7 @@ class ActuatorGlow:
             if mine:
                 self._worn += mine
                 self._wearers.append(_Wearer(body, mine))
+        self.notes = notes_of([each.device for each in self._worn])
         self._known: tuple[OverTime | None, F32 | None] = None, None
 
     def recorded(self, recorded: OverTime, index: int) -> F32:

@@ -10,10 +10,12 @@ until a device is connected.
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import bpy
+import numpy as np
 
 from .. import resources
 from . import live_listening, live_settings, live_targets
@@ -48,10 +50,13 @@ class Live:
         self._generation = -1  # of the evaluation that devices are told moments of
         self._is_described = False
         self._changed_s = 0.0
+        self._time_s = 0.0  # of the scene, when devices were told last
+        self._muted: set[str] = set()  # then
         self._is_held = False
         self._ahead: Ahead | None = None
         self.fault = ""
         self.unapproved: set[str] = set()  # devices whose scripts are to be approved first
+        self.approved: dict[str, str] = {}  # fingerprints of the user's own scripts, by device
 
     @property
     def states(self) -> dict[str, DeviceState]:
@@ -100,6 +105,7 @@ class Live:
         DeviceError
             It is not there, or the output process cannot be started.
         """
+        from ..devices.live.approval import is_shipped
         from ..devices.live.client import LiveClient
         from ..devices.live.playhead import latencies_ms
 
@@ -107,7 +113,11 @@ class Live:
             device, script = live_targets.named(name)
         except live_targets.UnapprovedScriptError:
             self.unapproved.add(name)
+            self.approved.pop(name, None)
             raise
+        self.approved.pop(name, None)
+        if script is not None and not is_shipped(script.path):
+            self.approved[name] = script.fingerprint
         target = live_targets.target_of(device, settings)
         if self._client is None:
             self._client = LiveClient()
@@ -135,6 +145,14 @@ class Live:
             self._client.disconnect(name)
             if not self._devices:
                 self.close()
+
+    def withdraw(self, marks: Collection[str]) -> None:
+        """Devices whose scripts have these fingerprints stop at once and ask again."""
+        for name, mark in list(self.approved.items()):
+            if mark in marks:
+                self.disconnect(name)
+                del self.approved[name]
+                self.unapproved.add(name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence now; only :meth:`arm` plays again."""
@@ -239,11 +257,21 @@ class Live:
         self._look_ahead()
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
             self._is_held = True
-            for name, each in self._devices.items():
-                if each.has_script:
-                    continue  # a script decides by itself what standing still means
-                self._client.send(name, live_targets.neutral_of(each.device))
+            self._fade()
         return bool(news)
+
+    def _fade(self) -> None:
+        """Nothing is felt any more; a script decides by itself what that means."""
+        from ..devices.live.haptics import packed
+
+        if self._client is None:
+            return
+        for name, each in self._devices.items():
+            neutral = np.array(live_targets.neutral_of(each.device))
+            if each.has_script and name not in self._muted:
+                self._client.send_haptics(name, packed(self._time_s, [], neutral))
+            else:
+                self._client.send(name, neutral)
 
     def _look_ahead(self) -> None:
         """Read a little more of what comes."""
@@ -293,7 +321,10 @@ class Live:
         self._changed_s, self._is_held = time.monotonic(), False
         numbers = {name: state.number for name, state in self.states.items()}
         playhead = self.ahead.playhead(scene, live_listening.is_playing())
-        self._client.show(moment_now(scene, numbers, self.ahead.edition, playhead))
+        moment = moment_now(scene, numbers, self.ahead.edition, playhead)
+        self._time_s = moment.time_s
+        self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
+        self._client.show(moment)
 
 
 live = Live()

@@ -63,6 +63,7 @@ class OverTime:
     effects: list[EffectOverTime]
     devices: list[tuple[DeviceConfig, Raster]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)  # devices that do not fit
+    notes: list[str] = field(default_factory=list)  # how what is shown differs from what is played
     _blocks: list[tuple[int, int, list[SampleRun]]] | None = field(default_factory=list)
     _entries: int = 0
 
@@ -150,6 +151,7 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[OverTime | Non
                 renderers.remove(renderer)
         yield None
     found.devices = [(device, renderer.raster()) for device, renderer in renderers]
+    found.notes = notes_of([device for device, _ in found.devices])
     yield found
 
 
@@ -189,6 +191,18 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
         except HfxError as error:
             faults.append(str(error))
     return found
+
+
+def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
+    """How what is shown of devices differs from what they play; a sentence each.
+
+    A script runs where a device plays or is exported, in the order of time; not while somebody
+    looks here and there.
+    """
+    return [
+        f"'{id}' is shown without its script, which runs when it plays and when it is exported"
+        for id in dict.fromkeys(each.id for each in devices if each.script is not None)
+    ]
 
 
 def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectOverTime:

@@ -259,7 +259,7 @@ def _draw_chart() -> None:
         made = value_chart.chart(found, palette, *size)
         _charts[key] = drawing.ChartDrawing(made)
     shown = _charts[key]
-    note = ""
+    note = "; ".join(found.notes)
     if updates().must_step:
         note = "Not up to date: press Update Values"
     elif shown.chart.hidden:

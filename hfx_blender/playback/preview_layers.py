@@ -40,6 +40,7 @@ class Preview:
         self._layers: list[Layer] | None = None
         self._discs: list[Discs] | None = None
         self.fault = ""
+        self.notes: list[str] = []  # how actuators that glow differ from what is played
 
     def forget(self) -> None:
         """Work everything out anew: another file, or an undo."""
@@ -61,7 +62,7 @@ class Preview:
         if key == self._key:
             return
         self._key, self._scene, self._glow = key, evaluation.scene, None
-        self.fault = evaluation.fault
+        self.fault, self.notes = evaluation.fault, []
         self._layers = self._discs = None
         self._spreads, self._meshes = {}, {}
         self._kept.forget()
@@ -70,7 +71,7 @@ class Preview:
         try:
             if self._scene is not None and devices:
                 self._glow = ActuatorGlow(self._scene, scene)
-                self.fault = "; ".join(self._glow.faults)
+                self.fault, self.notes = "; ".join(self._glow.faults), self._glow.notes
         except HfxError as error:
             self.fault = str(error)
 

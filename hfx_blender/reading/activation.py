@@ -18,6 +18,7 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import clips
 from ..engine.scene import Clip
+from ..stored_values import limited
 
 F64 = npt.NDArray[np.float64]
 
@@ -50,8 +51,8 @@ class Activation:
         """How strongly the effect is on: by its evaluated settings, clip times intensity."""
         if self.source is Source.OFF:
             return 0.0
-        on = 1.0 if self.source is Source.ALWAYS_ON else hfx.activation
-        return float(on * hfx.intensity)
+        on = 1.0 if self.source is Source.ALWAYS_ON else limited(hfx, "activation")
+        return on * limited(hfx, "intensity")
 
 
 SILENCED = Activation(Source.OFF)

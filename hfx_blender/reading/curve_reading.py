@@ -13,6 +13,7 @@ from ..authoring import responses
 from ..engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..response_properties import HfxResponseFilter
+from ..stored_values import limited
 from . import effect_values, response_values, skin_values, visibility
 from .activation import Activation, Source
 from .animation_curves import NotModelledError
@@ -76,7 +77,10 @@ class CurveEffect:
         if skin_values.is_drive(path):
             return 0.0
         if path.startswith("hfx."):
-            return float(self._hfx.bl_rna.properties[path[4:]].default)
+            known = self._hfx.bl_rna.properties.get(path[4:])
+            if known is None or known.type not in ("FLOAT", "INT", "BOOLEAN"):
+                raise NotModelledError(f"'{path}' is animated")
+            return float(known.default)
         return rest_value(path, index)
 
     def read(self, frames: F64) -> EffectBlock:
@@ -140,11 +144,11 @@ class CurveEffect:
 
     def _value(self, name: str, sampled: F64) -> F64:
         column = self._place.values.columns.get((f"hfx.{name}", 0))
-        if column is None:
-            return np.full(len(sampled), self._hfx.path_resolve(name), np.float64)
         owner = self._hfx
         if skin_values.is_drive(f"hfx.{name}"):
-            owner, name = self._hfx.drive[0], "value"
+            owner, name = owner.path_resolve(name.removesuffix(".value")), "value"
+        if column is None:
+            return np.full(len(sampled), limited(owner, name))
         limits = owner.bl_rna.properties[name]  # Blender keeps to them, and to 32 bits
         clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
         return clipped.astype(np.float32).astype(np.float64)

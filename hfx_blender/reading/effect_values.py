@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from ..authoring import volumes
 from ..engine.volume.mesh import MeshVolume
-from ..engine.volume.shape import Shape
+from ..engine.volume.shape import Falloff, FalloffKind, Shape
+from ..stored_values import limited
 
 F64 = npt.NDArray[np.float64]
 
@@ -33,8 +34,13 @@ def world_of(placed: bpy.types.Object | bpy.types.DepsgraphObjectInstance) -> F6
 
 def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
     """An effect's values in the order of its modality's parameters; world matrix (4, 4)."""
-    values = [getattr(hfx, name) for name in PARAMETER_PROPERTIES[hfx.modality]]
+    values = [limited(hfx, name) for name in PARAMETER_PROPERTIES[hfx.modality]]
     return [*values, *directions(world).tolist()] if hfx.modality == "wind" else values
+
+
+def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
+    """How an effect's strength falls off to its boundary."""
+    return Falloff(FalloffKind(hfx.falloff), limited(hfx, "falloff_share"))
 
 
 def directions(world: F64) -> F64:

@@ -23,11 +23,10 @@ import numpy.typing as npt
 
 from ..authoring import effects, volumes
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
-from ..engine.volume.shape import Falloff, FalloffKind, Shape
+from ..engine.volume.shape import Shape
 from ..errors import InputError
-from . import activation, effect_values, response_values, scene_description, stepping
+from . import activation, effect_values, response_values, scene_description, soundness, stepping
 from .animation_time import animation_frames
-from .broken_keys import refuse_broken_keys
 from .reached import is_instancer, reached_from
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, effect_block
@@ -113,12 +112,9 @@ class Sources:
     Attributes
     ----------
     objects : dict
-        Those that are not muted, by their full names.
-
-    Raises
-    ------
-    InputError
-        One of them has broken keys.
+        Those that are neither muted nor faulty, by their full names.
+    warnings : tuple of str
+        What is read otherwise than it stands in the file, and what was left out.
     """
 
     def __init__(
@@ -131,7 +127,10 @@ class Sources:
         self._shapes = shapes
         self._faults = {} if faults is None else faults
         every = sources_of(found.scene)
-        refuse_broken_keys(list(every.values()))
+        sound, bad = soundness.sorted_out(every.values(), soundness.warnings_of)
+        told = (text for each in sound.values() for text in each)
+        self.warnings = (*told, *soundness.left_out(bad))
+        every = {name: source for name, source in every.items() if source in sound}
         scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
         silenced = effects.silenced({**scene, **every}.values())
         states = {
@@ -154,13 +153,12 @@ class Sources:
     def described(self, name: str) -> EffectDescription:
         """What instances of a source have in common."""
         source, hfx = self.objects[name], self.objects[name].hfx
-        falloff = Falloff(FalloffKind(hfx.falloff), hfx.falloff_share)
         return EffectDescription(
             id=self._ids[name],
             name=self._names[name],
             modality=hfx.modality,
             model_id=effects.model_id_for(hfx.modality),
-            area=HapticVolume(falloff, response_values.filters_of(source)),
+            area=HapticVolume(effect_values.falloff(hfx), response_values.filters_of(source)),
             is_contact=hfx.temperature_reference == "CONTACT",
             clips=scene_description.played_clips(self._found.scene, self.states[name]),
         )
@@ -222,8 +220,6 @@ class Sources:
         try:
             return self._shapes.shape_of(source, evaluated, part)
         except InputError as error:
-            if self._shapes.last_of(source, part) is None:
-                raise
             self._faults.setdefault(str(error), set()).add(index)
             return None  # silent while its mesh has no inside
 
@@ -243,6 +239,8 @@ class Instances:
     ----------
     descriptions : tuple of EffectDescription
         One for each instance.
+    warnings : tuple of str
+        See :class:`Sources`.
 
     Raises
     ------
@@ -261,6 +259,7 @@ class Instances:
         self._time = time
         self._faults = faults
         self._sources = Sources(found, shapes, faults)
+        self.warnings = self._sources.warnings
         self._keys: tuple[Key, ...] = ()
         self._last: tuple[int, dict[Key, EffectRow]] | None = None
         self.descriptions: tuple[EffectDescription, ...] = ()

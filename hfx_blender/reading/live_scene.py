@@ -17,19 +17,12 @@ import numpy as np
 from ..authoring import effects, responses, surfaces
 from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
-from ..engine.scene import (
-    AnimationBlock,
-    EffectDescription,
-    HapticVolume,
-    SceneDescription,
-)
+from ..engine.scene import AnimationBlock, HapticVolume
 from ..engine.tolerance import Tolerance
-from ..errors import InputError
 from . import scene_description, skin_areas, visibility
 from .effect_values import Shapes
 from .live_clock import LiveClock
 from .live_instances import LiveInstances
-from .scene_description import HapticObjects
 from .scene_reader import time_base
 from .scene_rows import EffectRow, PoseRow, effect_block, pose_block
 from .stepped_reading import SteppedReading
@@ -67,14 +60,20 @@ class LiveScene:
         shapes = Shapes()
         self._instances = LiveInstances(found, shapes)
         more = self._instances.descriptions
-        self.objects, self.description, self.faults = _without_faults(found, more)
+        # An update is a frame while Blender plays: what moves over surfaces so has its speed.
+        self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in found.effects)
+        time = time_base(scene)
+        time = replace(time, rate_hz=time.fps) if self._has_surfaces else time
+        self.objects, self.description = scene_description.describe(
+            found, time, shapes, always_posed=False, more=more
+        )
+        self.faults = self.objects.left_out
         self.tolerance = tolerance
         self.record = ("positions",) if with_positions else ()
         self.engine = Engine(self.description, record=self.record, tolerance=tolerance)
         self._reading = SteppedReading(self.objects, self.description, shapes)
         self._now = _AsItStands(scene, layer)
         self._index = 0  # goes on where strokes over surfaces are to be followed
-        self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in self.objects.effects)
         own = self.description.effects[: len(self.objects.effects)]
         self._volumes = [k for k, e in enumerate(own) if e.kind == "volume"]
         self._answers = any(
@@ -204,41 +203,3 @@ def _strips(data: bpy.types.AnimData) -> list[object]:
         found.append((track.mute, track.is_solo))
         found += [(strip.name, strip.mute) for strip in track.strips]
     return found
-
-
-def _without_faults(
-    found: HapticObjects, more: Sequence[EffectDescription]
-) -> tuple[HapticObjects, SceneDescription, tuple[str, ...]]:
-    """The objects and description of what can be felt, and why the rest cannot."""
-    # An update is a frame while Blender plays: what moves over surfaces so has its speed.
-    is_stroked = any(obj.hfx.kind == "SURFACE" for obj in found.effects)
-    time = time_base(found.scene)
-    time = replace(time, rate_hz=time.fps) if is_stroked else time
-    try:
-        return found, scene_description.describe(found, time, always_posed=False, more=more), ()
-    except InputError:
-        pass
-    kept, faults = [], []
-    for k in range(len(found.effects)):
-        alone = _only(found, [k])
-        try:
-            scene_description.describe(alone, time, always_posed=False)
-            kept.append(k)
-        except InputError as error:
-            faults.append(str(error))
-    if not kept and not (more and faults):
-        raise InputError(faults[0] if faults else "Nothing can be felt in this scene.")
-    some = _only(found, kept)
-    described = scene_description.describe(some, time, always_posed=False, more=more)
-    return some, described, tuple(faults)
-
-
-def _only(found: HapticObjects, which: list[int]) -> HapticObjects:
-    return HapticObjects(
-        found.scene,
-        found.layer,
-        found.bodies,
-        [found.effects[k] for k in which],
-        [found.activations[k] for k in which],
-        found.warnings,
-    )

@@ -13,6 +13,7 @@ from ..authoring.response_animation import PATH
 from ..engine.response.controls import WIDTH, Filter, Kind
 from ..engine.response.envelope import longest_s
 from ..engine.scene import TimeBase
+from ..stored_values import limited
 from .animation_time import animation_frames
 
 F64 = npt.NDArray[np.float64]
@@ -33,7 +34,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
     """No less than an impact of a filter ever rings, seconds; 0 for other kinds."""
     if each.kind != Kind.IMPACT:
         return 0.0
-    attack, decay = each.attack, each.decay
+    attack, decay = limited(each, "attack"), limited(each, "decay")
     data = effect.animation_data
     if data is None:
         return longest_s(attack, decay)
@@ -74,7 +75,7 @@ def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
     values = np.zeros((len(found), WIDTH))
     for row, (_, each) in zip(values, found, strict=True):
         for c, name in enumerate(responses.properties_of(each)):
-            row[c] = getattr(each, name) * (unit_m if name in responses.LENGTHS else 1.0)
+            row[c] = limited(each, name) * (unit_m if name in responses.LENGTHS else 1.0)
     return values
 
 

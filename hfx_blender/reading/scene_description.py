@@ -7,7 +7,7 @@ Faults that make an export impossible are told here, before any time is evaluate
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -30,13 +30,28 @@ from ..engine.scene import (
     SpotArea,
     TimeBase,
 )
-from ..engine.volume.shape import Falloff, FalloffKind
 from ..errors import InputError
 from ..file_hash import sha256_of
-from . import activation, reached, response_values, skin_areas, surface_reading, visibility
+from ..stored_values import bad_values
+from . import (
+    activation,
+    effect_values,
+    reached,
+    response_values,
+    skin_areas,
+    soundness,
+    surface_reading,
+    visibility,
+)
 from .animation_time import animation_frames, played_frame
+<<<<<<< HEAD
 from .broken_keys import refuse_broken_keys
 from .simulation import Simulation, to_bake
+=======
+from .curve_reading import is_steady
+from .effect_values import Shapes
+from .simulation import Simulation, unbaked_fluids
+>>>>>>> scenes
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
@@ -55,6 +70,7 @@ class HapticObjects:
     activations: list[activation.Activation]
     warnings: tuple[str, ...]
     simulation: Simulation | None = None
+    left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
 
     @property
     def unit_m(self) -> float:
@@ -78,25 +94,57 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         if compat.properties(obj) != compat.properties(obj.evaluated_get(graph)):
             obj.update_tag()
     layer.update()
+    refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(layer.layer_collection)
-    bodies = _find_bodies(scene, layer, enabled)
+    bodies, told, left_out = _find_bodies(scene, layer, enabled)
     kept, warnings = _find_effects(scene, layer, enabled)
+    warnings = (*_of_unknown_role(scene), *told, *warnings)
     kept, bodiless = _without_bodiless(kept, bodies)
     warnings += bodiless
+    sound, faults = soundness.sorted_out(kept, soundness.warnings_of)
+    if faults and not sound and not any(map(reached.is_instancer, scene.objects)):
+        raise InputError(next(iter(faults.values())))
+    warnings += tuple(text for each in sound.values() for text in each)
+    kept = list(sound)
+    left_out += soundness.left_out(faults)
     silent = effects.silenced(kept)
     activations = [
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
     ]
     warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
+<<<<<<< HEAD
     warnings += tuple(to_bake(scene))
     found = HapticObjects(scene, layer, bodies, kept, activations, warnings)
     refuse_broken_keys([*kept, *bodies])
     return found
+=======
+    warnings += tuple(
+        f"the fluid of '{each.name}' is not baked: it is felt as it stands; bake it first"
+        for each in unbaked_fluids(scene)
+    )
+    return HapticObjects(scene, layer, bodies, kept, activations, warnings, left_out=left_out)
+
+
+def refuse_bad_unit(scene: bpy.types.Scene) -> None:
+    """Raise InputError if a scene's unit of length is none."""
+    unit = scene.unit_settings.scale_length
+    if not 1e-9 <= unit <= 1e9:
+        raise InputError(
+            f"Scene '{scene.name}': its Unit Scale is {unit:g}, allowed is 1e-09 to 1e+09."
+        )
+
+
+def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
+    roles = (obj for obj in scene.objects if obj.hfx.role == "")
+    bad = [(obj, each) for obj in roles for each in bad_values(obj) if each.path == "role"]
+    return [f"object '{obj.name}': {each}; it was left out" for obj, each in bad]
+>>>>>>> scenes
 
 
 def _find_bodies(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
-) -> list[bpy.types.Object]:
+) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
+    """The bodies that can be posed, what is told of them, and which were left out."""
     bodies = effects.bodies_of(scene)
     if not bodies:
         inside = _instanced_body(scene)
@@ -110,14 +158,24 @@ def _find_bodies(
             f"Scene '{scene.name}' has no haptic body: nobody is there to feel its "
             "effects. Add one with Add > Haptic > Avatar, or mark an armature as a body."
         )
-    for body in bodies:
+
+    def check(body: bpy.types.Object) -> list[str]:
+        told = soundness.warnings_of(body)
+        if body.type != "ARMATURE":
+            raise InputError(f"Body '{body.name}' is no armature: nothing poses it.")
         for obj in (body, *avatar_meshes.meshes_of(body)):
             if not visibility.may_be_seen(obj, layer, enabled):
                 raise InputError(
                     f"Body '{body.name}': '{obj.name}' is disabled in viewports or excluded "
                     "from the view layer, so Blender does not pose it."
                 )
-    return bodies
+        return told
+
+    sound, faults = soundness.sorted_out(bodies, check)
+    if not sound:
+        raise InputError(next(iter(faults.values())))
+    told = tuple(text for each in sound.values() for text in each)
+    return list(sound), told, soundness.left_out(faults)
 
 
 def _instanced_body(
@@ -189,56 +247,87 @@ def _here(body: bpy.types.Object, bodies: list[bpy.types.Object]) -> bpy.types.O
 def describe(
     found: HapticObjects,
     time: TimeBase,
+    shapes: Shapes,
     *,
     always_posed: bool,
     more: Sequence[EffectDescription] = (),
-) -> SceneDescription:
-    """Describe the haptic objects of a scene for the engine.
+) -> tuple[HapticObjects, SceneDescription]:
+    """Describe the haptic objects of a scene for the engine; those with a fault are left out.
 
     Parameters
     ----------
+    shapes : Shapes
+        Of volumes; they are made here.
     always_posed : bool
         Whether bodies are posed for painted effects, too.
     more : sequence of EffectDescription
         Volumes that are no objects of the scene: instances. They come after its own effects.
 
+    Returns
+    -------
+    HapticObjects
+        Those that are described.
+    SceneDescription
+
     Raises
     ------
     InputError
-        A body cannot be followed, or an effect's painted area does not fit.
+        No body can be followed, or no effect is without a fault: the first of those.
     """
     ids = effects.unique_ids([*found.bodies, *found.effects])
-    described = tuple(
-        _describe_effect(effect, state, found, ids)
-        for effect, state in zip(found.effects, found.activations, strict=True)
-    )
+    states = dict(zip(found.effects, found.activations, strict=True))
+
+    def work(effect: bpy.types.Object) -> EffectDescription:
+        if effect.hfx.kind == "VOLUME" and is_steady(effect):  # a bad mesh is told at once
+            shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
+        return _describe_effect(effect, states[effect], found, ids)
+
+    described, faults = soundness.sorted_out(found.effects, work)
+    if not described and not more:
+        none = f"Scene '{found.scene.name}' has no haptic effects to export."
+        raise InputError(next(iter(faults.values()), none))
     frames = sample_frames(time, np.arange(time.sample_count))
     frames = animation_frames(found.scene, frames)
     posed = {
-        effect.model_id
-        for effect, state in zip(described, found.activations, strict=True)
-        if (effect.kind == "volume" or always_posed) and state.may_be_on(frames).any()
+        each.model_id
+        for effect, each in described.items()
+        if (each.kind == "volume" or always_posed) and states[effect].may_be_on(frames).any()
     }
     posed |= {effect.model_id for effect in more}
-    if not described and not more:
-        raise InputError(f"Scene '{found.scene.name}' has no haptic effects to export.")
-    bindings = [body_binding.binding_of(body, posed) for body in found.bodies]
-    warnings = list(found.warnings)
+    bindings, unbound = soundness.sorted_out(
+        found.bodies, lambda body: body_binding.binding_of(body, posed)
+    )
+    if not bindings:
+        raise InputError(next(iter(unbound.values())))
+    if unbound:  # and effects on them
+        others = replace(
+            found,
+            bodies=list(bindings),
+            left_out=(*found.left_out, *soundness.left_out(unbound)),
+        )
+        return describe(others, time, shapes, always_posed=always_posed, more=more)
+    kept = replace(
+        found,
+        effects=list(described),
+        activations=[states[effect] for effect in described],
+        left_out=(*found.left_out, *soundness.left_out(faults)),
+    )
+    warnings = [*found.warnings, *kept.left_out]
     warnings += filter(None, map(body_binding.warning_of, found.bodies))
     if bpy.app.autoexec_fail:
         warnings.append(
             "Blender did not run a script or a driver of this file "
             f"({bpy.app.autoexec_fail_message}): motion that depends on it is not exported"
         )
-    return SceneDescription(
+    return kept, SceneDescription(
         time=time,
         bodies=tuple(
             BodyDescription(ids[body.name_full], body.name, binding)
-            for body, binding in zip(found.bodies, bindings, strict=True)
+            for body, binding in bindings.items()
         ),
-        effects=(*described, *more),
+        effects=(*described.values(), *more),
         source=_source(found.scene),
-        warnings=tuple(warnings),
+        warnings=tuple(dict.fromkeys(warnings)),
     )
 
 
@@ -266,8 +355,7 @@ def _describe_effect(
     elif hfx.kind == "ACTUATORS":
         area = skin_areas.actuator_area(effect, ids[_body_of(effect, found).name_full])
     else:
-        falloff = Falloff(FalloffKind(hfx.falloff), hfx.falloff_share)
-        area = HapticVolume(falloff, response_values.filters_of(effect))
+        area = HapticVolume(effect_values.falloff(hfx), response_values.filters_of(effect))
     return EffectDescription(
         id=ids[effect.name_full],
         name=effect.name,
@@ -289,7 +377,8 @@ def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[
 
 def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object:
     bodies = found.bodies
-    body = effect.hfx.body or (bodies[0] if len(bodies) == 1 else None)
+    is_only = len(effects.bodies_of(found.scene)) == 1
+    body = effect.hfx.body or (bodies[0] if is_only else None)
     body = None if body is None else _here(body, bodies)
     if body is None:
         raise InputError(

@@ -18,13 +18,14 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .. import stored_values
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
-from . import instances, play_space, scene_description, stepping, visibility
+from ..report import shortened
+from . import instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
-from .curve_reading import is_steady
 from .effect_values import Shapes
 from .reading_plan import Pass, Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
@@ -35,6 +36,11 @@ BLOCK_SIZE = 32
 """Times in a block; blocks start at multiples of it, so that results do not depend on the range."""
 
 _PROBES = 5
+
+_FRAME_RATES = (0.001, 10_000.0)
+
+MOST_SAMPLES = 2**24
+"""46 hours at 100 samples a second; what is kept of each sample has to fit into memory."""
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -49,9 +55,35 @@ def time_base(
         raise InputError(
             f"Scene '{scene.name}': the frame range {first} to {last} holds no frames."
         )
-    fps = Fraction(scene.render.fps) / Fraction(scene.render.fps_base).limit_denominator(10000)
-    rate = rate_hz or Fraction(scene.hfx.rate).limit_denominator(1000)
-    return TimeBase(fps, rate, scene.frame_start, first, last)
+    fps = _frame_rate(scene)
+    time = TimeBase(fps, rate_hz or _sample_rate(scene), scene.frame_start, first, last)
+    if time.sample_count > MOST_SAMPLES:
+        raise InputError(
+            f"Scene '{scene.name}': frames {first} to {last} at {float(fps):g} frames and "
+            f"{float(time.rate_hz):g} samples a second are {time.sample_count} samples, at most "
+            f"{MOST_SAMPLES} are allowed; export fewer frames or a lower rate."
+        )
+    return time
+
+
+def _frame_rate(scene: bpy.types.Scene) -> Fraction:
+    """Frames a second, exactly."""
+    fps, base = scene.render.fps, scene.render.fps_base
+    rate = fps / base if base else np.inf
+    if not _FRAME_RATES[0] <= rate <= _FRAME_RATES[1]:
+        raise InputError(
+            f"Scene '{scene.name}': its Frame Rate, {fps} with the base {base:g}, is {rate:g} "
+            f"frames a second, allowed is {_FRAME_RATES[0]:g} to {_FRAME_RATES[1]:g}."
+        )
+    return Fraction(fps) / Fraction(base).limit_denominator(10_000)
+
+
+def _sample_rate(scene: bpy.types.Scene) -> Fraction:
+    """Samples a second that a scene asks for."""
+    for bad in stored_values.bad_values(scene):
+        if bad.path == "rate":
+            raise InputError(f"Scene '{scene.name}': {bad}.")
+    return Fraction(scene.hfx.rate).limit_denominator(1000)
 
 
 class SceneReader:
@@ -100,21 +132,22 @@ class SceneReader:
         self._with_velocities = with_velocities
         found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
-        self._found = found = replace(found, simulation=_simulation(scene, self.time))
+        found = replace(found, simulation=_simulation(scene, self.time))
         faults: dict[str, set[int]] = {}
         self._instances = instances.Instances(found, self.time, self._shapes, faults)
         more = self._instances.descriptions
-        self._blinking = [visibility.is_keyed(body) for body in found.bodies]
-        self._always_posed = with_positions or with_velocities or bool(more) or any(self._blinking)
-        self.description = scene_description.describe(
-            self._found, self.time, always_posed=self._always_posed, more=more
+        is_keyed = any(visibility.is_keyed(body) for body in found.bodies)
+        self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
+        self._found, self.description = scene_description.describe(
+            found, self.time, self._shapes, always_posed=self._always_posed, more=more
         )
+        self._blinking = [visibility.is_keyed(body) for body in self._found.bodies]
+        told = self.description.warnings
+        warnings = (*told, *self._instances.warnings, *linked_files.missing())
+        self.description = replace(self.description, warnings=shortened(warnings))
         # What is read of objects; instances are read apart.
         own = self.description.effects[: len(self._found.effects)]
         self._described = replace(self.description, effects=own)
-        for effect in self._found.effects:
-            if effect.hfx.kind == "VOLUME" and is_steady(effect):  # a bad mesh is told at once
-                self._shapes.shape_of(effect, effect.evaluated_get(layer.depsgraph))
         self._reading = SteppedReading(
             self._found,
             self._described,

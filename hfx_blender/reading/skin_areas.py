@@ -7,8 +7,8 @@ import bpy
 
 from ..authoring import paths
 from ..engine.scene import ActuatorArea, SpotArea
-from ..engine.volume.shape import Falloff, FalloffKind
 from ..errors import InputError
+from . import effect_values
 
 
 def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:
@@ -22,8 +22,7 @@ def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:
     path = paths.path_of(effect)
     if not len(path):
         raise InputError(f"Effect '{effect.name}' is nowhere on the skin. Place it, or delete it.")
-    falloff = Falloff(FalloffKind(effect.hfx.falloff), effect.hfx.falloff_share)
-    return SpotArea(body_id, path, falloff)
+    return SpotArea(body_id, path, effect_values.falloff(effect.hfx))
 
 
 def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:

@@ -10,6 +10,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ..stored_values import limited
+
 F64 = npt.NDArray[np.float64]
 
 Value = Callable[[str], F64]
@@ -27,14 +29,16 @@ def is_drive(path: str) -> bool:
 
 def place(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
     """Share of the path and radius in metres, (2,), of a point on the skin."""
-    return np.array([hfx.path_position, hfx.radius * unit_m]) if hfx.kind == "SPOT" else None
+    if hfx.kind != "SPOT":
+        return None
+    return np.array([limited(hfx, "path_position"), limited(hfx, "radius") * unit_m])
 
 
 def drive(hfx: bpy.types.PropertyGroup) -> F64 | None:
     """Strength of each actuator, (A,), of a vector sensation."""
     if hfx.kind != "ACTUATORS":
         return None
-    return np.array([each.value for each in hfx.drive], np.float64)
+    return np.array([limited(each, "value") for each in hfx.drive], np.float64)
 
 
 def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | None:

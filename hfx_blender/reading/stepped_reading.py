@@ -116,11 +116,11 @@ class SteppedReading:
             try:
                 values.shape = self._shapes.shape_of(effect, evaluated)
             except InputError as error:
+                self.faults.setdefault(str(error), set()).add(index)
                 values.shape = self._shapes.last_of(effect)
                 if values.shape is None:
-                    raise
+                    return EffectRow()
                 values.level = 0.0  # silent while its mesh has no inside
-                self.faults.setdefault(str(error), set()).add(index)
             values.matrix = effect_values.shape_matrices(matrix, self._unit_m, hfx)
             values.response = self._response(effect, hfx, index)
         if self._keeps[which]:

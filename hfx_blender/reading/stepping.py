@@ -114,7 +114,7 @@ def _scratch(
     try:
         for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
             setattr(scratch.render, name, getattr(scene.render, name))
-        for obj in objects:
+        for obj in dict.fromkeys(objects):  # several bodies may show one mesh
             scratch.collection.objects.link(obj)
         for rig in fed:
             made += rig.make_copy()

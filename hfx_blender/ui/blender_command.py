@@ -7,12 +7,16 @@ from typing import Any
 
 import bpy
 
+from .. import blender_session
+
 _handle: Any = None
 
 
 def _run(arguments: list[str]) -> int:
-    from .. import cli
+    from .. import cli, import_path
 
+    if blender_session.inside_blender():
+        import_path.protect()  # the process is this command's, and ends with it
     try:
         return cli.run(arguments, prog="blender --command hfx")
     except SystemExit as finished:  # --help
@@ -21,8 +25,14 @@ def _run(arguments: list[str]) -> int:
 
 def register() -> None:
     global _handle
-    _handle = bpy.utils.register_cli_command("hfx", _run)
+    # Blender's Python module has no command line. It would let go of the handle when the process
+    # ends, after Python has: 4.5 crashes (BPyCommandHandler's destructor asks for Python's lock).
+    if blender_session.inside_blender():
+        _handle = bpy.utils.register_cli_command("hfx", _run)
 
 
 def unregister() -> None:
-    bpy.utils.unregister_cli_command(_handle)
+    global _handle
+    if _handle is not None:
+        bpy.utils.unregister_cli_command(_handle)
+        _handle = None

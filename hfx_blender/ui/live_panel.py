@@ -68,6 +68,8 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         row = box.row(align=True)
         row.prop(item, "is_muted", text="", icon="MUTE_IPO_ON" if item.is_muted else "MUTE_IPO_OFF")
         row.prop(item, "gain", slider=True)
+        if item.name in live.approved:
+            box.operator("hfx.live_revoke", icon="FILE_SCRIPT").name = item.name
         if state is None:
             if item.name in live.unapproved:
                 box.operator("hfx.live_approve", icon="FILE_SCRIPT").name = item.name

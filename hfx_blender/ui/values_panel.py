@@ -30,6 +30,12 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
             draw_text(
                 context, layout, "Add a device under Live Devices to see its actuators", "INFO"
             )
+        notes = [
+            *(preview.preview().notes if context.window_manager.hfx_show_actuators else ()),
+            *(known.result.notes if known.result is not None else ()),
+        ]
+        for note in dict.fromkeys(notes):
+            draw_text(context, layout, note, "INFO")
         for fault in known.result.faults if known.result is not None else ():
             draw_text(context, layout, fault, "ERROR")
 

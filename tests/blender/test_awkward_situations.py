@@ -22,6 +22,7 @@ _NOT_HERE = {
     "live_stop_all",
     "calibrate_surfaces",  # writes into the user's folders
     "live_approve",
+    "live_revoke",
     "live_import",
     "stroke_pad",  # modal
     "paint_status",

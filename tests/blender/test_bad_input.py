@@ -108,6 +108,14 @@ def _area(vertices: list[int], weights: list[float]) -> Change:
     return change
 
 
+def _area_of(vertices: object, weights: object) -> Change:
+    def change() -> None:
+        _objects()["Touch"]["hfx_vertices"] = vertices
+        _objects()["Touch"]["hfx_weights"] = weights
+
+    return change
+
+
 def _nothing_painted() -> None:
     bpy.ops.hfx.add_painted(modality="vibration", name="Blank")
 
@@ -189,24 +197,7 @@ def _disabled_and_unpainted() -> None:
     [
         (_without("Avatar"), ("'Scene'", "no haptic body", "Avatar")),
         (_without("Ball", "Touch"), ("'Scene'", "no haptic effects")),
-        (_nothing_painted, ("'Blank'", "Paint it")),
-        (_setting("Touch", modality="vibration"), ("'Touch'", "vibration", "Paint it")),
-        (_setting("Touch", model_hash="0" * 64), ("'Touch'", "another edition")),
-        (_painted_on_a_thing, ("'Touch'", "no body", "Avatar")),
-        (_area([1, 2], [1.0]), ("'Touch'", "2 painted vertices but 1")),
-        (_area([1, 99_999], [1.0, 1.0]), ("'Touch'", "99999")),
-        (_area([-7, 3], [1.0, 1.0]), ("'Touch'", "-7")),
-        (_area([3, 3], [1.0, 1.0]), ("'Touch'", "twice")),
-        (_area([1, 2], [1.0, NAN]), ("'Touch'", "weight")),
-        (_area([1, 2], [1.0, 1.5]), ("'Touch'", "weight")),
-        (_mesh_volume(CORNERS, CLOSED[:3]), ("Rock Touch",)),
-        (_mesh_volume([], []), ("Rock Touch",)),
-        (_mesh_volume(CORNERS, []), ("Rock Touch",)),
-        (_mesh_volume([*CORNERS[:3], (0.0, NAN, 1.0)], CLOSED), ("Rock Touch",)),
-        (_broken_key("Ball", "location"), ("'Ball'", "location", "key 2")),
-        (_broken_key("Ball", "hfx.radius"), ("'Ball'", "hfx.radius", "key 2")),
         (_broken_key("Avatar", "rotation_euler"), ("'Avatar'", "rotation_euler", "key 2")),
-        (_broken_clip, ("'Ball'", "hfx.activation", "key 1")),
         (_edited_rest_pose, ("'Avatar'", "mm", "rest pose")),
         (_other_rig, ("'Rig'", "skeleton")),
         (_disabled_and_unpainted, ("'Avatar'", "disabled in viewports")),
@@ -226,6 +217,55 @@ def test_a_scene_that_cannot_be_exported(
     line = refused(hfx_scenes.save(tmp_path / "bad.blend"))
     for word in words:
         assert word in line
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_nothing_painted, ("'Blank'", "Paint it")),
+        (_setting("Touch", modality="vibration"), ("'Touch'", "vibration", "Paint it")),
+        (_setting("Touch", model_hash="0" * 64), ("'Touch'", "another edition")),
+        (_painted_on_a_thing, ("'Touch'", "no body", "Avatar")),
+        (_area([1, 2], [1.0]), ("'Touch'", "2 painted vertices but 1")),
+        (_area([1, 99_999], [1.0, 1.0]), ("'Touch'", "99999")),
+        (_area([-7, 3], [1.0, 1.0]), ("'Touch'", "-7")),
+        (_area([3, 3], [1.0, 1.0]), ("'Touch'", "twice")),
+        (_area([1, 2], [1.0, NAN]), ("'Touch'", "weight")),
+        (_area([1, 2], [1.0, 1.5]), ("'Touch'", "weight")),
+        (_area_of("many", [1.0]), ("'Touch'", "list of numbers")),
+        (_area_of([1, 2], 5.0), ("'Touch'", "list of numbers")),
+        (_area_of([1.0, 2.0], [1.0, 1.0]), ("'Touch'", "list of numbers")),
+        (_mesh_volume(CORNERS, CLOSED[:3]), ("Rock Touch",)),
+        (_mesh_volume([], []), ("Rock Touch",)),
+        (_mesh_volume(CORNERS, []), ("Rock Touch",)),
+        (_mesh_volume([*CORNERS[:3], (0.0, NAN, 1.0)], CLOSED), ("Rock Touch",)),
+        (_broken_key("Ball", "location"), ("'Ball'", "location", "key 2")),
+        (_broken_key("Ball", "hfx.radius"), ("'Ball'", "hfx.radius", "key 2")),
+        (_broken_clip, ("'Ball'", "hfx.activation", "key 1")),
+    ],
+)
+def test_a_fault_costs_its_effect_alone(
+    good_blend: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: Change,
+    words: tuple[str, ...],
+) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(good_blend))
+    change()
+    path = hfx_scenes.save(tmp_path / "bad.blend")
+    capsys.readouterr()  # what making the file said
+    assert export(path, tmp_path / "out") == 0
+    out, _ = capsys.readouterr()
+    [line] = [line for line in out.splitlines() if "was left out" in line]
+    assert line.startswith("  warning: effect '")
+    for word in words:
+        assert word in line
+    for other in {"Touch (pressure)", "Ball (vibration)"}:
+        is_other = f"'{other.split()[0]}'" not in line
+        assert (f"{other} felt by Avatar" in out) == is_other
+    assert export(path, tmp_path / "strict", "--strict") == 3
+    assert words[0] in capsys.readouterr().err and names_in(tmp_path / "strict") == []
 
 
 def test_the_scene_behind_all_of_these_is_good(good_blend: Path, tmp_path: Path) -> None:

@@ -77,7 +77,10 @@ def test_a_body_that_is_nowhere(scene: Any, ball: Any, nowhere: Any) -> None:
     evaluation = oracle.evaluate(scene, rate_hz=24)
     assert sorted(evaluation.samples["Ball"]) == list(range(5, 12))
     assert sorted(evaluation.samples["Head"]) == list(range(12)), "it needs no pose"
-    warning = "body 'Avatar': its pose is not a finite number; it feels nothing there"
+    warning = (
+        "body 'Avatar': its pose is not a finite number, or scaled to nothing; "
+        "it feels nothing there"
+    )
     assert evaluation.counters.warnings == {warning: 5}
     moving = oracle.evaluate(scene, rate_hz=24, record=("positions", "velocities"))
     assert sorted(moving.samples["Head"]) == list(range(5, 12))
@@ -108,6 +111,24 @@ def test_parameters_are_kept_in_their_ranges(scene: Any, ball: Any) -> None:
     evaluation = oracle.evaluate(scene)
     for sample in evaluation.samples["Ball"].values():
         assert sample.parameters.tolist() == [60.0]
+
+
+def test_a_body_that_is_scaled_to_nothing(scene: Any, ball: Any) -> None:
+    body = bpy.data.objects["Avatar"]
+    oracle.key(body, "scale", [(1, (1, 1, 1)), (6, (0, 0, 0))])
+    for curve in compat.fcurves(body):
+        for point in curve.keyframe_points:
+            point.interpolation = "CONSTANT"
+    evaluation = oracle.evaluate(scene, rate_hz=24)
+    assert sorted(evaluation.samples["Ball"]) == list(range(5))
+    ((message, count),) = evaluation.counters.warnings.items()
+    assert "'Avatar'" in message and "scaled to nothing" in message and count == 7
+
+
+def test_a_flat_volume_is_named(scene: Any, ball: Any) -> None:
+    ball.scale = (1, 1, 0)
+    [message] = oracle.evaluate(scene, rate_hz=24).counters.warnings
+    assert message.startswith("effect 'Ball' is flattened")
 
 
 # Keys

@@ -6,10 +6,12 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +111,12 @@ def test_output_that_nobody_reads_is_no_defect(blend: Path, tmp_path: Path) -> N
     finally:
         os.close(write)
     assert "small.hfxtrack" in names_in(tmp_path)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_help_that_cannot_be_written_is_no_success() -> None:
+    with open("/dev/full", "w") as full:
+        assert process("--help", stdout=full).returncode == 3
 
 
 # What it says
@@ -377,13 +385,165 @@ def test_ctrl_c_waits_for_the_end_of_what_must_not_be_broken_off() -> None:
         pass
 
 
-@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
-def test_a_killed_export_leaves_no_result(long_export: Any, tmp_path: Path, end: int) -> None:
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+@pytest.mark.parametrize(("end", "jobs"), [("SIGTERM", 1), ("SIGTERM", 2), ("SIGHUP", 2)])
+def test_who_is_asked_to_end_leaves_nothing(
+    long_export: Any, tmp_path: Path, end: str, jobs: int
+) -> None:
+    started = long_export(jobs)
+    children = Path(f"/proc/{started.pid}/task/{started.pid}/children")
+    pids = children.read_text().split() if children.exists() else []
+    started.send_signal(getattr(signal, end))
+    out, err = started.communicate(timeout=60)
+    assert started.returncode == 128 + getattr(signal, end)
+    assert out == "" and err.splitlines() == [
+        f"hfx: ended by {end}; nothing half written was left behind"
+    ]
+    assert not (tmp_path / "out").exists()
+    assert not any(Path("/proc", pid).exists() for pid in pids)
+
+
+def test_what_a_killed_export_left_is_removed_by_the_next(
+    long_export: Any, blend: Path, tmp_path: Path
+) -> None:
     started = long_export()
-    started.send_signal(end)
+    started.kill()
     started.communicate(timeout=60)
-    assert started.returncode == -end
-    assert all(name.startswith(".hfx-export.") for name in names_in(tmp_path / "out"))
+    left = names_in(tmp_path / "out")
+    assert left and all(name.startswith(".") for name in left)
+    done = process("export", blend, "-o", tmp_path / "out", "--frames", "0:2", "--device", "none")
+    assert done.returncode == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "small.hfxtrack",
+        "small.report.json",
+    ]
+
+
+# Its surroundings
+
+BRIEF = ("--frames", "0:2", "--device", "none")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a POSIX shell")
+@pytest.mark.parametrize(
+    ("redirection", "code"),
+    [(">&-", 0), ("2>&-", 0), (">&- 2>&- <&-", 0), ("| true", 0), (">/dev/full", 3)],
+)
+def test_the_work_is_done_whoever_reads(
+    blend: Path, tmp_path: Path, redirection: str, code: int
+) -> None:
+    if "/dev/full" in redirection and not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    line = shlex.join(map(str, command("export", blend, "-o", "out", *BRIEF)))
+    script = f"( {line}; echo $? > code ) {redirection}"
+    subprocess.run(["sh", "-c", script], cwd=tmp_path, env=environment(), timeout=120)
+    assert (tmp_path / "code").read_text() == f"{code}\n"
+    assert names_in(tmp_path / "out") == ["small.hfxtrack", "small.report.json"]
+
+
+Here = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def here(
+    registered: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Here:
+    """``hfx`` in this process, run in ``tmp_path``: exit code, output, errors."""
+    from hfx_blender import cli
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = cli.run(list(map(str, arguments)))
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def test_names_are_shown_escaped(registered: Any, tmp_path: Path, here: Here) -> None:
+    hfx_scenes.small_scene()
+    name = "a\x1b[31m\x07\u202e\nb"
+    scene = registered.context.scene
+    scene.name = name
+    for obj in registered.data.objects:
+        obj.name = name
+    strange = hfx_scenes.save(tmp_path / "strange.blend")
+    track = tmp_path / "out" / "strange.hfxtrack"
+    arguments = [
+        ("export", strange, "-o", tmp_path / "out", *BRIEF),
+        ("export", strange, "--scene", "no" + name),
+        ("info", strange),
+        ("info", track),
+        ("info", track.with_name("strange.report.json")),
+        ("validate", track),
+        ("convert", track, tmp_path / "a.hjif"),
+        ("info", tmp_path / f"{name}.hfxtrack"),
+    ]
+    found = ""
+    for each in arguments:
+        code, out, err = here(*each)
+        assert code in (0, 3), err
+        text = out + err
+        assert PRINTABLE.fullmatch(text) and "\u202e" not in text, text
+        found += text
+    assert found.count("a\\x1b[31m\\x07\\u202e\\nb") >= 6
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("export", "LONG.blend"),
+        ("export", "SCENE", "-o", "LONG", *BRIEF),
+        ("export", "SCENE", "-o", "out", "--report", "LONG.json", *BRIEF),
+        ("export", "ALMOST", "-o", "out", *BRIEF),
+        ("export", "SCENE", "--device", "LONG.json"),
+        ("info", "LONG.hfxtrack"),
+        ("validate", "LONG.hjif"),
+        ("convert", "LONG.hfxtrack", "a.hjif"),
+        ("convert", "TRACK", "LONG.hjif"),
+        ("device", "check", "LONG.json"),
+        ("demo", "--no-pictures", "-o", "LONG"),
+    ],
+)
+def test_a_name_that_is_too_long_is_bad_input(
+    blend: Path, exported: Path, tmp_path: Path, arguments: tuple[str, ...], here: Here
+) -> None:
+    almost = tmp_path / ("y" * 240 + ".blend")
+    almost.write_bytes(blend.read_bytes())
+    known = {"SCENE": str(blend), "TRACK": str(exported / "small.hfxtrack"), "ALMOST": almost.name}
+    given = [known.get(each, each.replace("LONG", "x" * 300)) for each in arguments]
+    code, _, err = here(*given)
+    assert code == 3, err
+    (line,) = err.splitlines()
+    assert line.startswith("hfx: ") and ("x" * 300 in line or "y" * 240 in line)
+    assert ".tmp/" not in line and str(tmp_path) not in line
+    assert all(path.name in (almost.name, "out") for path in tmp_path.iterdir())
+
+
+def test_paths_are_shown_as_they_were_given(blend: Path, tmp_path: Path, here: Here) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "small.blend").write_bytes(blend.read_bytes())
+    (tmp_path / "in" / "bad.blend").write_bytes(b"no")
+    good, bad, missing = "in/small.blend", "in/bad.blend", "in/missing.blend"
+    _, out, _ = here("export", good, "-o", "made", *BRIEF)
+    assert "wrote made/small.hfxtrack" in out.replace(os.sep, "/")
+    (tmp_path / "file").touch()
+    for arguments in (
+        ("export", bad),
+        ("export", missing),
+        ("export", good, "-o", "file", *BRIEF),
+        ("export", bad, missing, "--jobs", "2"),
+        ("info", bad),
+        ("convert", "made/small.hfxtrack", "file/a.hjif"),
+    ):
+        code, out, err = here(*arguments)
+        assert code in (3, 5)
+        assert str(tmp_path) not in out + err, err
+        assert re.search(r"hfx: (in/|file)", err.replace(os.sep, "/")), err
 
 
 # The other commands

@@ -50,6 +50,18 @@ def test_the_report_is_what_is_on_disk(small: Any, tmp_path: Path) -> None:
     assert stored["engine"]["contacts"] > 0
 
 
+def test_what_a_device_plays_otherwise_is_noted(small: Any, tmp_path: Path) -> None:
+    ball = bpy.data.objects["Ball"].hfx
+    ball.amplitude, ball.frequency = 1000.0, 7.0
+    devices = load_device("back_pad"), load_device("fan_heater")
+    notes = export(small, tmp_path, devices=devices).notes
+    cut = "device 'back_pad' cuts effect 'Ball' to what an actuator may do for 0.40 s (100%)"
+    assert cut in notes
+    assert "device 'back_pad' plays effect 'Ball' at another frequency for 0.40 s (100%)" in notes
+    [lacking] = [note for note in notes if "'fan_heater' plays no" in note]
+    assert "pressure, vibration" in lacking
+
+
 @pytest.mark.parametrize(
     ("in_scene", "chosen", "expected"),
     [

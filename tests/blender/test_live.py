@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -23,10 +24,11 @@ from hfx_blender.authoring import clips
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import discovery
 from hfx_blender.devices.live.discovery import FoundPort
+from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
-from hfx_blender.export import ExportSettings, export_scene, render_devices, scene_tolerance
+from hfx_blender.export import ExportSettings, export_scene, scene_tolerance
 from hfx_blender.operators import live_setup
 from hfx_blender.playback import live as live_module
 from hfx_blender.playback import live_listening, live_settings, live_targets, look_ahead
@@ -36,10 +38,10 @@ from hfx_blender.playback.preview_layers import Preview
 from hfx_blender.reading import stepping
 from hfx_blender.reading.live_scene import LiveScene
 
-pytestmark = pytest.mark.usefixtures("real_time")
+pytestmark = pytest.mark.usefixtures("patient_devices")
 
 PAD = "back_pad"
-PATIENCE_S = 15.0
+PATIENCE_S = 120.0
 
 
 @pytest.fixture
@@ -74,8 +76,6 @@ def until(happened: Callable[[], object]) -> None:
     while not happened():
         assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
         live_listening._beat()
-        if any("did not answer" in each.text for each in live.states.values()):
-            live.arm()  # on a machine that is busy a heartbeat may come late
         if bpy.app.timers.is_registered(live_listening._describe):
             bpy.app.timers.unregister(live_listening._describe)
             live_listening._describe()
@@ -537,15 +537,38 @@ def test_a_script_is_asked_about_before_it_runs(
 
     until(is_played)
     assert mark.exists()
+    bpy.ops.hfx.live_revoke(name="mine")
+    assert "mine" not in live.states and "mine" in live.unapproved
+    with pytest.raises(RuntimeError, match="approve it first"):
+        bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
+
+
+def test_an_approval_on_the_list_is_withdrawn_also_where_its_files_are_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.devices.live import approval
+
+    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path)
+    (tmp_path / "gone.json").write_bytes((resources.device_configs() / f"{PAD}.json").read_bytes())
+    (tmp_path / "gone.py").write_text("render = None")
+    found = approval.script_of(tmp_path / "gone.json")
+    approval.approve(found)
+    for path in (found.path, found.configuration):
+        path.unlink()
+    assert bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint) == {"FINISHED"}
+    assert approval.approved() == {}
+    with pytest.raises(RuntimeError, match="is not approved"):
+        bpy.ops.hfx.live_revoke(fingerprint=found.fingerprint)
 
 
 def test_quitting_is_silence(tmp_path: Path) -> None:
     path = tmp_path / "pad.jsonl"
     source = (
-        "import sys, time, bpy\n"
+        "import sys, time, bpy, patient_host\n"
         "from hfx_blender import blender_session\n"
         "from hfx_blender.playback import live_settings\n"
         "blender_session.start()\n"
+        "patient_host.use()\n"
         "from hfx_blender.playback.live import live\n"
         "from hfx_blender.playback.live_listening import _beat\n"
         "from hfx_blender.playback.live_targets import neutral_of\n"
@@ -558,9 +581,13 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
     )
     process = subprocess.Popen(
         [sys.executable, "-c", source, str(path)],
-        env={**os.environ, "XDG_DATA_HOME": str(tmp_path)},
+        env={
+            **os.environ,
+            "XDG_DATA_HOME": str(tmp_path),
+            "PYTHONPATH": str(Path(__file__).parents[1]),
+        },
     )
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + PATIENCE_S
     try:
         while not (rows(path) and "stop" in rows(path)[-1] and '"values"' in path.read_text()):
             assert time.monotonic() < end
@@ -569,3 +596,17 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
         process.kill()  # bpy may hang at its end
         process.wait()
     assert any(row.get("values", [0.0])[0] == 5.0 for row in rows(path))
+
+
+def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> None:
+    found, told = live_module.Live(), []
+    found._client = SimpleNamespace(  # type: ignore[assignment]
+        send=lambda name, _: told.append((name, "values")),
+        send_haptics=lambda name, _: told.append((name, "haptics")),
+    )
+    for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
+        connected = live_module._Connected(load_device(PAD), has_script, (), 0.0)
+        found._devices[name] = connected
+    found._muted = {"muted"}
+    found._fade()
+    assert told == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.bench import safety, safety_stops, safety_values
+from hfx_blender.bench import safety, safety_silences, safety_stops, safety_values
 from hfx_blender.bench.safety_stops import Log, NotPlayedError, NotSilentError, gaps_of
 from hfx_blender.devices.live.guard import Guard
 from hfx_blender.errors import InputError
@@ -66,7 +66,7 @@ def test_a_line_in_the_making_is_left_out_until_it_is_whole(tmp_path: Path) -> N
     assert log.silence_after(1.5) == 0.5
 
 
-class Scripted(safety_stops._Rounds):
+class Scripted(safety_stops.Rounds):
     """Rounds that go as they are told."""
 
     def __init__(self, *answers: float | type[Exception]) -> None:
@@ -83,16 +83,13 @@ class Scripted(safety_stops._Rounds):
         self.recovered += 1
 
 
-def run(monkeypatch: pytest.MonkeyPatch, kind: Scripted, rounds: int) -> safety_stops.Trials:
-    monkeypatch.setattr(safety_stops, "_OperatorStops", lambda folder: kind)
-    return safety_stops.run("operator stops", Path(), rounds, 0.0)
+def run(kind: Scripted, rounds: int) -> safety_stops.Trials:
+    return safety_stops.rounds_of("operator stops", lambda: kind, rounds, lambda share: None)
 
 
-def test_what_never_played_is_repeated_and_what_was_never_silent_is_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_never_played_is_repeated_and_what_was_never_silent_is_not() -> None:
     kind = Scripted(0.1, NotPlayedError, 0.2, NotSilentError, 0.3)
-    found = run(monkeypatch, kind, 4)
+    found = run(kind, 4)
     assert found.times_s == [0.1, 0.2, 0.3]
     assert (found.never_silent, found.not_played, kind.recovered) == (1, 1, 2)
     row = safety._row("operator stops", found)
@@ -101,11 +98,9 @@ def test_what_never_played_is_repeated_and_what_was_never_silent_is_not(
     assert "1 never silent, 1 repeated" in safety.as_text({"operator stops": row})
 
 
-def test_a_device_that_hardly_ever_plays_ends_the_measurement(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_device_that_hardly_ever_plays_ends_the_measurement() -> None:
     with pytest.raises(InputError, match="does not play"):
-        run(monkeypatch, Scripted(NotPlayedError), 3)
+        run(Scripted(NotPlayedError), 3)
 
 
 def test_a_stop_between_values_is_no_gap() -> None:
@@ -129,6 +124,36 @@ def test_a_figure_over_its_limit_is_told(changes: dict[str, Any], is_right: bool
     row |= {"p99_limit_ms": 25.0, "never_silent": 0, "repeated": 0, **changes}
     assert safety.is_within(row) is is_right
     assert ("over" in safety.as_text({"gap": row})) is not is_right
+
+
+def test_a_table_is_made_of_records_of_some_rows_idle_and_busy() -> None:
+    row = {"trials": 1000, "median_ms": 1.0, "p99_ms": 20.0, "max_ms": 40.0, "limit_ms": 50.0}
+    row |= {"never_silent": 0, "repeated": 0, "load": 0.5, "busy": False}
+    busy = {**row, "max_ms": 49.04, "load": 4.25, "busy": True, "never_silent": 2}
+    leak = {"trials": 7, "what": "values", "faults": 0, "load": 1.0, "busy": False}
+    records = [{"safety": {"operator stops": {**row, "max_ms": 1.0}, "limiter": leak}}]
+    records += [{"safety": {"operator stops": row}}, {"safety": {"operator stops": busy}}]
+    assert safety.as_markdown(records).splitlines()[2:] == [
+        "| operator stops | idle, load 0.5 | 1,000 | 1.0 ms | 20.0 ms | 40.0 ms | 50 ms |",
+        "| operator stops | busy, load 4.2 | 1,000 | 1.0 ms | 20.0 ms | 49.0 ms, 2 never silent"
+        " | 50 ms |",
+        "| limiter | idle, load 1.0 | 7 | | | 0 values | 0 |",
+    ]
+
+
+def test_every_row_has_who_measures_it() -> None:
+    kinds = {**safety_stops.KINDS, **safety_silences.KINDS}
+    other = {"gap beside hostile scripts", "limiter", "opened files"}
+    assert set(safety.ROWS) == set(kinds) | other
+
+
+def test_rounds_are_shared_by_those_that_work_at_a_time(tmp_path: Path) -> None:
+    found = safety_stops.run("x", lambda folder: Scripted(0.1), 3, tmp_path, 7)
+    assert found.count == 9 and found.times_s == [0.1] * 9
+    with pytest.raises(InputError, match="does not play"):
+        other = tmp_path / "other"
+        other.mkdir()
+        safety_stops.run("x", lambda folder: Scripted(NotPlayedError), 2, other, 7)
 
 
 def test_nothing_gets_through_the_limiter() -> None:

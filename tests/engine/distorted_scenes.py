@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Random bodies whose bones turn, stretch and mirror what they move, with random volumes."""
+"""Random bodies whose bones turn, and stretch and mirror what they move, with random volumes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from hfx_blender.engine.body.cells import cell_of_skin
-from hfx_blender.engine.body.model import PerceptualModel, load_model
+from hfx_blender.engine.body.model import PerceptualModel, load_model, load_skeleton
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.scene import (
@@ -24,7 +24,7 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
-from hfx_blender.engine.tolerance import EXACT, Tolerance
+from hfx_blender.engine.tolerance import EXACT, PREVIEW, STANDARD, Tolerance, parse
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Sphere
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
 
@@ -99,15 +99,25 @@ class DistortedScene:
         to_world = np.eye(4)
         to_world[:3, :3] = turn(rng, rng.uniform(0.0, np.pi)) * np.exp(0.3 * rng.normal())
         to_world[:3, 3] = rng.normal(size=3)
-        volumes = []
-        for _ in FALLOFFS:
-            size_m = float(np.exp(rng.uniform(np.log(0.02), np.log(2.0))))
-            kind = str(rng.choice(["sphere", "cuboid", "capsule"]))
-            vertex = rng.integers(len(model))
-            place = _posed(model, bones, to_world, np.array([vertex]))[0]
-            place = place + 0.6 * size_m * rng.normal(size=3)
-            volumes.append(Volume(kind, size_m, place, turn(rng, rng.uniform(0.0, np.pi))))
-        return cls(model, bones, to_world, tuple(volumes))
+        return cls(model, bones, to_world, _volumes(model, bones, to_world, rng, (0.02, 2.0), 0.6))
+
+    @classmethod
+    def turned(cls, model: PerceptualModel, seed: int, strength: float) -> DistortedScene:
+        """Bones turn at their joints by about ``strength`` radians: a person may stand so."""
+        rng = np.random.default_rng(seed)
+        skeleton = load_skeleton()
+        rest = skeleton.rest.astype(float)
+        placed = np.zeros_like(rest)
+        for bone, parent in enumerate(skeleton.parents.tolist()):
+            turned = np.eye(4)
+            turned[:3, :3] = turn(rng, strength * rng.normal())
+            moved = placed[parent] @ np.linalg.inv(rest[parent]) if parent >= 0 else np.eye(4)
+            placed[bone] = moved @ rest[bone] @ turned
+        moves = (placed @ np.linalg.inv(rest))[:, :3]
+        bones = moves[[skeleton.bone_names.index(name) for name in model.bone_names]]
+        return cls(
+            model, bones, np.eye(4), _volumes(model, bones, np.eye(4), rng, (0.01, 0.6), 0.5)
+        )
 
     def felt(
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
@@ -193,6 +203,55 @@ def excess(scene: DistortedScene, tolerance: Tolerance, exact: np.ndarray) -> fl
         worst = max(worst, float(off.max()))
         wrong &= edges > edge_m
     return worst
+
+
+@dataclass(frozen=True)
+class Case:
+    """A random scene and a setting that it is looked at with; the same for the same seed."""
+
+    seed: int
+    modality: str
+    is_distorted: bool
+    strength: float
+    tolerance: Tolerance
+
+    @classmethod
+    def of(cls, seed: int) -> Case:
+        rng = np.random.default_rng(seed)
+        modality = str(rng.choice(["temperature", "pressure", "vibration"]))
+        is_distorted = bool(rng.random() < 0.5)
+        strength = rng.uniform(0.0, 1.2 if is_distorted else 0.5)
+        distance_mm, share = np.exp(rng.uniform(np.log([0.5, 0.5]), np.log([30.0, 20.0])))
+        own = parse(f"{distance_mm:.2f}mm,10ms,{share:.2f}%")
+        tolerance = (PREVIEW, STANDARD, own, own)[rng.integers(4)]
+        return cls(seed, modality, is_distorted, float(strength), tolerance)
+
+    @property
+    def excess(self) -> float:
+        """See :func:`excess`."""
+        make = DistortedScene.drawn if self.is_distorted else DistortedScene.turned
+        scene = make(load(f"hfx-{self.modality}-1"), self.seed, self.strength)
+        return excess(scene, self.tolerance, scene.felt(EXACT))
+
+
+def _volumes(
+    model: PerceptualModel,
+    bones: np.ndarray,
+    to_world: np.ndarray,
+    rng: np.random.Generator,
+    sizes_m: tuple[float, float],
+    away: float,
+) -> tuple[Volume, ...]:
+    """Volumes whose middles are about a share of their size away from a vertex."""
+    volumes = []
+    for _ in FALLOFFS:
+        size_m = float(np.exp(rng.uniform(*np.log(sizes_m))))
+        kind = str(rng.choice(["sphere", "cuboid", "capsule"]))
+        vertex = rng.integers(len(model))
+        place = _posed(model, bones, to_world, np.array([vertex]))[0]
+        place = place + away * size_m * rng.normal(size=3)
+        volumes.append(Volume(kind, size_m, place, turn(rng, rng.uniform(0.0, np.pi))))
+    return tuple(volumes)
 
 
 @lru_cache(maxsize=16)

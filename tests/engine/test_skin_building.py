@@ -30,8 +30,11 @@ pytestmark = needs_library
 
 FINE = Tolerance("fine", 0.001, 0.25, 0.002, 0.0)
 _OF_CLUSTERS = ("starts", "place_counts", "unit_counts", "cell_starts", "bulge_m", "most_samples")
-_OF_PLACES = ("vertices", "cell_of", "unit_shares", "vertex_shares", "steps", "reaches", "means")
-_OF_QUADS = ("quad_starts", "is_ringed", "unit_of", "around", "heights_m", "wholes")
+_OF_PLACES = ("vertices", "cell_of", "unit_shares", "vertex_shares", "reaches", "means")
+_OF_QUADS = (
+    *("quad_starts", "is_ringed", "unit_of", "around", "steps", "finest", "heights_m", "wholes"),
+    "quads",
+)
 ALL = (*_OF_CLUSTERS, *_OF_PLACES, *_OF_QUADS)
 
 

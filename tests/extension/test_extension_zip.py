@@ -217,6 +217,10 @@ for _ in range(2):
     assert not hasattr(bpy.types.Object, "hfx")
     bpy.ops.preferences.addon_enable(module=name)
 assert bpy.context.object.hfx.role == "EFFECT"
+from bl_ext.user_default.hfx_blender import own_processes
+os.chdir(sys.argv[2])  # with strange modules
+done = own_processes.run(own_processes.command("devices.live.host"))
+assert done.returncode == 0 and "IT RAN" not in done.stderr, done.stderr
 index = bpy.context.preferences.extensions.repos.find("User Default")
 bpy.ops.extensions.package_uninstall(repo_index=index, pkg_id="hfx_blender")
 assert not [each for each in sys.modules if each.startswith(name)]
@@ -229,9 +233,14 @@ def test_it_is_installed_used_switched_and_uninstalled(small: Path, tmp_path: Pa
     pytest.importorskip("bpy")
     resources = tmp_path / "resources"
     resources.mkdir()
+    strange = tmp_path / "strange"
+    strange.mkdir()
+    for name in ("json", "numpy", "signal", "threading", "hfx_blender"):
+        (strange / f"{name}.py").write_text("import sys\nsys.exit('IT RAN')\n")
     done = subprocess.run(
-        [sys.executable, "-c", INSTALL, str(small)],
+        [sys.executable, "-c", INSTALL, str(small), str(strange)],
         env={**os.environ, "BLENDER_USER_RESOURCES": str(resources)},
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         cwd=tmp_path,

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hfx_blender import file_limits
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
@@ -431,8 +432,9 @@ def test_any_document_survives(document):
     assert data == encoded(json.loads(data))  # nothing is written differently than by json
     assert rules.validate(data, "x") == []
     assert reader.decode(data, "x") == document
-    for each in to_signals.envelopes(document):
-        assert np.isfinite(each.strength.values).all()
+    with file_limits.raised(file_limits.MOST_TIMES):  # a position may be a day away
+        for each in to_signals.envelopes(document):
+            assert np.isfinite(each.strength.values).all()
 
 
 def test_many_channels_and_keyframes_survive():

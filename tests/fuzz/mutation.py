@@ -20,6 +20,7 @@ VALUES: tuple[object, ...] = (
     None, True, -1, 0, 1, 2, 1.5, 1e308, -1e308, 5e-324, 2**31, 2**64, "", "x", "\ud800", [], {},
     [[]], {"a": 1}, "Reference", "Composite", 7, 1000, 50_000, 10_000,
 )  # fmt: skip
+_PNG = b"\x89PNG\r\n\x1a\n"
 _GLB_HEAD = struct.Struct("<4sIIII")
 
 ByteMutator = Callable[[bytes], bytes]
@@ -28,7 +29,7 @@ ByteMutator = Callable[[bytes], bytes]
 def mutated(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes:
     """A changed copy: half of the time of the content behind the file's packing."""
     if rng.random() < 0.5:
-        for inside in (_of_tree, _of_archive, _of_glb):
+        for inside in (_of_tree, _of_archive, _of_glb, _of_png):
             result = inside(data, rng, of_bytes)
             if result is not None:
                 return result
@@ -68,7 +69,9 @@ def _of_archive(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {each: archive.read(each)[: 64 << 10] for each in archive.namelist()[:20]}
         name = rng.choice(list(members))
-        members[name] = of_bytes(members[name])
+        inner = _of_tree(members[name], rng, of_bytes) or _of_png(members[name], rng, of_bytes)
+        is_tree = inner is not None and rng.random() < 0.7
+        members[name] = inner if is_tree and inner is not None else of_bytes(members[name])
         if rng.random() < 0.1:
             members[rng.choice(list(members))] = members.pop(name)
         with zipfile.ZipFile(packed, "w", rng.choice((0, 8))) as archive:
@@ -93,6 +96,38 @@ def _of_glb(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | N
     rest = data[_GLB_HEAD.size + length :]
     total = _GLB_HEAD.size + len(content) + len(rest)
     return _GLB_HEAD.pack(magic, version, total, len(content), kind) + content + rest
+
+
+def _of_png(data: bytes, rng: random.Random, of_bytes: ByteMutator) -> bytes | None:
+    """A PNG with a part changed, sums that are right, and rows that are packed again."""
+    if data[:8] != _PNG:
+        return None
+    parts: list[tuple[bytes, bytes]] = []
+    place = 8
+    while place + 12 <= len(data) and len(parts) < 20:
+        (size,) = struct.unpack_from(">I", data, place)
+        parts.append((data[place + 4 : place + 8], data[place + 8 : place + 8 + size]))
+        place += 12 + size
+    if not parts:
+        return None
+    k = rng.randrange(len(parts))
+    name, content = parts[k]
+    if name == b"IDAT" and rng.random() < 0.8:
+        try:
+            content = zlib.compress(of_bytes(zlib.decompressobj().decompress(content, 1 << 16)), 1)
+        except zlib.error:
+            return None
+    else:
+        content = of_bytes(content)
+        content = content[:13].ljust(13, b"\0") if name == b"IHDR" else content
+    parts[k] = (name, content)
+    return _PNG + b"".join(png_part(*each) for each in parts)
+
+
+def png_part(name: bytes, content: bytes) -> bytes:
+    """A part of a PNG with its size and its sum."""
+    total = zlib.crc32(name + content)
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", total)
 
 
 def change_tree(tree: object, rng: random.Random) -> None:

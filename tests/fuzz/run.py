@@ -2,10 +2,11 @@
 """Throw damaged files at every reader; one may refuse them, nothing else.
 
 ``python tests/fuzz/run.py --inputs 10_000_000 --jobs 2 --folder fuzz`` changes small valid files
-of every format, keeps what reaches new code of the readers, and reports faults (an exception that
-is no ``InputError``), hangs and growing memory. Each format gets the same number of inputs, in
-slices of a process each; what was kept stays in the folder for the next run. Uses libFuzzer where
-the package atheris is installed. Not part of the test suite.
+of every format, keeps what reaches new code of the readers, and reports faults: an exception that
+is no ``InputError``, more than 5 s of work for an input, more than 1 GiB of memory. ``--work
+conversions`` does the same for conversions of each format to each other. Each format gets the
+same number of inputs, in slices of a process each; what was kept stays in the folder for the next
+run. Uses libFuzzer where the package atheris is installed. Not part of the test suite.
 """
 
 from __future__ import annotations
@@ -17,10 +18,15 @@ import sys
 import time
 from pathlib import Path
 
-_FORMATS = (
-    "ahap", "haptic", "he", "openharmony", "openxr", "tact", "hjif", "jsonl", "glb", "npz", "csv",
-    "wav",
+_SOURCES = (
+    "ahap", "haptic", "he", "openharmony", "openxr", "tact", "hjif", "npz", "csv", "track",
 )  # fmt: skip
+_PARSERS = (
+    *_SOURCES, "jsonl", "glb", "wav", "device", "effect", "path", "nodemap", "unitouch",
+    "texture", "png", "report", "model", "cloud",
+)  # fmt: skip
+_WORK = {"parsers": _PARSERS, "conversions": tuple(f"{each}-to" for each in _SOURCES)}
+_MOST_MIB = 1024  # that a process may ever have
 _SMALL_BYTES = 3 << 10  # of an input, in all slices but one in eight
 _LARGE_BYTES = 32 << 10
 
@@ -31,7 +37,7 @@ class Campaign:
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
         self._path = options.folder / "totals.json"
-        names = options.formats.split(",")
+        names = options.formats.split(",") if options.formats else list(_WORK[options.work])
         self.totals: dict[str, dict[str, float]] = {}
         self.faults: dict[str, str] = {}
         if self._path.is_file():
@@ -107,6 +113,8 @@ class Campaign:
             total["slowest_s"] = max(total["slowest_s"], told["slowest_s"])
             total["growth_mib"] = max(total["growth_mib"], told["last_mib"] - told["first_mib"])
             total["peak_mib"] = max(total["peak_mib"], told["peak_mib"])
+            if told["peak_mib"] > _MOST_MIB:
+                self._fault(f"{name}: memory", f"{told['peak_mib']:.0f} MiB")
             for place, message in told["faults"].items():
                 self._fault(f"{name}: {place}", message)
         if code != 0:
@@ -134,7 +142,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--inputs", type=int, default=120_000, help="of all formats together")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
-    parser.add_argument("--formats", default=",".join(_FORMATS), metavar="F,...")
+    parser.add_argument(
+        "--work", choices=list(_WORK), default="parsers", help="reading, or all conversions"
+    )
+    parser.add_argument("--formats", metavar="F,...", help="only some of them, by their names")
     parser.add_argument("--slice", type=int, default=100_000, help="inputs of one process")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=Path("fuzz"), help="for all that is kept")

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 import sys
+import zipfile
+import zlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,27 +19,150 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "formats")]
 
 from format_cases import RANGE, raster_for  # noqa: E402
 from format_cases import signal as signal_of  # noqa: E402
+from mutation import png_part  # noqa: E402
+from readers import report_of  # noqa: E402
 from test_hjif import BEAT, sample, track_of  # noqa: E402
 
+from hfx_blender import resources  # noqa: E402
+from hfx_blender.authoring import path_file  # noqa: E402
 from hfx_blender.devices.configuration import load_device  # noqa: E402
-from hfx_blender.engine.body.model import load_model  # noqa: E402
-from hfx_blender.formats import files, glb, registry  # noqa: E402
+from hfx_blender.engine.body import model as body_model  # noqa: E402
+from hfx_blender.engine.body.model import PerceptualModel, SkinWeights, load_model  # noqa: E402
+from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
+from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
+from hfx_blender.formats import files, glb, registry, texture_map  # noqa: E402
 from hfx_blender.formats.signals import Transient  # noqa: E402
 
 MOST_BYTES = 8 << 10  # of one file: small ones are changed and read quickly
 _LONG_LIST = 2  # items that a list of a shortened document keeps
 
 
-def seeds(folder: Path) -> dict[str, list[bytes]]:
-    """By format; ``folder`` is for what the writers write."""
-    found: dict[str, list[bytes]] = {name: [] for name in files.FILE_FORMATS}
+def seeds(folder: Path, name: str) -> list[bytes]:
+    """Of one reader or conversion; ``folder`` is for what the writers write."""
+    kind = name.removesuffix("-to")
+    if kind in _OTHERS:
+        return _smallest(_OTHERS[kind](folder))
+    found: dict[str, list[bytes]] = {each: [] for each in files.FILE_FORMATS}
     _of_device(found, folder)
     _of_signals(found, folder)
     _of_track(found, folder)
     found["hjif"].append(json.dumps(sample()).encode())
     found["glb"] += _glbs()
     found["wav"].append(_wav())
-    return {name: _smallest(each) for name, each in found.items()}
+    return _smallest(found[kind])
+
+
+def _tracks(folder: Path) -> list[bytes]:
+    found = []
+    for modality, kind in (("vibration", "painted"), ("wind", "volume"), ("temperature", "volume")):
+        with track_of(folder, modality, kind, BEAT[:12]) as track:
+            found.append(track.path.read_bytes())
+    return found
+
+
+def _devices(folder: Path) -> list[bytes]:
+    return [path.read_bytes() for path in sorted(resources.device_configs().glob("*.json"))]
+
+
+def _effects(folder: Path) -> list[bytes]:
+    return [path.read_bytes() for path in sorted(resources.effect_library().glob("*.hfxeffect"))]
+
+
+def _paths(folder: Path) -> list[bytes]:
+    return [path.read_bytes() for path in path_file.library().values()]
+
+
+def _node_maps(folder: Path) -> list[bytes]:
+    nodes = [
+        {"node_data": {"x": 0.1, "y": 1.2, "z": 0.1}, "radius": 0.05, "target_bone": "Chest"},
+        {"x": -0.3, "y": 1.2, "z": 0, "target_bone": "LeftHand", "address": "/avatar/parameters/a"},
+    ]
+    return [json.dumps({"nodes": nodes}).encode()]
+
+
+def _layouts(folder: Path) -> list[bytes]:
+    places = [{"x": x, "y": y, "z": z} for x, y, z in ((0, 0, 1), (1, 2, 0), (2, 1, 1))]
+    layout = {
+        "name": "vest",
+        "visualReference": "Skinetic",
+        "actuators": [{"projectedViewPosition": each} for each in places],
+        "views": [{"name": "Front", "Indexes": [0, 2]}, {"name": "Back", "indexes": [1]}],
+    }
+    return [json.dumps(layout).encode()]
+
+
+def _maps(folder: Path) -> list[bytes]:
+    layers = np.random.default_rng(0).uniform(size=(2, 4, 5)).astype(np.float32)
+    found = []
+    for bits in (8, 16):
+        haptic_map = HapticMap(layers[0], layers[1], (2e-4, 3e-4), False, DeviceRange())
+        written = texture_map.write(haptic_map, folder / "m", bits)
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as archive:
+            for path in written.files:
+                archive.write(path, path.name)
+        found.append(packed.getvalue())
+    return found
+
+
+def _pngs(folder: Path) -> list[bytes]:
+    """Every depth and kind of colour, every filter."""
+    found = []
+    for colour, channels in ((0, 1), (2, 3), (4, 2), (6, 4)):
+        for depth in (8, 16):
+            unit = channels * depth // 8
+            rows = b"".join(bytes([k]) + bytes(range(3 * unit)) for k in range(5))
+            head = struct.pack(">IIBBBBB", 3, 5, depth, colour, 0, 0, 0)
+            parts = ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+            found.append(b"\x89PNG\r\n\x1a\n" + b"".join(png_part(*each) for each in parts))
+    return found
+
+
+def _models(folder: Path) -> list[bytes]:
+    """A model of few vertices: the shipped ones are large."""
+    path = folder / "x.npz"
+    kinds = {
+        "vertices": ("f4", (4, 3)), "triangles": ("i4", (2, 3)), "normals": ("f4", (4, 3)),
+        "areas_m2": ("f4", (4,)), "part": ("u1", (4,)), "side": ("u1", (4,)),
+        "mirror": ("i4", (4,)), "avatar_vertices": ("i4", (4, 3)),
+        "avatar_weights": ("f4", (4, 3)), "avatar_offset_m": ("f4", (4,)),
+    }  # fmt: skip
+    arrays = {name: np.zeros(shape, kind) for name, (kind, shape) in kinds.items()}
+    weights = SkinWeights(np.arange(5, dtype="i4"), np.zeros(4, "i4"), np.ones(4, "f4"))
+    body_model.save(
+        PerceptualModel(
+            "x", "vibration", **arrays, bone_names=("b",), weights=weights, provenance={}
+        ),
+        path,
+    )
+    return [path.read_bytes()]
+
+
+def _clouds(folder: Path) -> list[bytes]:
+    head = "ply\nformat {} 1.0\nelement vertex 3\n{}end_header\n"
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    points = np.arange(9, dtype="<f4").reshape(3, 3)
+    lines = "".join("{} {} {}\n".format(*row) for row in points.tolist())
+    return [
+        head.format("ascii", axes).encode() + lines.encode(),
+        head.format("binary_little_endian", axes).encode() + points.tobytes(),
+        lines.replace(" ", ";").encode(),
+    ]
+
+
+_OTHERS: Final[dict[str, Callable[[Path], list[bytes]]]] = {
+    "track": _tracks,
+    "device": _devices,
+    "effect": _effects,
+    "path": _paths,
+    "nodemap": _node_maps,
+    "unitouch": _layouts,
+    "texture": _maps,
+    "png": _pngs,
+    "report": lambda folder: [report_of(folder)],
+    "model": _models,
+    "cloud": _clouds,
+}
 
 
 def _of_device(found: dict[str, list[bytes]], folder: Path) -> None:

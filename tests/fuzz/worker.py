@@ -25,23 +25,31 @@ try:
     import atheris
 except ImportError:
     atheris = None
-import hfx_blender.engine.rendering  # noqa: E402
-import hfx_blender.engine.track  # noqa: E402
-
 if atheris:
-    # Readers only: each instrumented line costs time, and the engine reads no files of strangers.
+    # Readers only: each instrumented line costs time.
     with atheris.instrument_imports(
-        include=["hfx_blender.formats", "hfx_blender.devices.strict_json"]
+        include=[
+            "hfx_blender.authoring.effect_file",
+            "hfx_blender.authoring.path_file",
+            "hfx_blender.authoring.response_recipes",
+            "hfx_blender.batch.inputs",
+            "hfx_blender.batch.journal",
+            "hfx_blender.commands.info_report",
+            "hfx_blender.devices",
+            "hfx_blender.engine.body.model",
+            "hfx_blender.engine.track",
+            "hfx_blender.formats",
+        ]
     ):
-        import hfx_blender.formats.files  # noqa: F401
+        import readers
 
 from mutation import changed_bytes, mutated  # noqa: E402
-from readers import Reader, readers  # noqa: E402
-from seeds import seeds  # noqa: E402
+from readers import CONVERSIONS, PARSERS, Reader, readers  # noqa: E402
 
 from hfx_blender.errors import InputError  # noqa: E402
 from hfx_blender.formats import checking, files  # noqa: E402
 
+SLOW_S = 5.0  # of work for one input
 HANG_S = 10.0  # of this process's own work: a busy machine is no hang
 MOST_MIB = 1024  # that libFuzzer allows
 MOST_BYTES = 64 << 10  # of one input
@@ -52,6 +60,10 @@ _MOST_FINDINGS = 20  # of one input: telling of all would take most of the time
 
 class Hang(BaseException):
     """A reader does not come back."""
+
+
+class SlowError(Exception):
+    """A reader takes longer than a file is worth."""
 
 
 class Watched:
@@ -85,6 +97,8 @@ class Watched:
         except BaseException as error:
             self._keep(error, content)
         ended_s = time.process_time()
+        if ended_s - began_s > SLOW_S:
+            self._keep(SlowError(f"{ended_s - began_s:.1f} s, allowed are {SLOW_S:g}"), content)
         if ended_s - began_s > self._slowest_s:
             self._slowest_s = ended_s - began_s
             (self._options.folder / f"slowest-{self._name}").write_bytes(content)
@@ -94,12 +108,16 @@ class Watched:
                 os._exit(0)  # libFuzzer has no other end that leaves the report as it is
 
     def _keep(self, error: BaseException, content: bytes) -> None:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{type(error).__name__} at {Path(where.filename).name}:{where.lineno}"
+        trace = traceback.extract_tb(error.__traceback__)
+        place = type(error).__name__
+        if trace:
+            place += f" at {Path(trace[-1].filename).name}:{trace[-1].lineno}"
         if place not in self._faults:
             self._faults[place] = str(error)[:200]
             shown = place.replace(" ", "-").replace(":", "-")
             (self._options.folder / f"fault-{self._name}-{shown}").write_bytes(content)
+            told = "".join(traceback.format_exception(error))
+            (self._options.folder / f"fault-{self._name}-{shown}.txt").write_text(told)
 
     def report(self) -> None:
         """Leave the counts for ``run.py``."""
@@ -163,7 +181,7 @@ class Coverage:
     """Lines of the readers that an input reaches."""
 
     def __init__(self) -> None:
-        self._folder = str(Path(files.__file__).parent)
+        self._folder = str(Path(files.__file__).parents[1])
         self._seen: set[tuple[object, int]] = set()
         self._new = False
 
@@ -211,7 +229,7 @@ def fuzz_plainly(watched: Watched, options: argparse.Namespace, corpus: Path) ->
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
-    parser.add_argument("format", choices=list(files.FILE_FORMATS))
+    parser.add_argument("format", choices=(*PARSERS, *CONVERSIONS))
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--report", type=Path, required=True)
     parser.add_argument("--inputs", type=int, required=True)
@@ -221,12 +239,15 @@ def main() -> None:
     options = parser.parse_args()
     corpus = options.folder / "corpus" / options.format
     if not corpus.is_dir():
-        corpus.mkdir(parents=True)
+        from seeds import seeds  # it brings the tests' modules along
+
         with tempfile.TemporaryDirectory() as folder:
-            for k, data in enumerate(seeds(Path(folder))[options.format]):
+            made = seeds(Path(folder), options.format)
+            corpus.mkdir(parents=True)
+            for k, data in enumerate(made):
                 (corpus / f"seed-{k}").write_bytes(data)
     checking.MAX_FINDINGS = _MOST_FINDINGS  # type: ignore[misc]
-    watched = Watched(options.format, readers()[options.format], options)
+    watched = Watched(options.format, readers(options.format), options)
     (fuzz_with_atheris if atheris else fuzz_plainly)(watched, options, corpus)
 
 

@@ -9,14 +9,20 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from ... import resources
-from ...atomic_files import atomic_file
+from ...atomic_files import atomic_file, locked
 from ...errors import InputError
-from ..configuration import find_file
+from ..configuration import find_file, script_beside
 from .haptics import API_VERSION
+
+_FINGERPRINT: Final = re.compile(r"[0-9a-f]{64}")
+_MOST_BYTES: Final = 16 << 20
 
 
 @dataclass(frozen=True)
@@ -46,12 +52,16 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
         One of the files cannot be read.
     """
     configuration = find_file(name_or_path, folder)
-    if configuration is None or not configuration.with_suffix(".py").is_file():
+    path = None if configuration is None else script_beside(configuration)
+    if configuration is None or path is None:
         return None
-    path = configuration.with_suffix(".py")
     mark = fingerprint(path, configuration)
-    is_shipped = path.resolve().parent == resources.device_configs().resolve()
-    return DeviceScript(path, configuration, mark, is_shipped or mark in _approved())
+    return DeviceScript(path, configuration, mark, is_shipped(path) or mark in approved())
+
+
+def is_shipped(script: Path) -> bool:
+    """Whether a script is one of the release's, which needs no approval and cannot lose it."""
+    return script.resolve().parent == resources.device_configs().resolve()
 
 
 def fingerprint(script: Path, configuration: Path) -> str:
@@ -83,39 +93,133 @@ def approve(script: DeviceScript) -> None:
     Raises
     ------
     InputError
-        They have changed since they were shown.
+        They have changed since they were shown, or the list of approvals cannot be read.
     OutputError
         It cannot be stored.
     """
     if fingerprint(script.path, script.configuration) != script.fingerprint:
         raise InputError(f"{script.path}: has changed just now; look at it again.")
-    _store({**_approved(), script.fingerprint: script.path.name})
+    with locked(resources.approved_scripts()):
+        _store({**_read(), script.fingerprint: str(script.path.absolute())})
 
 
 def revoke(script: DeviceScript) -> None:
-    """Ask again next time.
+    """Ask again next time; where it runs live it is stopped.
+
+    Whatever of this very file was approved before, with other bytes, is withdrawn as well.
 
     Raises
     ------
+    InputError
+        The list of approvals cannot be read.
     OutputError
         It cannot be stored.
     """
-    _store({mark: name for mark, name in _approved().items() if mark != script.fingerprint})
+    path = str(script.path.absolute())
+    with locked(resources.approved_scripts()):
+        found = _read()
+        _store({m: p for m, p in found.items() if m != script.fingerprint and p != path})
 
 
-def _approved() -> dict[str, str]:
-    """File names by fingerprint; what cannot be read approves nothing."""
+def revoke_fingerprint(mark: str) -> None:
+    """Withdraw one approval of the list, whether its files are there still or not.
+
+    Raises
+    ------
+    InputError
+        It is not on the list, or the list cannot be read.
+    OutputError
+        It cannot be stored.
+    """
+    with locked(resources.approved_scripts()):
+        found = _read()
+        if mark not in found:
+            raise InputError(f"{resources.approved_scripts()}: '{mark[:64]}' is not approved.")
+        _store({m: path for m, path in found.items() if m != mark})
+
+
+def approved() -> dict[str, str]:
+    """Paths of approved scripts by fingerprint; a list that cannot be read approves nothing.
+
+    Those of older versions are names of files only.
+    """
     try:
-        found = json.loads(resources.approved_scripts().read_bytes())
-    except (OSError, ValueError, RecursionError):
+        return _read()
+    except InputError:
         return {}
-    if not isinstance(found, dict):
-        return {}
-    return {str(mark): str(name) for mark, name in found.items()}
 
 
-def _store(approved: dict[str, str]) -> None:
+def fault_of_list() -> str:
+    """Why the list of approvals cannot be read; empty: it can."""
+    try:
+        _read()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+class Approval:
+    """The approval that a running script began with.
+
+    Parameters
+    ----------
+    mark : str
+        The script's fingerprint.
+    """
+
+    def __init__(self, mark: str) -> None:
+        self._mark = mark
+        self._seen = _stamp()
+        self.was_given = mark in approved()  # shipped scripts are on no list
+        self._is_withdrawn = False
+
+    def is_withdrawn(self) -> bool:
+        """Whether it was given and is not any more; looks at the list only if that changed."""
+        seen = _stamp()
+        if self.was_given and seen != self._seen:
+            self._seen, self._is_withdrawn = seen, self._mark not in approved()
+        return self._is_withdrawn
+
+
+def _stamp() -> tuple[int, ...] | None:
+    try:
+        found = resources.approved_scripts().stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _read() -> dict[str, str]:
+    """Paths by fingerprint.
+
+    Raises
+    ------
+    InputError
+        There is a list, but it cannot be read.
+    """
     path = resources.approved_scripts()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as file:
-        file.write(json.dumps(approved, indent=1).encode())
+    try:
+        with open(path, "rb") as file:
+            found = json.loads(file.read(_MOST_BYTES))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise _unreadable(path, str(error)) from None
+    if not isinstance(found, dict):
+        raise _unreadable(path, "it is no JSON object")
+    for mark, script in found.items():
+        if not (isinstance(script, str) and _FINGERPRINT.fullmatch(mark)):
+            raise _unreadable(path, f"'{mark[:64]}' is no approval")
+    return found
+
+
+def _unreadable(path: Path, why: str) -> InputError:
+    return InputError(
+        f"{path}: the list of approved scripts cannot be read ({why}), so none is approved; "
+        "repair it or move it away."
+    )
+
+
+def _store(approved: Mapping[str, str]) -> None:
+    with atomic_file(resources.approved_scripts()) as file:
+        file.write(json.dumps(dict(approved), indent=1).encode())

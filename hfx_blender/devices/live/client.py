@@ -28,6 +28,7 @@ class LiveClient:
     def __init__(self) -> None:
         self._pipe = HostPipe()
         self._numbers = 0
+        self._gains: Mapping[int, float] = {}  # of the newest moment
         self.devices: dict[str, DeviceState] = {}
         atexit.register(self.close)
 
@@ -138,8 +139,15 @@ class LiveClient:
     def show(self, moment: Moment) -> None:
         """What is felt now, for every device; what was not sent yet is replaced.
 
-        It is handed over as it is: nothing of it may be changed any more.
+        It is handed over as it is: nothing of it may be changed any more. A device that is muted
+        by it is silent at once.
         """
+        for number, gain in moment.gains.items():
+            if not gain and self._gains.get(number, 1.0):
+                self._pipe.void(EVERY_DEVICE)
+                self._pipe.void(number)
+                self._pipe.tell(Kind.PAUSE, number)
+        self._gains = moment.gains
         self._pipe.replace(EVERY_DEVICE, moment)
 
     def foresee(self, body: bytes, *, is_scene: bool) -> None:
@@ -182,6 +190,8 @@ class LiveClient:
 
     def stop(self, name: str) -> None:
         """Silence one device."""
+        if name in self.devices:
+            self._pipe.void(self.devices[name].number)
         self._command(Kind.STOP, name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:

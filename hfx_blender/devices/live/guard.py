@@ -8,15 +8,19 @@ Whatever a script or an engine asks for, nothing else reaches an actuator.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.limits import DeviceLimits
+from .time_on import Account, TimeOn
 
 F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
+
+LONGEST_RISE_S: Final = 0.05
+"""A rise is for so long at most: after a stall nothing jumps to where it would be by now."""
 
 
 class Guard:
@@ -28,20 +32,35 @@ class Guard:
     """
 
     def __init__(self, device: DeviceConfig) -> None:
-        kinds = [actuator.type for actuator in device.actuators]
+        self._kinds = [actuator.type for actuator in device.actuators]
         self._limits = DeviceLimits(device)
         self.neutral = self._limits.neutral
         self._silent = self._limits.silent
-        self._slew_per_s = np.array([kind.slew_per_s for kind in kinds], np.float64)
-        self._maximum_on_s = np.array([kind.maximum_on_s for kind in kinds], np.float64)
-        self._rest_s = np.array([kind.rest_s for kind in kinds], np.float64)
+        self._slew_per_s = np.array([kind.slew_per_s for kind in self._kinds], np.float64)
+        self._time_on = TimeOn(self._kinds)
         self.reset()
 
+    @property
+    def has_time_limit(self) -> bool:
+        """Whether any actuator may be on for so long only."""
+        return self._time_on.is_limited
+
+    def share(self, accounts: Sequence[Account]) -> None:
+        """Count time on in accounts that outlive this connection; before anything is played."""
+        self._time_on = TimeOn(self._kinds, accounts)
+
     def reset(self) -> None:
-        """Begin from silence, as after every stop."""
+        """Begin from silence, as after every stop; time on is not forgotten."""
         self._given = self._silent[:, 0].copy()  # (A,) strengths
-        self._on_s = np.zeros(len(self._given))
-        self._resting_s = np.zeros(len(self._given))
+        self._time_on.begin()
+
+    def fell_silent(self, played_s: float, now_s: float) -> None:
+        """Nothing is played from now on; what was given last was played ``played_s`` longer."""
+        self._time_on.end(played_s, now_s)
+
+    def rested(self, now_s: float) -> None:
+        """Before it begins again: time since the device fell silent was rest."""
+        self._time_on.rested(now_s)
 
     def passed(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
         """Values that may be sent, (columns,).
@@ -51,37 +70,30 @@ class Guard:
         wanted : (columns,)
             Anything at all: what is not one finite number for each column is silence.
         step_s : float
-            Time since the last call; what is not a number above 0 lets nothing rise.
+            Time since the last call; what is not a number above 0 lets nothing rise or rest.
         """
         values = _as_numbers(wanted, len(self.neutral))
         step_s = step_s if step_s > 0.0 and np.isfinite(step_s) else 0.0
         safe = self._limits.by_actuator(values)
         silent = self._silent[:, 0]
-        rise = self._slew_per_s * step_s if step_s else np.zeros(len(silent))
+        rise_s = min(step_s, LONGEST_RISE_S)
+        rise = self._slew_per_s * rise_s if rise_s else np.zeros(len(silent))
         safe[:, 0] = _slewed(self._given, safe[:, 0], silent, rise)
-        has_to_rest = self._has_to_rest(safe[:, 0] != silent, step_s)
-        safe[has_to_rest] = self._silent[has_to_rest]
+        is_held = self._time_on.held_off(safe[:, 0] != silent, step_s)
+        safe[is_held] = self._silent[is_held]
         self._given = safe[:, 0].copy()
         return self._limits.joined(safe)
-
-    def _has_to_rest(self, is_on: Bool, step_s: float) -> Bool:
-        """Count time on; an actuator that was on too long rests before it plays again."""
-        is_resting = self._resting_s > 0.0
-        self._resting_s = np.where(is_resting, self._resting_s - step_s, self._resting_s)
-        self._on_s = np.where(is_resting, self._on_s, np.where(is_on, self._on_s + step_s, 0.0))
-        is_over = ~is_resting & (self._on_s > self._maximum_on_s)
-        self._on_s[is_over] = 0.0
-        self._resting_s[is_over] = self._rest_s[is_over]
-        return is_resting | is_over
 
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
     """Values (count,); not a number wherever something else was handed over."""
     try:
-        values = np.asarray(wanted, np.float64)
+        values = np.asarray(wanted)
     except (TypeError, ValueError):
         values = np.zeros(0)
-    return values.copy() if values.shape == (count,) else np.full(count, np.nan)
+    if values.shape != (count,) or values.dtype.kind not in "fiu":  # no texts, no truths
+        return np.full(count, np.nan)
+    return values.astype(np.float64)
 
 
 def _slewed(given: F64, wanted: F64, silent: F64, rise: F64) -> F64:

@@ -5,8 +5,8 @@ Run as ``python -m hfx_blender.devices.live.host``: messages come over standard 
 go out as JSON lines over standard output. It needs neither Blender nor a window.
 
 Silence comes from: a stop message, the end of standard input, SIGTERM, an exception here, no
-sign of life for 250 ms, a lost output, a fault of a script or of what renders. Only an arm
-message ends it.
+sign of life for 250 ms, a process that stood still, as a computer that sleeps, a lost output, a
+fault of a script or of what renders. Only an arm message ends it.
 """
 
 from __future__ import annotations
@@ -20,13 +20,18 @@ import threading
 import time
 from collections import deque
 from functools import partial
+from math import isnan
 from pathlib import Path
 from types import FrameType
 from typing import Any, BinaryIO, Final, TextIO
 
+from ... import resources
+from ...engine.rendering.device import DeviceConfig
 from ...errors import InputError
 from ..configuration import load_device
-from .lane import Lane
+from .clock import SYSTEM, Clock
+from .kept_accounts import KeptAccounts, identities
+from .lane import FREEZE_S, MAX_OFFSET_S, Lane
 from .messages import (
     EVERY_DEVICE,
     Kind,
@@ -37,8 +42,9 @@ from .messages import (
     values_from,
 )
 from .outputs import open_output
-from .render_process import RenderProcess
+from .render_process import Questions, RenderProcess
 from .script_process import ScriptProcess
+from .time_on import Account
 
 HEARTBEAT_S: Final = 0.25
 """Without a message for so long, Blender is taken to be frozen."""
@@ -85,15 +91,17 @@ class Reporter:
 class Host:
     """All devices, and what they are told."""
 
-    def __init__(self, report: Reporter) -> None:
-        self._report = report
+    def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
+        self._report, self._clock = report, clock
         self._lanes: dict[int, Lane] = {}
         self._wake = threading.Condition()
-        self._last_sign_s = time.monotonic()
+        self._last_sign_s = self._last_turn_s = clock.now()
         self._end = ""
         self._patience_s = HEARTBEAT_S
         self._is_frozen = False
-        self._rendering = RenderProcess(self._rendered, self._cannot_render)
+        self._accounts = KeptAccounts(resources.time_on())
+        threading.Thread(target=self._accounts.keep_on, name="time on", daemon=True).start()
+        self._rendering = RenderProcess(self._rendered, self._cannot_render, clock)
 
     def read(self, stream: BinaryIO) -> None:
         """Take messages until there are no more; ends the process's work then."""
@@ -103,9 +111,7 @@ class Host:
                 message = read_message(stream)
                 if message is None:
                     break
-                self._patience_s = PAUSE_S if message.kind is Kind.PAUSE else HEARTBEAT_S
-                self._last_sign_s = time.monotonic()
-                self.take(message)
+                self.hear(message)
         except MessageError as error:
             end = f"Blender sent {error}"
         except Exception as error:
@@ -117,21 +123,34 @@ class Host:
         for lane in list(self._lanes.values()):  # at once, not when the main thread is up
             lane.stop(end)
 
-    def take(self, message: Message) -> None:
-        """Do what a message says."""
+    def hear(self, message: Message) -> None:
+        """A message that was read just now, and so a sign of life."""
+        now = self._clock.now()
+        self._stop_after_standstill(now)
+        is_work = message.kind is Kind.PAUSE and message.device == EVERY_DEVICE
+        self._patience_s = PAUSE_S if is_work else HEARTBEAT_S
+        self._last_sign_s = now
+        self.take(message, now)
+        for lane in list(self._lanes.values()):
+            lane.sign(now)
+
+    def take(self, message: Message, read_s: float) -> None:
+        """Do what a message says that was read at a time."""
         kind = message.kind
         if kind is Kind.CONNECT:
             self._connect(message.device, json_from(message.body))
             return
         if kind is Kind.MOMENT:
-            self._rendering.show(message.body)
+            playing = [(n, lane) for n, lane in self._lanes.items() if lane.is_armed]
+            questions = {number: lane.question(read_s) for number, lane in playing}
+            self._rendering.show(message.body, questions)
             return
         if kind in (Kind.FUTURE_SCENE, Kind.FUTURE_BLOCK):
             self._rendering.foresee(kind, message.body)
             return
-        if kind in (Kind.STOP, Kind.PAUSE, Kind.SCENE):  # nothing of before is felt after it
-            self._rendering.forget()
         if message.device == EVERY_DEVICE:
+            if kind in (Kind.STOP, Kind.PAUSE, Kind.SCENE):
+                self._rendering.forget()
             lanes = list(self._lanes.values())
         else:
             lanes = [x for x in (self._lanes.get(message.device),) if x is not None]
@@ -143,13 +162,14 @@ class Host:
             elif kind in (Kind.PAUSE, Kind.SCENE):
                 lane.pause()
             elif kind is Kind.VALUES:
-                lane.feed(values_from(message.body))
+                lane.feed(values_from(message.body), lane.question(read_s))
             elif kind is Kind.HAPTICS and lane.script is not None:
-                lane.script.ask(message.body)
+                question = lane.question(read_s)
+                lane.script.ask(message.body, partial(lane.feed, question=question))
             elif kind is Kind.PULSE:
                 lane.pulse(int(json_from(message.body).get("actuator", -1)))
             elif kind is Kind.SETTINGS:
-                lane.offset_s = _offset_s(json_from(message.body))
+                lane.set_offset(_offset_s(json_from(message.body)))
             elif kind is Kind.DISCONNECT:
                 self._lanes.pop(lane.number, None)
                 lane.close("disconnected")
@@ -160,7 +180,7 @@ class Host:
         elif kind is Kind.ARM:
             self._rendering.revive()
 
-    def _rendered(self, answer: Message) -> None:
+    def _rendered(self, answer: Message, questions: Questions) -> None:
         """What a device is to play now, or its script is to be told."""
         if answer.device == EVERY_DEVICE:
             self._cannot_render(answer.body.decode(errors="replace"))
@@ -168,12 +188,16 @@ class Host:
         lane = self._lanes.get(answer.device)
         if lane is None or not lane.is_armed:
             return
-        if answer.kind is Kind.ANSWER:
-            lane.feed(values_from(answer.body))
-        elif answer.kind is Kind.HAPTICS and lane.script is not None:
-            lane.script.ask(answer.body)
-        elif answer.kind is Kind.FAULT:
+        if answer.kind is Kind.FAULT:
             lane.fault(answer.body.decode(errors="replace"))
+            return
+        question = questions.get(answer.device)
+        if question is None:  # it was not there, or did not play, when that was asked
+            return
+        if answer.kind is Kind.ANSWER:
+            lane.feed(values_from(answer.body), question)
+        elif answer.kind is Kind.HAPTICS and lane.script is not None:
+            lane.script.ask(answer.body, partial(lane.feed, question=question))
 
     def _cannot_render(self, text: str) -> None:
         for lane in list(self._lanes.values()):
@@ -202,10 +226,15 @@ class Host:
             partial(open_output, device, output if isinstance(output, dict) else {}),
             self._report,
             offset_s=_offset_s(wish),
+            clock=self._clock,
+            accounts=partial(self._accounts_of, device, output if isinstance(output, dict) else {}),
         )
         self._add_script(lane, wish)
         self._lanes[number] = lane
         lane.start()
+
+    def _accounts_of(self, device: DeviceConfig, target: dict[str, Any]) -> list[Account]:
+        return [self._accounts.of(each) for each in identities(device, target)]
 
     def _add_script(self, lane: Lane, wish: dict[str, Any]) -> None:
         script = wish.get("script")
@@ -213,31 +242,49 @@ class Host:
             return
         lane.script = ScriptProcess(
             {**script, "device": wish.get("configuration"), "folder": wish.get("folder")},
-            lane.feed,
             lane.fault,
             lambda text: self._report("log", lane.number, text=text),
+            self._clock,
         )
 
     def watch(self) -> None:
         """Wait for the end, and stop who does not answer."""
+        self._last_turn_s = self._clock.now()
         while True:
             with self._wake:
                 if self._end:
                     return
-                left_s = self._last_sign_s + self._patience_s - time.monotonic()
-                self._wake.wait(min(_WATCH_S, left_s + 0.001) if left_s > 0.0 else _WATCH_S)
-            now = time.monotonic()
-            lanes = list(self._lanes.values())
-            was_frozen = self._is_frozen
-            self._is_frozen = now - self._last_sign_s > self._patience_s
-            if self._is_frozen and not was_frozen:
-                for lane in lanes:
-                    lane.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
-            if self._rendering.is_overdue(now):
-                self._cannot_render("what is felt could not be rendered in time")
+                left_s = self._last_sign_s + self._patience_s - self._clock.now()
+                wait_s = min(_WATCH_S, left_s + 0.001) if left_s > 0.0 else _WATCH_S
+                self._clock.wait(self._wake, wait_s)
+            self.look()
+
+    def look(self) -> None:
+        """Stop who does not answer."""
+        now = self._clock.now()
+        self._stop_after_standstill(now)
+        self._last_turn_s = now
+        lanes = list(self._lanes.values())
+        was_frozen = self._is_frozen
+        self._is_frozen = now - self._last_sign_s > self._patience_s
+        if self._is_frozen and not was_frozen:
             for lane in lanes:
-                if lane.is_stuck(now):
-                    lane.fault("its output does not answer")
+                lane.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
+        if self._rendering.is_overdue(now):
+            self._cannot_render("what is felt could not be rendered in time")
+        for lane in lanes:
+            if lane.is_stuck(now):
+                lane.fault("its output does not answer")
+
+    def _stop_after_standstill(self, now: float) -> None:
+        """If this process stood still: what it knows, and what waits to be read, is old.
+
+        Whichever thread is up first finds it, before anything else is done.
+        """
+        gap_s = now - self._last_turn_s
+        if gap_s > FREEZE_S:
+            for lane in list(self._lanes.values()):
+                lane.stop(f"the computer slept or stood still for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
         """The end: every device stops and gives its port back."""
@@ -249,11 +296,14 @@ class Host:
             lane.close(reason)
         for lane in lanes:
             lane.wait_closed()
+        self._accounts.keep()
 
 
 def _offset_s(wish: dict[str, Any]) -> float:
     found = wish.get("offset_ms", 0.0)
-    return min(max(float(found), 0.0), 1000.0) / 1000.0 if isinstance(found, int | float) else 0.0
+    if not isinstance(found, int | float) or isnan(found):
+        return 0.0
+    return min(max(float(found) / 1000.0, 0.0), MAX_OFFSET_S)
 
 
 def _terminated(_signal: int, _frame: FrameType | None) -> None:

@@ -64,14 +64,13 @@ class HostPipe:
             It cannot be started.
         """
         try:
-            process = subprocess.Popen(
+            process = own_processes.start(
                 own_processes.command("devices.live.host"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                env={**own_processes.environment(), "OPENBLAS_NUM_THREADS": "1"},  # values are few
+                variables={"OPENBLAS_NUM_THREADS": "1"},  # values are few
                 bufsize=0,
                 start_new_session=True,  # Ctrl-C in Blender's terminal is not meant for it
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
         except OSError as error:
             raise DeviceError(f"The output process cannot be started ({error}).") from None

@@ -6,19 +6,20 @@ from __future__ import annotations
 import logging
 import math
 import threading
-import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ...engine.rendering.device import DeviceConfig
+from .clock import SYSTEM, Clock
 from .guard import Guard
 from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
+from .time_on import Account
 from .tones import Sounding
 
 F64 = npt.NDArray[np.float64]
@@ -33,12 +34,34 @@ PULSE_S: Final = 0.3
 PULSE_SHARE: Final = 0.3
 """A test pulse is soft: this share of what the actuator may get at most."""
 
+FREEZE_S: Final = 0.28
+"""Without a sign that what is played still holds, a lane is silent; so it is after 300 ms."""
+
+MAX_OFFSET_S: Final = 1.0
+
 _LEVELS_S: Final = 0.1
-_MAX_WAITING: Final = 64  # frames that an offset holds back
+_IDLE_S: Final = 1.0
+_LEAST_APART_S: Final = 0.001
+"""Frames that come closer are one, so that those that wait for an offset have a bound."""
 
 _log = logging.getLogger(__name__)
 
 Report = Callable[..., None]
+
+
+class Question(NamedTuple):
+    """What a lane's device is to play was asked for; its answer may come late.
+
+    Attributes
+    ----------
+    generation : int
+        Of the lane, when it was asked: pauses, stops and new beginnings make it void.
+    asked_s : float
+        When Blender's message was read.
+    """
+
+    generation: int
+    asked_s: float
 
 
 class Script(Protocol):
@@ -46,7 +69,7 @@ class Script(Protocol):
 
     def start(self) -> None: ...
 
-    def ask(self, haptics: bytes) -> None: ...
+    def ask(self, haptics: bytes, answer: Callable[[F64], None]) -> None: ...
 
     def is_overdue(self, now_s: float) -> bool: ...
 
@@ -67,6 +90,9 @@ class Lane:
         ``report(event, device, text="", ...)``; must not block.
     offset_s : float
         How long values are held back, so that they meet sound and picture.
+    clock : Clock
+    accounts : callable, optional
+        Finds the device's accounts of time on; called in the lane's thread.
     """
 
     def __init__(
@@ -77,15 +103,20 @@ class Lane:
         report: Report,
         *,
         offset_s: float = 0.0,
+        clock: Clock = SYSTEM,
+        accounts: Callable[[], Sequence[Account]] | None = None,
     ) -> None:
         self.number = number
         self.device = device
         self.script: Script | None = None
-        self.offset_s = offset_s
+        self._offset_s = offset_s
+        self._clock = clock
         self._open_output = open_output
         self._report = report
         self._tick_s = tick_s(device)
         self._guard = Guard(device)
+        self._accounts = accounts
+        self._stepped_s = 0.0  # when values passed the guard last
         self._ramp = Ramp(device, self._tick_s)
         self._pace = Pace(device, self._tick_s)
         self._sounding = Sounding(device)
@@ -93,7 +124,12 @@ class Lane:
         self._output: Output | None = None
         self._wake = threading.Condition()
         self._port = threading.Lock()  # held while values are handed over
-        self._waiting: deque[tuple[float, F64]] = deque(maxlen=_MAX_WAITING)  # due, values
+        self._waiting: deque[tuple[float, F64]] = deque()  # when they came, values
+        self._generation = 0  # raised by whatever voids all that was asked before
+        self._sign_s = -math.inf  # when what is played, or waits, was last known to hold
+        self._is_asked = False  # and not answered yet
+        self._is_cut = False  # silent at once, not by a ramp
+        self._due_s = self._last_s = self._changed_s = -math.inf  # of turns
         self._is_armed = False
         self._is_wanted = False  # armed before it was open
         self._is_open = False
@@ -104,6 +140,7 @@ class Lane:
         self._levels_at = 0.0
         self._levels: list[float] = []
         self._hush, self._is_quiet = threading.Event(), threading.Event()
+        self._has_ended = False
         self._thread = threading.Thread(target=self._run, name=device.id, daemon=True)
 
     def start(self) -> None:
@@ -117,27 +154,76 @@ class Lane:
 
     # What the reader calls: none of these waits for hardware longer than a moment.
 
-    def feed(self, values: F64) -> None:
-        """The newest frame; older ones that are due do not matter any more."""
+    def question(self, asked_s: float) -> Question:
+        """Something is asked for this device; :meth:`feed` takes its answer."""
         with self._wake:
-            if self._is_armed:
-                self._waiting.append((time.monotonic() + self.offset_s, values))
+            self._is_asked = self._is_armed
+            return Question(self._generation, asked_s)
+
+    def feed(self, values: F64, question: Question | None = None) -> None:
+        """The newest frame; older ones that are due do not matter any more.
+
+        Parameters
+        ----------
+        values : (columns,) or with tones behind, as ``frame_of`` makes it
+            Any other number of values is a fault.
+        question : Question, optional
+            What it answers; nothing is played of what was asked before a pause or a stop.
+        """
+        now = self._clock.now()
+        with self._wake:
+            if not self._is_armed:
+                return
+            if question is not None and question.generation != self._generation:
+                return
+            fault = self._sounding.fault_of(values)
+            if not fault:
+                self._is_asked = False
+                self._sign_s = max(self._sign_s, now if question is None else question.asked_s)
+                if self._waiting and now - self._waiting[-1][0] < _LEAST_APART_S:
+                    now = self._waiting.pop()[0]
+                self._waiting.append((now, values))
+                while self._waiting[0][0] < now - MAX_OFFSET_S - FREEZE_S:
+                    self._waiting.popleft()  # nobody took it, and it would not be played any more
                 self._wake.notify()
+        if fault:
+            self.fault(fault)
+
+    def sign(self, now_s: float) -> None:
+        """Blender lives: what was asked last still holds, unless an answer is awaited."""
+        with self._wake:
+            if self._is_armed and not self._is_asked:
+                self._sign_s = max(self._sign_s, now_s)
+
+    def set_offset(self, offset_s: float) -> None:
+        """Hold back by so long from now on, also what waits already."""
+        with self._wake:
+            self._offset_s = offset_s
+            self._wake.notify()
 
     def pause(self) -> None:
-        """Silence until the next frame, without a stop."""
+        """Silence until a frame that is asked for from now on, without a stop.
+
+        What waits for its offset is not played any more.
+        """
         with self._wake:
-            self._waiting.clear()
-            self._pulse = None
+            self._void()
             if self._is_armed:
-                self._waiting.append((-math.inf, self._guard.neutral.copy()))
+                self._is_cut = True
                 self._wake.notify()
+
+    def _void(self) -> None:
+        """Nothing that was asked before is played."""
+        self._generation += 1
+        self._waiting.clear()
+        self._pulse = None
+        self._is_asked = False
 
     def pulse(self, actuator: int) -> None:
         """Let one actuator be felt for a moment, softly."""
         with self._wake:
             if self._is_armed and 0 <= actuator < len(self.device.actuators):
-                self._pulse = actuator, time.monotonic()
+                self._pulse = actuator, self._clock.now()
                 self._wake.notify()
 
     def arm(self) -> None:
@@ -153,8 +239,7 @@ class Lane:
                     self._is_wanted = False
                     self._report("fault", self.number, text=str(error))
                     return
-            self._waiting.clear()
-            self._pulse = None
+            self._void()
             self._begins = True
             self._is_armed = True
             self._wake.notify()
@@ -164,8 +249,7 @@ class Lane:
         """Silence now, whatever waits; also when it is silent already."""
         with self._wake:
             was_armed, self._is_armed, self._is_wanted = self._is_armed, False, False
-            self._waiting.clear()
-            self._pulse = None
+            self._void()
         self._silence()
         if was_armed or event != "stopped":
             self._report(event, self.number, text=reason)
@@ -207,8 +291,10 @@ class Lane:
 
     def _silence(self) -> None:
         """Have stop bytes sent, before anything that is sent; nobody waits for them."""
-        self._hush.set()
         self._is_quiet.clear()
+        self._hush.set()
+        if self._has_ended:  # and has stopped
+            self._is_quiet.set()
 
     def _run_stops(self) -> None:
         """The stop lane: a thread of its own, as a port that stalls may stall a stop as well."""
@@ -225,13 +311,26 @@ class Lane:
                 finally:
                     if is_ours:
                         self._port.release()
+            now = self._clock.now()
+            self._guard.fell_silent(now - self._stepped_s, now)
             if not self._hush.is_set():
                 self._is_quiet.set()
+            if self._has_ended:
+                return
 
     # The lane's own thread.
 
     def _run(self) -> None:
         try:
+            self._open_and_play()
+        finally:
+            self._has_ended = True
+            self._hush.set()
+
+    def _open_and_play(self) -> None:
+        try:
+            if self._accounts is not None and self._guard.has_time_limit:
+                self._guard.share(self._accounts())
             output = self._open_output()
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
@@ -255,64 +354,101 @@ class Lane:
         finally:
             self._silence()
             self._is_quiet.wait(PATIENCE_S)
+            self._output = None
             with suppress(Exception):
                 output.close()
             self._report("closed", self.number)
 
     def _play(self) -> None:
-        last = due = time.monotonic()
-        sent = -math.inf
         while True:
             with self._wake:
                 if self._is_closed:
                     return
-                if not self._is_armed:
-                    self._wake.wait(1.0)
+                wait_s = self.due_in_s()
+                if wait_s > 0.0:
+                    self._clock.wait(self._wake, wait_s)
                     continue
-                now = time.monotonic()
-                if self._waiting:  # a frame goes out as soon as the device can take it
-                    due = min(due, max(self._waiting[0][0], sent + self._tick_s))
-                if now < due:
-                    self._wake.wait(due - now)
-                    continue
-                if self._begins:
-                    self._begins, last = False, now
-                    self._guard.reset()
-                    self._ramp.reset()
-                    self._pace.reset()
-                    self._sounding.reset()
-                    self._sent = None
-            if self.script is not None and self.script.is_overdue(now):
-                self.fault(f"its script did not answer within {PATIENCE_S * 1000:.0f} ms")
-                continue
-            is_change = False
-            try:
-                is_change = self._step(now, now - last)
-            except OutputLostError as error:
-                self.stop(str(error), "lost")
-            except Exception as error:
-                _log.exception("device '%s'", self.device.id)
-                self.fault(f"{type(error).__name__}: {error}")
-            last = now
-            if is_change:  # what repeats, for dead-men, keeps no frame waiting
-                sent = now
-            due = self._ramp.next_s(max(due + self._tick_s, now + 0.5 * self._tick_s), now)
+            self.turn()
 
-    def _step(self, now: float, step_s: float) -> bool:
-        """Send what is due; whether it is anything else than before."""
-        newest = None
+    def due_in_s(self) -> float:
+        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0: it is."""
         with self._wake:
-            while self._waiting and self._waiting[0][0] <= now:
+            if not self._is_armed:
+                return _IDLE_S
+            return max(0.0, self._next_s() - self._clock.now())
+
+    def _next_s(self) -> float:
+        if self._begins or self._is_cut:
+            return -math.inf
+        due = self._due_s
+        if self._waiting:  # a frame goes out as soon as the device can take it
+            came_s = self._waiting[0][0]
+            due = min(due, max(came_s + self._offset_s, self._changed_s + self._tick_s))
+        if self._ramp.is_going:
+            due = min(due, self._holds_until_s())
+        return due
+
+    def _holds_until_s(self) -> float:
+        """Nobody knows whether what is played still holds from then on."""
+        return self._sign_s + self._offset_s + FREEZE_S
+
+    def turn(self) -> None:
+        """Send what is due now."""
+        with self._wake:
+            now = self._clock.now()
+            due = self._next_s()
+            if self._begins:
+                self._begins, self._last_s, self._changed_s = False, now, -math.inf
+                self._guard.fell_silent(now - self._stepped_s, now)  # if not told yet
+                self._guard.rested(now)
+                self._guard.reset()
+                self._ramp.reset()
+                self._pace.reset()
+                self._sounding.reset()
+                self._sent = None
+            if now >= self._holds_until_s():
+                self._is_cut = True
+                self._waiting.clear()
+            generation, is_cut, newest = self._generation, self._is_cut, None
+            self._is_cut = False
+            while self._waiting and self._waiting[0][0] + self._offset_s <= now:
                 newest = self._waiting.popleft()[1]
+        if self.script is not None and self.script.is_overdue(now):
+            self.fault(f"its script did not answer within {PATIENCE_S * 1000:.0f} ms")
+            return
+        if is_cut:
+            self._ramp.reset()
+            self._sounding.reset()
+        is_change = False
+        try:
+            is_change = self._step(now, now - self._last_s, newest, generation)
+        except OutputLostError as error:
+            self.stop(str(error), "lost")
+        except Exception as error:
+            _log.exception("device '%s'", self.device.id)
+            self.fault(f"{type(error).__name__}: {error}")
+        self._last_s = now
+        if is_change:  # what repeats, for dead-men, keeps no frame waiting
+            self._changed_s = now
+        due = max(min(due, now) + self._tick_s, now + 0.5 * self._tick_s)
+        self._due_s = self._ramp.next_s(due, now)
+
+    def _step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
+        """Send what is due; whether it is anything else than before."""
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
         asked = self._ramp.at(now)
+        asked = self._sounding.totals(self._ramp.share, asked)
         wanted = self._with_pulse(self._pace.paced(asked, now), now)
         with self._port:
             output = self._output
             if not self._is_armed or output is None:
                 return False
             values = self._guard.passed(wanted, step_s)
+            self._stepped_s = now
+            # What was worked out before a pause, or before the computer slept, is not sent.
+            if generation != self._generation or self._clock.now() - now > FREEZE_S:
+                return False
             is_change = self._sent is None or not np.array_equal(values, self._sent)
             self._sent = values
             self._sending_since = now

@@ -45,7 +45,7 @@ class Kind(IntEnum):
     HAPTICS = 6  # packed; also on to a script
     PULSE = 7  # JSON
     SETTINGS = 8  # JSON
-    PAUSE = 9  # Blender works: silence, without a stop
+    PAUSE = 9  # silence without a stop: of one device, or of all while Blender works
     SCENE = 10  # JSON; what is to be known to render its moments, for all devices
     MOMENT = 11  # packed: what is felt now
     FUTURE_SCENE = 12  # plain data: what comes, for late actuators; the one before is void

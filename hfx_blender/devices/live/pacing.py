@@ -33,10 +33,11 @@ class Ramp:
     """Goes from one frame's values to the next while that one lasts.
 
     Only strengths ramp; a frequency between two frequencies would be one that nobody asked
-    for. The time to the next frame is not known: it is taken to be that since the last one,
-    at most :data:`LONGEST_RAMP_S`. A change is under way with the first values that are sent
-    after its frame and complete with the last before the next frame; that is the delay. Where
-    a device is sent values only once a frame, there is no ramp and no delay.
+    for. Silence is not ramped to: it is there at once. The time to the next frame is not known:
+    it is taken to be that since the last one, at most :data:`LONGEST_RAMP_S`. A change is under
+    way with the first values that are sent after its frame and complete with the last before
+    the next frame; that is the delay. Where a device is sent values only once a frame, there is
+    no ramp and no delay.
 
     Parameters
     ----------
@@ -65,12 +66,18 @@ class Ramp:
     def aim(self, values: F64, now_s: float) -> None:
         """A new frame: go to its values (columns,) from where we are now.
 
-        Any others than one for each column are not a frame: we go to silence at once.
+        Raises
+        ------
+        ValueError
+            They are not one for each column.
         """
         if np.shape(values) != self._neutral.shape:
-            self.reset()
-            return
-        self._from = np.where(np.isfinite(self._here), self._here, self._neutral)
+            shape, count = np.shape(values), len(self._neutral)
+            raise ValueError(f"values of shape {shape}; it takes {count}")
+        # What was gone to already is there by now: else a frame that repeats itself, a little
+        # before its ramp is complete, would never be reached.
+        here = np.where(self._to == values, values, self._here)
+        self._from = np.where(np.isfinite(here), here, self._neutral)
         self._to = np.asarray(values, np.float64)
         since_s = now_s - self._began_s
         self._lasts_s = since_s if self._tick <= since_s <= LONGEST_RAMP_S else self._tick
@@ -79,14 +86,15 @@ class Ramp:
 
     def at(self, now_s: float) -> F64:
         """Values (columns,) to send now; what is not finite stays so, for the guard to see."""
-        step = int((now_s - self._began_s) / self._tick + _ROUNDING) + 1 if self._is_going else 1
+        step = int((now_s - self._began_s) / self._tick + _ROUNDING) + 1 if self.is_going else 1
         self.share = min(step / self._steps, 1.0)
         if step >= self._steps:
             self._here = self._to.copy()
         else:
             with np.errstate(invalid="ignore", over="ignore"):
                 between = self._from + step / self._steps * (self._to - self._from)
-            self._here = np.where(self._is_strength, between, self._to)
+            is_going = self._is_strength & (self._to != self._neutral)
+            self._here = np.where(is_going, between, self._to)
         return self._here.copy()
 
     def next_s(self, due_s: float, now_s: float) -> float:
@@ -95,13 +103,15 @@ class Ramp:
         It would keep the frame waiting, as the device takes values only so often.
         """
         expected_s = self._began_s + self._lasts_s
-        is_in_its_way = due_s < expected_s < due_s + self._tick and self._lasts_s > self._tick
+        is_next = due_s < expected_s < due_s + self._tick and self._lasts_s > self._tick
+        is_in_its_way = is_next and self.share >= 1.0
         if is_in_its_way and expected_s > now_s:
             return expected_s + 0.5 * self._tick  # if it does not come
         return due_s
 
     @property
-    def _is_going(self) -> bool:
+    def is_going(self) -> bool:
+        """Whether there was a frame since it began from silence."""
         return bool(np.isfinite(self._began_s))
 
 

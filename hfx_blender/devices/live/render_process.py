@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The output process's side of rendering: starts its worker, asks it, ends it.
 
-One question at a time; of moments that wait, only the newest. A worker that does not answer in
+One question at a time; of moments that wait, only the newest. Its answers are handed on with what
+was asked, so that who gets them sees whether they still matter. A worker that does not answer in
 time, ends or talks nonsense is ended, and every device that it renders for has a fault.
 """
 
@@ -9,12 +10,13 @@ from __future__ import annotations
 
 import subprocess
 import threading
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Final
 
 from ... import own_processes
+from .clock import SYSTEM, Clock
+from .lane import Question
 from .messages import Kind, Message, MessageError, message, read_message
 
 SCENE_S: Final = 60.0
@@ -24,28 +26,38 @@ MOMENT_S: Final = 0.25
 """As long as Blender itself may be silent."""
 
 
+Questions = Mapping[int, Question]
+"""What was asked of each device, by its number."""
+
+
 class RenderProcess:
     """Whoever renders moments for devices.
 
     Parameters
     ----------
     answer : callable
-        Takes a message for one device: ANSWER, HAPTICS or FAULT.
+        Takes a message for one device, ANSWER, HAPTICS or FAULT, and the questions it answers.
     fault : callable
         Takes one sentence, which concerns all devices. Both are called from a thread.
+    clock : Clock
     """
 
-    def __init__(self, answer: Callable[[Message], None], fault: Callable[[str], None]) -> None:
-        self._answer, self._fault = answer, fault
+    def __init__(
+        self,
+        answer: Callable[[Message, Questions], None],
+        fault: Callable[[str], None],
+        clock: Clock = SYSTEM,
+    ) -> None:
+        self._answer, self._fault, self._clock = answer, fault, clock
         self._wake = threading.Condition(threading.RLock())
         self._process: subprocess.Popen[bytes] | None = None
         self._known: bytes | None = None  # the newest scene
         self._scene: bytes | None = None  # if it has not been told yet
-        self._moment: bytes | None = None
+        self._moment: tuple[bytes, Questions] | None = None
+        self._questions: Questions = {}  # that it is busy with
         self._future: list[tuple[Kind, bytes]] = []  # a scene and what came of it
         self._told = 0  # of those
         self._deadline_s: float | None = None  # while it is busy
-        self._is_void = False  # what it is busy with does not matter any more
 
     def describe(self, scene: bytes) -> None:
         """Another scene: moments that come from now on are of it."""
@@ -56,10 +68,10 @@ class RenderProcess:
             self._start()
             self._wake.notify()
 
-    def show(self, moment: bytes) -> None:
-        """The newest moment."""
+    def show(self, moment: bytes, questions: Questions) -> None:
+        """The newest moment, and what is asked of each device with it."""
         with self._wake:
-            self._moment = moment
+            self._moment = moment, questions
             self._wake.notify()
 
     def foresee(self, kind: Kind, body: bytes) -> None:
@@ -71,10 +83,9 @@ class RenderProcess:
             self._wake.notify()
 
     def forget(self) -> None:
-        """What was asked before does not matter any more: nobody gets its answers."""
+        """A moment that waits does not matter any more."""
         with self._wake:
             self._moment = None
-            self._is_void = self._deadline_s is not None
 
     def revive(self) -> None:
         """Start again, if it had to be ended."""
@@ -96,7 +107,7 @@ class RenderProcess:
         """End the worker at once, whatever it does."""
         with self._wake:
             process, self._process = self._process, None
-            self._deadline_s, self._moment, self._is_void = None, None, False
+            self._deadline_s, self._moment, self._questions = None, None, {}
             self._wake.notify_all()
         if process is not None:
             process.kill()
@@ -105,12 +116,11 @@ class RenderProcess:
     def _start(self) -> None:
         if self._process is not None:
             return
-        self._process = process = subprocess.Popen(
+        self._process = process = own_processes.start(
             own_processes.command("devices.live.render_worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
         for target in (self._write, self._listen):
             threading.Thread(target=target, args=(process,), daemon=True).start()
@@ -132,17 +142,18 @@ class RenderProcess:
         with self._wake:
             while process is self._process:
                 if self._deadline_s is None and self._scene is not None:
-                    body, self._scene = self._scene, None
-                    self._deadline_s = time.monotonic() + SCENE_S
+                    body, self._scene, self._questions = self._scene, None, {}
+                    self._deadline_s = self._clock.now() + SCENE_S
                     return message(Kind.SCENE, body=body)
                 if self._deadline_s is None and self._moment is not None:
-                    body, self._moment = self._moment, None
-                    self._deadline_s = time.monotonic() + MOMENT_S
+                    (body, self._questions), self._moment = self._moment, None
+                    self._deadline_s = self._clock.now() + MOMENT_S
                     return message(Kind.MOMENT, body=body)
                 if self._deadline_s is None and self._told < len(self._future):
                     kind, body = self._future[self._told]
+                    self._questions = {}
                     self._told += 1
-                    self._deadline_s = time.monotonic() + MOMENT_S
+                    self._deadline_s = self._clock.now() + MOMENT_S
                     return message(kind, body=body)
                 self._wake.wait()
         return None
@@ -158,10 +169,10 @@ class RenderProcess:
                         if process is not self._process:
                             return
                         if found.kind is Kind.READY:
-                            self._deadline_s, self._is_void = None, False
+                            self._deadline_s = None
                             self._wake.notify()
-                        elif not self._is_void or found.kind is Kind.FAULT:
-                            self._answer(found)
+                        else:
+                            self._answer(found, self._questions)
         except (MessageError, OSError, ValueError) as error:
             text = f"the process that renders sent {error}"
         with self._wake:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The output process's side of a device script: starts its worker, asks it, ends it.
 
-One question at a time; of those that wait, only the newest. What does not answer in time, ends
-or talks nonsense has a fault; after three faults in a minute the script stays off.
+One question at a time; of those that wait, only the newest. Each has a number, which its answer
+brings back. What does not answer in time, ends or talks nonsense has a fault; after three faults
+in a minute the script stays off.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ... import own_processes
+from .approval import Approval
+from .clock import SYSTEM, Clock
 from .lane import PATIENCE_S, ScriptRefusedError
 from .messages import Kind, MessageError, json_to, message, read_message, values_from
 
@@ -33,6 +36,14 @@ READY_S: Final = 10.0
 FAULTS: Final = 3
 FAULTS_WITHIN_S: Final = 60.0
 
+Answer = Callable[[F64], None]
+"""Takes values (columns,)."""
+
+_NUMBERS: Final = 1 << 16
+
+WITHDRAWN: Final = "the approval of its script was withdrawn"
+_WATCH_S: Final = 0.05
+
 _log = logging.getLogger(__name__)
 
 
@@ -43,26 +54,28 @@ class ScriptProcess:
     ----------
     wish : mapping
         ``path``, ``configuration``, ``fingerprint``, ``device`` and ``folder``.
-    answer : callable
-        Takes values (columns,).
     fault, log : callable
-        Take one sentence. All three are called from a thread.
+        Take one sentence; called from a thread, as answers are.
+    clock : Clock
     """
 
     def __init__(
         self,
         wish: Mapping[str, Any],
-        answer: Callable[[F64], None],
         fault: Callable[[str], None],
         log: Callable[[str], None],
+        clock: Clock = SYSTEM,
     ) -> None:
         self._wish = dict(wish)
-        self._answer, self._fault, self._log = answer, fault, log
+        self._fault, self._log, self._clock = fault, log, clock
+        self._approval = Approval(str(wish.get("fingerprint")))
         self._lock = threading.RLock()
         self._process: subprocess.Popen[bytes] | None = None
         self._is_ready = False
         self._deadline_s: float | None = None
-        self._next: bytes | None = None
+        self._next: tuple[bytes, Answer] | None = None
+        self._number = 0  # of the question that was asked last
+        self._answer: Answer | None = None  # who takes its answer
         self._faults: deque[float] = deque(maxlen=FAULTS)
 
     def start(self) -> None:
@@ -71,31 +84,39 @@ class ScriptProcess:
         Raises
         ------
         ScriptRefusedError
-            It had three faults within a minute.
+            It had three faults within a minute, or its approval was withdrawn.
         """
         with self._lock:
             self.close()
+            if self._approval.is_withdrawn():
+                raise ScriptRefusedError(WITHDRAWN)
             if len(self._faults) == FAULTS and self._faults[-1] - self._faults[0] < FAULTS_WITHIN_S:
                 raise ScriptRefusedError(
                     f"its script stays off after {FAULTS} faults within "
                     f"{FAULTS_WITHIN_S:.0f} s; connect the device anew to try again"
                 )
-            self._process = subprocess.Popen(
+            self._process = own_processes.start(
                 own_processes.command("devices.live.script_worker"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,  # it ends together with what it may have started
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
             self._is_ready, self._next = False, None
-            self._deadline_s = time.monotonic() + READY_S
+            self._deadline_s = self._clock.now() + READY_S
             threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
+            if self._approval.was_given:
+                threading.Thread(
+                    target=self._watch_approval, args=(self._process,), daemon=True
+                ).start()
             self._send(message(Kind.HEARTBEAT, 0, json_to(self._wish)))
 
-    def ask(self, haptics: bytes) -> None:
-        """Tell it the newest haptic data, when it has answered what it was asked before."""
+    def ask(self, haptics: bytes, answer: Answer) -> None:
+        """Tell it the newest haptic data, when it has answered what it was asked before.
+
+        ``answer`` gets what it says to these, from a thread; nobody does if newer ones come first.
+        """
         with self._lock:
-            self._next = haptics
+            self._next = haptics, answer
             self._ask_next()
 
     def is_overdue(self, now_s: float) -> bool:
@@ -111,22 +132,31 @@ class ScriptProcess:
         """End the worker at once, whatever it does."""
         with self._lock:
             process, self._process = self._process, None
-            self._deadline_s = self._next = None
+            self._deadline_s = self._next = self._answer = None
         if process is None:
             return
-        _kill(process)
+        end_group(process)
         with suppress(OSError):
             assert process.stdin is not None
             process.stdin.close()
         threading.Thread(target=process.wait, daemon=True).start()
 
+    def _watch_approval(self, process: subprocess.Popen[bytes]) -> None:
+        while process is self._process:
+            if self._approval.is_withdrawn():
+                self.close()
+                self._fault(WITHDRAWN)
+                return
+            time.sleep(_WATCH_S)
+
     def _ask_next(self) -> None:
         if self._process is None or not self._is_ready or self._next is None:
             return
         if self._deadline_s is None:
-            body, self._next = self._next, None
-            self._deadline_s = time.monotonic() + PATIENCE_S
-            self._send(message(Kind.HAPTICS, 0, body))
+            (body, self._answer), self._next = self._next, None
+            self._number = (self._number + 1) % _NUMBERS
+            self._deadline_s = self._clock.now() + PATIENCE_S
+            self._send(message(Kind.HAPTICS, self._number, body))
 
     def _send(self, data: bytes) -> None:
         """In a thread: a worker that does not read must not make the reader wait."""
@@ -165,20 +195,25 @@ class ScriptProcess:
                             self._log(found.body.decode(errors="replace"))
                             continue
                         is_ready = found.kind is Kind.READY and not self._is_ready
-                        is_answer = found.kind is Kind.ANSWER and self._is_ready
+                        is_answer = (
+                            found.kind is Kind.ANSWER
+                            and self._is_ready
+                            and found.device == self._number
+                        )
                         if self._deadline_s is None or not (is_ready or is_answer):
                             text = "its script spoke without being asked"
                             break
                         self._is_ready, self._deadline_s = True, None
+                        answer, self._answer = self._answer, None
                         self._ask_next()
-                    if is_answer:
-                        self._answer(values_from(found.body))
+                    if is_answer and answer is not None:
+                        answer(values_from(found.body))
         except (MessageError, OSError, ValueError) as error:
             text = f"its script's process sent {error}"
         with self._lock:
             if process is not self._process:
                 return
-            self._faults.append(time.monotonic())
+            self._faults.append(self._clock.now())
         self._fault(text)
 
 
@@ -186,7 +221,8 @@ _PIPE: Final = 4096
 """So much a pipe takes at once on every system."""
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
+def end_group(process: subprocess.Popen[bytes]) -> None:
+    """End a script's worker at once, with all that it has started."""
     with suppress(OSError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)

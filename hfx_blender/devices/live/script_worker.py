@@ -38,9 +38,9 @@ class _Outlet:
         self._lock = threading.Lock()
         self._since, self._count = 0.0, 0
 
-    def tell(self, kind: Kind, body: bytes = b"") -> None:
+    def tell(self, kind: Kind, body: bytes = b"", number: int = 0) -> None:
         with self._lock:
-            self._stream.write(message(kind, 0, body))
+            self._stream.write(message(kind, number, body))
             self._stream.flush()
 
     def fault(self, text: str) -> None:
@@ -83,7 +83,7 @@ def main() -> None:
         except BaseException as error:
             outlet.fault(_told(error))
             os._exit(1)
-        outlet.tell(Kind.ANSWER, values_to(values))
+        outlet.tell(Kind.ANSWER, values_to(values), asked.device)  # the question's number
 
 
 def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:

@@ -13,17 +13,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from .log_file import open_log
 from .output import OutputLostError
 
 F64 = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 64 << 20
 """At this size the file begins anew: half an hour of a large device."""
-
-
-def _opener(path: str, flags: int) -> int:
-    # Opened by a process without a terminal, one would become its own.
-    return os.open(path, flags | getattr(os, "O_NOCTTY", 0), 0o644)
 
 
 class Simulator:
@@ -33,20 +29,18 @@ class Simulator:
     ----------
     path : Path, optional
         ``{"time_s": ..., "values": [...]}`` or ``{"time_s": ..., "stop": true}`` on each line;
-        times are of the system's monotonic clock.
+        times are of the system's monotonic clock. A file that is there is overwritten only if a
+        simulator wrote it.
 
     Raises
     ------
     OutputLostError
-        The file cannot be written.
+        The file is somebody else's, is no regular file, or cannot be written.
     """
 
     def __init__(self, path: Path | None = None) -> None:
         self._size = 0
-        try:
-            self._file = None if path is None else open(path, "wb", buffering=0, opener=_opener)
-        except OSError as error:
-            raise OutputLostError(f"{path}: cannot be written ({error.strerror}).") from None
+        self._file = None if path is None else os.fdopen(open_log(path, _is_log), "wb", 0)
 
     def send(self, values: F64) -> None:
         self._write({"time_s": time.monotonic(), "values": values.tolist()})
@@ -72,3 +66,14 @@ class Simulator:
             self._size += len(line)
         except (OSError, ValueError) as error:
             raise OutputLostError(f"the simulator's file cannot be written ({error})") from None
+
+
+def _is_log(head: bytes) -> bool:
+    """Whether a file begins with a line of a simulator's."""
+    line, end, _ = head.partition(b"\n")
+    try:
+        found = json.loads(line)
+    except (ValueError, RecursionError):
+        return False
+    keys = set(found) if isinstance(found, dict) else set()
+    return bool(end) and keys in ({"time_s", "values"}, {"time_s", "stop"})

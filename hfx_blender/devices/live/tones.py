@@ -112,23 +112,50 @@ class Sounding:
         """Begin from silence."""
         self._from = self._to = self._here = Tones.none(len(self))
 
+    def fault_of(self, frame: F64) -> str:
+        """Why it is not a frame of this device; empty: it is one."""
+        columns, width = self._column_count, 1 + 2 * len(self)
+        more = np.size(frame) - columns if np.ndim(frame) == 1 else -1
+        is_of_tones = len(self) and 0 < more <= MAX_TONES * width and more % width == 0
+        if more == 0 or is_of_tones:
+            return ""
+        return f"it was sent {np.size(frame)} values and takes {columns}"
+
     def split(self, frame: F64) -> F64:
         """Take a new frame's tones as what to go to; its values (columns,).
 
-        What is not a frame is given back as it is: nobody takes it for values.
+        Raises
+        ------
+        ValueError
+            It is not a frame of this device.
         """
-        width = 1 + 2 * len(self)
-        count, rest = divmod(len(frame) - self._column_count, width) if frame.ndim == 1 else (0, 0)
-        is_frame = frame.ndim == 1 and len(frame) >= self._column_count and not rest
-        if not len(self) or not is_frame or count > MAX_TONES:
-            self._from, self._to = self._here, Tones.none(len(self))
-            return frame
+        if fault := self.fault_of(frame):
+            raise ValueError(fault)
         values = frame[: self._column_count]
-        rows = frame[self._column_count :].reshape(count, width)
+        if not len(self):
+            return values
+        rows = frame[self._column_count :].reshape(-1, 1 + 2 * len(self))
+        count = len(rows)
         numbers = np.nan_to_num(rows[:, 0]).astype(np.int64)
         tones = Tones(numbers, rows[:, 1 : 1 + len(self)], rows[:, 1 + len(self) :])
         self._from, self._to = self._here, tones if count else self._lone(values)
         return values
+
+    def totals(self, share: float, wanted: F64) -> F64:
+        """A frame's values (columns,) for the guard: at least as strong as its tones together.
+
+        Tones of a frame whose values tell of less would pass the limits otherwise.
+        """
+        if not len(self):
+            return wanted
+        here = _between(self._from, self._to, share)
+        is_finite = np.isfinite(here.amplitudes) & np.isfinite(here.frequencies_hz)
+        totals = np.where(is_finite, np.maximum(here.amplitudes, 0.0), 0.0)
+        totals = np.sqrt((np.minimum(totals, self._highest) ** 2).sum(axis=0))
+        asked = wanted[self.columns]
+        found = wanted.copy()
+        found[self.columns] = np.where(asked > 0.0, np.maximum(asked, totals), asked)
+        return found
 
     def at(self, share: float, wanted: F64, passed: F64) -> Tones:
         """What is played at a share of the way to the newest frame.
@@ -138,8 +165,8 @@ class Sounding:
         share : float
             0..1
         wanted, passed : (columns,) float64
-            The frame's values there, and what the guard has let pass of them: tones are turned
-            down alike.
+            The frame's values there, as :meth:`totals` gives them, and what the guard has let pass
+            of them: tones are turned down alike.
         """
         self._here = _between(self._from, self._to, share)
         asked, given = wanted[self.columns], passed[self.columns]

@@ -27,6 +27,7 @@ FULL_SCALE: Final = 0xFFFF
 _HEAD: Final = struct.Struct("<BBH")
 _CRC: Final = struct.Struct("<I")
 _CONFIGURE: Final = struct.Struct("<IBHI")  # session, channels, dead-man ms, most on ms
+_REST: Final = struct.Struct("<I")  # ms; a configuration without has the board's own
 _VALUES: Final = struct.Struct("<IH")  # CRC of the configuration, time to live ms
 _READY: Final = struct.Struct("<IB")  # CRC of the configuration, channels
 _STOPPED: Final = struct.Struct("<B")
@@ -96,7 +97,7 @@ def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
     return b"\0" + cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
 
 
-def configuration(session: int, channels: int, maximum_on_ms: int) -> bytes:
+def configuration(session: int, channels: int, maximum_on_ms: int, rest_ms: int = 0) -> bytes:
     """Payload of CONFIGURE; its CRC-32 is what values are valid for.
 
     Parameters
@@ -107,8 +108,12 @@ def configuration(session: int, channels: int, maximum_on_ms: int) -> bytes:
         1 to :data:`MAX_CHANNELS`.
     maximum_on_ms : int
         0: the board's own maximum.
+    rest_ms : int
+        After so much time on; 0: the board's own.
     """
-    return _CONFIGURE.pack(session, channels, DEAD_MAN_MS, min(maximum_on_ms, 0xFFFFFFFF))
+    longest = min(maximum_on_ms, 0xFFFFFFFF)
+    payload = _CONFIGURE.pack(session, channels, DEAD_MAN_MS, longest)
+    return payload + _REST.pack(min(rest_ms, 0xFFFFFFFF)) if rest_ms else payload
 
 
 def values(configuration_crc: int, levels: Sequence[int], live_ms: int = DEAD_MAN_MS) -> bytes:

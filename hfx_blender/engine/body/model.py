@@ -9,24 +9,45 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
+import tokenize
 import zipfile
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from ... import resources
+from ... import file_limits, resources
 from ...atomic_files import atomic_file
 from ...errors import InputError
 from . import library
 from .library import manifest as manifest  # the index belongs to what it lists
 
 FORMAT_VERSION = 1
+
+_DAMAGE: Final = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    AttributeError,  # a member that is no array
+    RuntimeError,
+    NotImplementedError,
+    struct.error,
+    # numpy takes an array's header apart as Python text
+    SyntaxError,
+    TypeError,
+    MemoryError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy, zipfile and zlib raise for damaged archives, as found by changing bytes."""
 
 AVATAR_ID = "hfx-avatar-1"
 """The shipped avatar, whose skeleton is the canonical one."""
@@ -181,6 +202,8 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
         The file is missing, is not such a file, or is of a newer version.
     """
     meta, arrays = _read(kind, path)
+    if kind is PerceptualModel:
+        _refuse_strange(path, meta, arrays)
     skeleton = _taken(arrays, "skeleton")
     if skeleton:
         meta["skeleton"] = _skeleton(meta, skeleton)
@@ -190,6 +213,70 @@ def load(kind: type[_Stored], path: Path) -> _Stored:
     if "bone_names" in meta:
         meta["bone_names"] = tuple(meta["bone_names"])
     return kind(**meta, **arrays)
+
+
+_ARRAYS: Final[dict[str, tuple[type[np.generic], int]]] = {
+    "vertices": (np.float32, 2),
+    "triangles": (np.int32, 2),
+    "normals": (np.float32, 2),
+    "areas_m2": (np.float32, 1),
+    "part": (np.uint8, 1),
+    "side": (np.uint8, 1),
+    "mirror": (np.int32, 1),
+    "avatar_vertices": (np.int32, 2),
+    "avatar_weights": (np.float32, 2),
+    "avatar_offset_m": (np.float32, 1),
+    "weights.offsets": (np.int32, 1),
+    "weights.bones": (np.int32, 1),
+    "weights.values": (np.float32, 1),
+}
+"""Kind and dimensions of a perceptual model's arrays."""
+
+_OF_VERTICES: Final = tuple(_ARRAYS)[:1] + tuple(_ARRAYS)[2:-3]
+_FACTS: Final = {"id": str, "modality": str, "bone_names": list, "provenance": dict}
+
+
+def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> None:
+    """Refuse what is no perceptual model by the names, kinds and sizes of what it holds.
+
+    Raises
+    ------
+    InputError
+        It names the first member that is not as it must be.
+    """
+    if set(meta) != set(_FACTS) or set(arrays) != set(_ARRAYS):
+        raise InputError(f"{path}: not a readable body model (it has not a model's members).")
+    for name, fact in _FACTS.items():
+        if type(meta[name]) is not fact:
+            raise InputError(f"{path}: '{name}' is not a {fact.__name__}.")
+    if not all(isinstance(each, str) for each in meta["bone_names"]):
+        raise InputError(f"{path}: 'bone_names' holds something that is not text.")
+    for name, (kind, dimensions) in _ARRAYS.items():
+        found = arrays[name]
+        if found.dtype != kind or found.ndim != dimensions:
+            raise InputError(f"{path}: '{name}' is not {kind.__name__} of {dimensions} dimensions.")
+        if kind is np.float32 and not np.isfinite(found).all():
+            raise InputError(f"{path}: '{name}' has numbers that are not finite.")
+    count = len(arrays["vertices"])
+    for name in _OF_VERTICES:
+        if len(arrays[name]) != count or (arrays[name].ndim == 2 and arrays[name].shape[1] != 3):
+            raise InputError(f"{path}: '{name}' does not fit {count} vertices.")
+    for name, most in (("triangles", count), ("mirror", count)):
+        ids = arrays[name]
+        if (ids.ndim == 2 and ids.shape[1] != 3) or (ids.size and not 0 <= ids.min()):
+            raise InputError(f"{path}: '{name}' is not ids of vertices.")
+        if ids.size and ids.max() >= most:
+            raise InputError(f"{path}: '{name}' names a vertex that is not there.")
+    offsets, bones = arrays["weights.offsets"], arrays["weights.bones"]
+    if (
+        len(offsets) != count + 1
+        or offsets[0] != 0
+        or offsets[-1] != len(bones)
+        or (np.diff(offsets) < 0).any()
+        or len(arrays["weights.values"]) != len(bones)
+        or (len(bones) and not 0 <= bones.min() <= bones.max() < len(meta["bone_names"]))
+    ):
+        raise InputError(f"{path}: its skin weights do not fit its vertices and bones.")
 
 
 def _taken(arrays: dict[str, Any], part: str) -> dict[str, Any]:
@@ -209,9 +296,12 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except _DAMAGE as error:
         raise InputError(f"{path}: not a readable body model ({error}).") from error
-    if meta.pop("format") != kind.__name__ or meta.pop("version") > FORMAT_VERSION:
+    if not isinstance(meta, dict):
+        raise InputError(f"{path}: not a readable body model (it tells nothing of itself).")
+    found, version = meta.pop("format", None), meta.pop("version", None)
+    if found != kind.__name__ or type(version) is not int or version > FORMAT_VERSION:
         raise InputError(
             f"{path}: expected a {kind.__name__} of version {FORMAT_VERSION} or older."
         )
@@ -224,6 +314,10 @@ _WORTH_THREADS = 1 << 18
 
 def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
     with np.load(path, allow_pickle=False) as stored:
+        if not isinstance(stored, np.lib.npyio.NpzFile):
+            raise ValueError("one array, not an archive of some")
+        unpacked_bytes = sum(each.file_size for each in stored.zip.infolist())
+        file_limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))
         names = [name for name in stored.files if name == "meta" or name.startswith(part)]
         if part or path.stat().st_size < _WORTH_THREADS:
             return {name: stored[name] for name in names}

@@ -48,6 +48,13 @@ class PosableModel(Protocol):
         ``rows`` and ``to_target`` are those before and those after.
         """
 
+    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        """By how much the skin of some clusters is stretched at least, (n, k), target space.
+
+        It is what a distance on it that is known at rest is worth. Where bones part the skin
+        they move, that is no stretch.
+        """
+
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         """Positions of some vertices at one row, (3, k), target space; ``to_target`` (4, 4)."""
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..indexing import largest
+from ..motion import longest_axis
 from ..native import skin as native
 from ..native.bounds import Outline
 from ..native.skin import PosedBones, UsedBones
@@ -167,6 +168,14 @@ class SkinnedModel:
         moves += np.einsum("npij,pj->npi", np.abs(changes[..., :3]), self._boxes.halves[pairs])
         squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
         return np.sqrt(squared)
+
+    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        bones = [self.cluster_bones(cluster) for cluster in clusters.tolist()]
+        firsts = np.cumsum([0, *(len(some) for some in bones[:-1])])
+        used, slots = np.unique(np.concatenate(bones), return_inverse=True)
+        linear = self.bone_matrices(pose, rows, to_target, used)[..., :3]
+        stretches: F64 = np.minimum.reduceat(longest_axis(linear)[:, slots], firsts, axis=1)
+        return stretches
 
     @property
     def used_bones(self) -> I64:

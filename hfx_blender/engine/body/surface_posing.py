@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..indexing import largest
+from ..motion import longest_axis
 from ..scene import PoseBlock, SurfaceAnchors
 from .clusters import clusters_of
 from .model import PerceptualModel
@@ -84,6 +85,11 @@ class SurfaceModel:
             )
             moves[:, k] = np.sqrt(np.square(after - before).sum(axis=0).max(axis=1))
         return moves
+
+    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        """That of the body: what its surface is stretched by beside that is not known."""
+        stretches = longest_axis(to_target[:, :3, :3])
+        return np.repeat(stretches[:, None], len(clusters), axis=1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
         assert pose.surface is not None

@@ -59,6 +59,7 @@ class Posing:
     own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
     bones: PosedBones | None = None  # rest to shape space, at the rows of the target
     points: F64 | None = None  # (3, N) the places of all pairs, shape space
+    allowed_m: F64 | None = None  # (pairs,) then: how far their skin may be from its samples
 
 
 def look_at_skin(
@@ -160,16 +161,17 @@ class _Look:
     ) -> None:
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
         points = None if posing.points is None else f64(posing.points)
+        allowed_m = None if posing.allowed_m is None else f64(posing.allowed_m)
         room = np.empty(2 * pointers.most_room + 24 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
         self._kept = (
             *(pairs, pointers, posing, target, drift, weights, column_of),
-            *(points, room, events),
+            *(points, allowed_m, room, events),
         )
         is_single = int(weights.dtype == np.float32)
         self._found = _Found(pointer(weights), pointer(column_of), weights.shape[1], is_single, 0)
         self._arguments = (
-            ctypes.byref(pairs.pointers(points)),
+            ctypes.byref(pairs.pointers(points, allowed_m)),
             ctypes.byref(pointers),
             None if posing.clusters is None else posing.clusters.table,
             None if posing.own is None else posing.own.table,

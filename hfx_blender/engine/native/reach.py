@@ -32,6 +32,7 @@ _Pairs = structure(
     count=INTEGER,
     **dict.fromkeys(("clusters", "rows", "how", "steps", "points"), POINTER),
     total=INTEGER,
+    allowed_m=POINTER,
 )
 _Broad = structure(
     "hfx_broad",
@@ -74,13 +75,15 @@ class Pairs:
     steps: I64  # (p,) in how many straight steps it is followed from the row before; 0: not
     found: ctypes.Structure | None = None  # ``hfx_pairs`` where the library has filled them in
 
-    def pointers(self, points: F64 | None = None) -> ctypes.Structure:
-        """``hfx_pairs``; ``points`` (3, N) where the places of all pairs are known."""
+    def pointers(self, points: F64 | None = None, allowed_m: F64 | None = None) -> ctypes.Structure:
+        """``hfx_pairs``; ``points`` (3, N) where the places of all pairs are known, and then
+        ``allowed_m`` (p,): how far their skin may be from its samples."""
         if self.found is not None and points is None:
             return self.found
         arrays = self.clusters, self.rows, self.how, self.steps, points
         total = 0 if points is None else points.shape[1]
-        return _Pairs(len(self.clusters), *[pointer(each) for each in arrays], total)
+        found = [pointer(each) for each in arrays]
+        return _Pairs(len(self.clusters), *found, total, pointer(allowed_m))
 
 
 @dataclass(frozen=True, eq=False)

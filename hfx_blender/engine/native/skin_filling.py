@@ -10,12 +10,11 @@ from typing import Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .library import INTEGER, POINTER, library, pointer, structure
+from .library import DOUBLE, INTEGER, POINTER, library, pointer, structure
 from .skin_mesh import Mesh, mesh_of
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-U8 = npt.NDArray[np.uint8]
 
 _TABLE_ARRAYS: Final = (
     "starts",
@@ -24,7 +23,6 @@ _TABLE_ARRAYS: Final = (
     "vertices",
     "cell_of",
     "quad_starts",
-    "steps",
     "unit_shares",
     "vertex_shares",
     "reaches",
@@ -32,17 +30,23 @@ _TABLE_ARRAYS: Final = (
     "is_ringed",
     "unit_of",
     "around",
+    "steps",
+    "finest",
     "sample_starts",
     "heights_m",
     "wholes",
     "bulge_m",
     "most_samples",
+    "quads",
 )
+_OF_VERTICES: Final = ("distance", "finest_distance", "closeness")
 _Filling = structure(
-    "hfx_filling", **dict.fromkeys((*_TABLE_ARRAYS, "distance", "is_split", "closeness"), POINTER)
+    "hfx_filling",
+    **dict.fromkeys((*_TABLE_ARRAYS, *_OF_VERTICES), POINTER),
+    is_split=INTEGER,
+    most_share=DOUBLE,
 )
-_QUAD: Final = 10  # numbers in hfx_quad
-_EXTENT: Final = 5  # and in extent
+_EXTENT: Final = 7  # numbers in extent
 
 
 @cache
@@ -50,9 +54,9 @@ def _calls() -> ctypes.CDLL | None:
     """The library, with the arguments of these functions."""
     found = library()
     if found is not None:
-        found.hfx_fill.argtypes = [POINTER] * 2 + [INTEGER, POINTER, INTEGER] + [POINTER] * 7
+        found.hfx_fill.argtypes = [POINTER] * 2 + [INTEGER, POINTER, INTEGER] + [POINTER] * 6
         found.hfx_fill.restype = INTEGER
-        found.hfx_place_samples.argtypes = [POINTER, INTEGER] + [POINTER] * 2 + [INTEGER, POINTER]
+        found.hfx_place_samples.argtypes = [POINTER, INTEGER, POINTER, INTEGER, POINTER]
         found.hfx_place_samples.restype = None
     return found
 
@@ -80,21 +84,29 @@ class Filling:
         Its arrays are written to.
     mesh : Mesh
         Its surface.
-    distance : (V,) float64
-        How far apart samples may be, metres.
-    is_split : (V,) uint8
-        Which vertices stand for more than themselves.
+    distances : (2, V) float64
+        How far skin may be from its samples, metres, and how far at the finest.
     closeness : (V,) float64
         One over the spacing of vertices, but for a factor.
+    is_split : bool
+        Whether vertices stand for more than themselves.
+    most_share : float
+        Of a unit, that its vertex stands for.
     """
 
     def __init__(
-        self, table: Table, mesh: Mesh, distance: F64, is_split: U8, closeness: F64
+        self,
+        table: Table,
+        mesh: Mesh,
+        distances: F64,
+        closeness: F64,
+        is_split: bool,
+        most_share: float,
     ) -> None:
         self._table, self._mesh = table, mesh
         arrays = [getattr(table, name) for name in _TABLE_ARRAYS]
-        self._kept = [*arrays, distance, is_split, closeness]
-        self._structure = _Filling(*map(pointer, self._kept))
+        self._kept = [*arrays, *distances, closeness]
+        self._structure = _Filling(*map(pointer, self._kept), int(is_split), most_share)
 
     def fill(self, clusters: I64, samples: int) -> int:
         """Fill in clusters, ascending, all but the samples.
@@ -114,7 +126,7 @@ class Filling:
         first = table.starts[clusters]
         quads = table.quad_starts[first + table.unit_counts[clusters]] - table.quad_starts[first]
         cells = int((table.cell_starts[clusters + 1] - table.cell_starts[clusters]).max())
-        self._clusters, self._quads = clusters, np.empty((int(quads.sum()), _QUAD))
+        self._clusters = clusters
         rooms = (
             *np.zeros((2, vertices), np.int64),
             np.empty((int(quads.max()), _EXTENT)),
@@ -130,7 +142,7 @@ class Filling:
             len(clusters),
             pointer(clusters),
             samples,
-            *map(pointer, (*rooms, self._quads)),
+            *map(pointer, rooms),
         )
         return count
 
@@ -141,7 +153,7 @@ class Filling:
         calls.hfx_place_samples(
             ctypes.byref(self._structure),
             len(self._clusters),
-            *map(pointer, (self._clusters, self._quads)),
+            pointer(self._clusters),
             samples.shape[1],
             pointer(samples),
         )

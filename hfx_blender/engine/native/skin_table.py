@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from .library import INTEGER, POINTER, pointer, structure
+from .library import DOUBLE, INTEGER, POINTER, pointer, structure
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -21,7 +21,6 @@ _TABLE_ARRAYS: Final = (
     "unit_counts",
     "cell_starts",
     "cell_of",
-    "steps",
     "quad_starts",
     "unit_shares",
     "vertex_shares",
@@ -29,10 +28,13 @@ _TABLE_ARRAYS: Final = (
     "means",
     "around",
     "is_ringed",
+    "steps",
+    "finest",
     "sample_starts",
     "heights_m",
     "wholes",
     "bulge_m",
+    "quads",
     "samples",
 )
 _Table = structure(
@@ -40,6 +42,9 @@ _Table = structure(
     **dict.fromkeys(_TABLE_ARRAYS, POINTER),
     room=INTEGER,
     is_simple=INTEGER,
+    is_split=INTEGER,
+    spacing_share=DOUBLE,
+    distance_m=DOUBLE,
 )
 
 
@@ -52,7 +57,10 @@ class Table(Protocol):
     cells: I32
     vertices: I32
     is_simple: bool
+    is_split: bool
     largest_cell: int
+    spacing_share: float
+    distance_m: float
 
     @property
     def samples(self) -> F64: ...
@@ -68,7 +76,14 @@ def table_of(table: Table) -> Any:
     if table not in _TABLES or _TABLES[table][1] is not samples:
         arrays = [getattr(table, name) for name in _TABLE_ARRAYS[:-1]]
         arrays.append(samples)
-        made = _Table(*map(pointer, arrays), samples.shape[1], int(table.is_simple))
+        made = _Table(
+            *map(pointer, arrays),
+            samples.shape[1],
+            int(table.is_simple),
+            int(table.is_split),
+            table.spacing_share,
+            table.distance_m,
+        )
         made.arrays = arrays
         made.most_room = int(_rooms(table).max(initial=0))
         _TABLES[table] = made, samples

@@ -67,8 +67,8 @@ class Target:
     falloff : Falloff
     amplitude : float
         Change of weight that need not be sampled.
-    to_shape, to_world : (n, 4, 4) float64
-        From the world to shape space; from the body's own space to the world.
+    matrices, to_shape, to_world : (n, 4, 4) float64
+        From shape space to the world, and back; from the body's own space to the world.
     """
 
     def __init__(
@@ -77,14 +77,16 @@ class Target:
         which: I64,
         falloff: Falloff,
         amplitude: float,
+        matrices: F64,
         to_shape: F64,
         to_world: F64,
     ) -> None:
         self.count = len(which)
         kinds, halves, _ = _formulas(shapes)
-        self._arrays = kinds[which], halves[which], f64(to_shape), f64(to_world)
-        places = [pointer(each) for each in self._arrays]
-        self.pointers = _Target(self.count, *places, *_rises(falloff), amplitude)
+        places = f64(to_shape), f64(to_world), f64(matrices)
+        self._arrays = kinds[which], halves[which], *places
+        *found, placing = [pointer(each) for each in self._arrays]
+        self.pointers = _Target(self.count, *found, *_rises(falloff), amplitude, placing)
 
 
 def _rises(falloff: Falloff) -> tuple[int, int, float]:

@@ -256,13 +256,12 @@ class _Helper:
     """
 
     def __init__(self, settings: bytes) -> None:
-        self._process = subprocess.Popen(
+        self._process = own_processes.start(
             own_processes.command("engine.parallel.worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             # The cores have work.
-            env={**own_processes.environment(), "OPENBLAS_NUM_THREADS": "1"},
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            variables={"OPENBLAS_NUM_THREADS": "1"},
         )
         self._meshes = _Meshes()
         self._lock = threading.Lock()

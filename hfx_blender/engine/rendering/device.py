@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from ..modality import MODALITIES
@@ -162,6 +163,15 @@ class Brand:
     serial: str = ""  # pattern of its serial number, with * and ?; empty: any
 
 
+@dataclass(frozen=True)
+class ScriptFiles:
+    """Where a device's script lies; whether it may run, others decide."""
+
+    script: Path
+    configuration: Path
+    device: Path  # as the device is loaded anew: with the side that it is worn on
+
+
 @dataclass(frozen=True, eq=False)
 class DeviceConfig:
     """One haptic device."""
@@ -182,6 +192,7 @@ class DeviceConfig:
     is_mirrored: bool = False  # places are written for the other side
     output: OutputConfig | None = None  # how it is driven live; None: not at all
     surface_drive_per_m: float | None = None  # c_v that the user set for it; None: the common one
+    script: ScriptFiles | None = None  # beside its configuration; None: it has none
 
     @property
     def modalities(self) -> tuple[str, ...]:

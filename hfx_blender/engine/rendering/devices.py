@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One track rendered for several devices, on each body that wears them."""
+"""One track given to several devices, on each body that wears them."""
 
 from __future__ import annotations
 
@@ -15,20 +15,33 @@ Played = tuple[DeviceConfig, Raster]
 
 
 def renderers_of(
-    header: TrackHeader, devices: Sequence[DeviceConfig]
+    header: TrackHeader,
+    devices: Sequence[DeviceConfig],
+    body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """A renderer for each device on each body."""
+    """A renderer for each device on each body; or on some, of which None is the only one.
+
+    Raises
+    ------
+    InputError
+        A body is not in the track, or is not the only one.
+    """
+    ids = [body.id for body in header.bodies] if body_ids is None else body_ids
     return [
-        (device, Renderer(header, device, load_model, body_id=body.id))
-        for body in header.bodies
+        (device, Renderer(header, device, load_model, body_id=body_id))
+        for body_id in ids
         for device in devices
     ]
 
 
-def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[Played]:
-    """A recorded track, read once and rendered for each device on each body."""
-    renderers = renderers_of(track.header, devices)
+def renderers_given(
+    track: TrackReader,
+    devices: Sequence[DeviceConfig],
+    body_ids: Sequence[str | None] | None = None,
+) -> list[tuple[DeviceConfig, Renderer]]:
+    """The same, given a whole track, which is read once."""
+    renderers = renderers_of(track.header, devices, body_ids)
     for block in blocks(track.header, track.runs()) if renderers else ():
         for _, renderer in renderers:
             renderer.add(block)
-    return [(device, renderer.raster()) for device, renderer in renderers]
+    return renderers

@@ -78,10 +78,6 @@ class MomentRenderer:
             ]
             is_its = np.array([a.type.latency_ms == latency_ms for a in sounding], np.bool_)
             self._late[latency_ms] = np.concatenate(columns), is_its
-        self._members = [
-            [k for k, each in enumerate(device.actuators) if each.type.modality == group.modality]
-            for group in self._renderer.groups
-        ]
 
     @property
     def body_id(self) -> str:
@@ -157,13 +153,7 @@ class MomentRenderer:
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
         """What the wearer feels, and how strongly it reaches each actuator (A,), in 0..1."""
         mine = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
-        return [(run, self._gains(run)) for run in mine]
-
-    def _gains(self, run: SampleRun) -> F64:
-        gains = np.zeros(len(self.device.actuators))
-        for members, group in zip(self._members, self._renderer.groups, strict=True):
-            gains[members] = group.gains(run)[0]
-        return gains
+        return [(run, self._renderer.gains(run)[0]) for run in mine]
 
 
 def _only(tone: Partial, chosen: npt.NDArray[np.bool_]) -> Partial:

@@ -2,13 +2,14 @@
 """Rendering: from samples to the values of one device's actuators.
 
 Order of work: match vertices, combine per modality, substitute, look ahead by each actuator's
-latency, hold between updates, and only then the device's limits.
+latency, the device's script if it has one, hold between updates, and only then its limits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
 from ..surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
-from .device import DeviceConfig
+from .device import ActuatorType, DeviceConfig
 from .dispatch import ActuatorGroup, ModelLoader
 from .frequency import Partial, Partials, StrongestContributor
 from .hold import held
@@ -141,6 +142,10 @@ class Renderer:
         self._highest = np.array([control.highest for control in controls], np.float64)
         self._groups = [
             ActuatorGroup(device, modality, self._model) for modality in device.modalities
+        ]
+        self._members = [
+            [k for k, each in enumerate(device.actuators) if each.type.modality == modality]
+            for modality in device.modalities
         ]
         self._drives = SurfaceDrives(header.settings, device.surface_drive_per_m)
         play_space = PlaySpace.of_settings(header.settings)
@@ -303,24 +308,62 @@ class Renderer:
             self._limits = DeviceLimits(self._device)
         return self._limits.joined(self._limits.by_actuator(self._values[0]))
 
-    def raster(self) -> Raster:
-        """The finished raster; nothing can be added after it."""
+    def gains(self, run: SampleRun) -> F64:
+        """How strongly each sample of a run reaches each actuator where it is, (n, A) in 0..1.
+
+        Raises
+        ------
+        InputError
+            A place of the device does not fit a model that it is to play.
+        """
+        found = np.zeros((len(run), len(self._device.actuators)))
+        for members, group in zip(self._members, self._groups, strict=True):
+            try:
+                found[:, members] = group.gains(run)
+            except InputError:
+                if group.answers_to(run.stream.modality):
+                    raise  # of others' models its places need not tell
+        return found
+
+    def told(self) -> F64:
+        """What a device's script is told to be sent without it, (T, columns), when all is added.
+
+        Values look ahead and are within limits, as live; they are held after the script.
+        """
+        found = np.zeros_like(self._values)
+        for part, kind in self._parts():
+            found[:, part] = self._limited(self._early(part, kind), part)
+        return found
+
+    def raster(self, answers: F64 | None = None) -> Raster:
+        """The finished raster; nothing can be added after it.
+
+        Parameters
+        ----------
+        answers : (T, columns) float64, optional
+            What a device's script has made of :meth:`told`. It is what the device plays: held
+            between updates and limited as any values are. What it does not change is rendered
+            as without it; of what is felt where it does, all is, or nothing if it is silent.
+        """
         time = self._header.time
-        first = 0
-        for actuator in self._device.actuators:
-            part = slice(first, first + len(actuator.type.controls))
-            kind, neutral = actuator.type, self._neutral[part]
-            latency_ms = kind.latency_ms if self._looks_ahead else 0.0
-            early = advanced(self._values[:, part], neutral, time.rate_hz, latency_ms)
-            self._values[:, part] = limited(
-                held(early, neutral, time.rate_hz, kind.update_interval_ms),
-                self._lowest[part],
-                self._highest[part],
-                self._neutral[part],
-            )
-            first = part.stop
-        self._next_row = len(self._values)
+        for part, kind in self._parts():
+            self._values[:, part] = self._held(self._early(part, kind), part, kind)
         felt = tuple(_felt(stream, tally) for stream, tally in self._tallies.items())
+        shortfalls = tuple(self._shortfalls(felt))
+        partials = self.partials()
+        if answers is not None:
+            without, self._values = self._values, np.zeros_like(self._values)
+            for part, kind in self._parts():
+                self._values[:, part] = self._held(answers[:, part], part, kind)
+            partials = ()  # a script says one frequency for each actuator
+            is_changed, is_on = self._changes(without)
+            if is_changed.any():
+                felt = tuple(_decided(each, is_changed, is_on) for each in felt)
+                # How far a script has overcome limits of the actuators, nobody can tell.
+                shortfalls = tuple(
+                    each for each in self._shortfalls(felt) if each.reason in _UNPLAYED
+                )
+        self._next_row = len(self._values)
         return Raster(
             device_id=self._device.id,
             body_id=self._body_id,
@@ -330,19 +373,56 @@ class Renderer:
             rate_hz=time.rate_hz,
             values=self._values,
             neutral=self._neutral,
-            shortfalls=tuple(self._shortfalls(felt)),
+            shortfalls=shortfalls,
             felt=felt,
-            waveform_actuators=tuple(actuator.id for actuator in self._sounding),
-            partials=self.partials(),
+            waveform_actuators=tuple(each.id for each in self._sounding) if answers is None else (),
+            partials=partials,
         )
+
+    def _parts(self) -> Iterator[tuple[slice, ActuatorType]]:
+        """Each actuator's columns, and its type."""
+        first = 0
+        for actuator in self._device.actuators:
+            part = slice(first, first + len(actuator.type.controls))
+            yield part, actuator.type
+            first = part.stop
+
+    def _late_rows(self, kind: ActuatorType) -> int:
+        return rows_of(self._header.time.rate_hz, kind.latency_ms) if self._looks_ahead else 0
+
+    def _early(self, part: slice, kind: ActuatorType) -> F64:
+        latency_ms = kind.latency_ms if self._looks_ahead else 0.0
+        rate_hz = self._header.time.rate_hz
+        return advanced(self._values[:, part], self._neutral[part], rate_hz, latency_ms)
+
+    def _limited(self, values: F64, part: slice) -> F64:
+        return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
+
+    def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
+        """Values of one actuator as it is given them: held between its updates, and limited."""
+        rate_hz, interval_ms = self._header.time.rate_hz, kind.update_interval_ms
+        return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
+
+    def _changes(self, without: F64) -> tuple[Bool, Bool]:
+        """Of what is felt at each row (T,): whether a script changed it, and whether any plays.
+
+        It is played then, or earlier by an actuator's latency.
+        """
+        is_changed, is_on = np.zeros((2, len(without)), np.bool_)
+        for part, kind in self._parts():
+            changed = (self._values[:, part] != without[:, part]).any(axis=1)
+            on = self._values[:, part.start] != self._neutral[part.start]
+            for rows in {0, min(self._late_rows(kind), len(without))}:
+                is_changed[rows:] |= changed[: len(changed) - rows]
+                is_on[rows:] |= on[: len(on) - rows]
+        return is_changed, is_on
 
     def partials(self) -> tuple[Partial, ...]:
         """What actuators that take a waveform play of each effect so far, within limits."""
         if not self._sounding:
             return ()
         kinds = [actuator.type for actuator in self._sounding]
-        rate_hz, looks_ahead = self._header.time.rate_hz, self._looks_ahead
-        late = [rows_of(rate_hz, kind.latency_ms) if looks_ahead else 0 for kind in kinds]
+        late = [self._late_rows(kind) for kind in kinds]
         return self._partials.finished(
             len(self._values),
             late,
@@ -389,6 +469,16 @@ def _felt(stream: Stream, tally: _Tally) -> Felt:
         np.concatenate([np.zeros(0), *tally.strengths]),
         np.concatenate([np.zeros(0, np.bool_), *tally.is_rendered]),
     )
+
+
+_UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
+"""Reasons for which something does not play at all."""
+
+
+def _decided(felt: Felt, is_changed: Bool, is_on: Bool) -> Felt:
+    """What was felt, and what of it plays where a script has changed rows (T,)."""
+    changed, on = is_changed[felt.indices], is_on[felt.indices]
+    return replace(felt, is_rendered=np.where(changed, on, felt.is_rendered))
 
 
 def _wearer(header: TrackHeader, device: DeviceConfig, body_id: str | None) -> str:

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ... import file_limits
 from ..native import track as native
 
 F64 = npt.NDArray[np.float64]
@@ -25,6 +26,8 @@ I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 Bool = npt.NDArray[np.bool_]
 Unsigned = npt.NDArray[np.unsignedinteger[Any]]
+
+_ENTRY_BYTES: Final = 64  # that a (sample, vertex) pair takes at most while it is unpacked
 
 MAX_ENTRIES: Final = 2**25
 """Most (sample, vertex) pairs of one stream in one chunk: what a reader has to hold."""
@@ -115,9 +118,23 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
 class Cursor:
     """A place in a chunk's bytes that never leaves them."""
 
-    def __init__(self, content: bytes) -> None:
+    def __init__(self, content: bytes, name: str = "a track") -> None:
         self._content = content
         self._at = 0
+        self._name = name
+        self._entries = 0
+
+    def count(self, entries: int) -> None:
+        """Count (sample, vertex) pairs of a section that is about to be unpacked.
+
+        Raises
+        ------
+        TooLargeError
+            With those of the chunk's sections before they are more than a file may ask for.
+        """
+        self._entries += entries
+        most_bytes = float(_ENTRY_BYTES * self._entries)
+        file_limits.MEMORY.check(most_bytes, self._name, "contacts of one chunk would take")
 
     @property
     def at_end(self) -> bool:
@@ -271,6 +288,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     uses_before = np.concatenate(([0], np.cumsum(uses)))
     entries = int((uses_before[first + lasts] - uses_before[first]).sum())
     _require(entries <= MAX_ENTRIES, f"a section has more than {MAX_ENTRIES} contacts")
+    cursor.count(entries)
 
     total = int(lasts.sum())
     before = np.cumsum(lasts) - lasts

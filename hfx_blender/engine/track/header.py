@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final
 
 from ..body.model import PerceptualModel
@@ -156,11 +157,19 @@ class TrackHeader:
 
     def effect(self, stream: Stream) -> TrackEffect:
         """The effect that a stream is of."""
-        return next(effect for effect in self.effects if effect.id == stream.effect_id)
+        return self._effects[stream.effect_id]
 
     def vertex_count(self, stream: Stream) -> int:
         """Size of the model that a stream's vertex ids belong to."""
-        return next(model.vertex_count for model in self.models if model.id == stream.model_id)
+        return self._vertex_counts[stream.model_id]
+
+    @cached_property
+    def _effects(self) -> dict[str, TrackEffect]:
+        return {effect.id: effect for effect in self.effects}
+
+    @cached_property
+    def _vertex_counts(self) -> dict[str, int]:
+        return {model.id: model.vertex_count for model in self.models}
 
 
 def _by_id(name: str, items: tuple[Any, ...]) -> dict[str, Any]:

@@ -126,7 +126,7 @@ def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
         source=get(content, "source", dict),
         settings=get(content, "settings", dict),
         tools=get(content, "tools", dict),
-        warnings=tuple(_texts(get(content, "warnings", list), "warnings")),
+        warnings=tuple(texts(get(content, "warnings", list), "warnings")),
     )
     if get(time, "sample_count", int) != header.time.sample_count:
         raise ValueError(f"'sample_count' is not {header.time.sample_count}")
@@ -212,7 +212,7 @@ def _effect_from_json(item: Any, kinds: tuple[Kind, ...]) -> TrackEffect:
         ),
         painted_vertices=get(item, "painted_vertices", int) if kind == "painted" else None,
         device_id=get(item, "device_id", str) if is_driven else None,
-        actuators=tuple(_texts(get(item, "actuators", list), "actuators")) if is_driven else (),
+        actuators=tuple(texts(get(item, "actuators", list), "actuators")) if is_driven else (),
     )
 
 
@@ -231,7 +231,8 @@ def _fraction(item: Any, key: str) -> Fraction:
     return Fraction(*pair)
 
 
-def _texts(items: list[Any], name: str) -> Iterable[str]:
+def texts(items: list[Any], name: str) -> Iterable[str]:
+    """The items of a list that holds text only."""
     for item in items:
         if not isinstance(item, str):
             raise ValueError(f"'{name}' holds something that is not text")

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Final
 
 from .codec import CHANNELS
-from .header_json import get, parse_json
+from .header_json import get, parse_json, texts
 
 HEADER: Final = "header.json"
 INDEX: Final = "index.json"
@@ -79,7 +79,7 @@ def index_from_json(text: bytes) -> tuple[list[int], list[StreamIndex]]:
             last=get(item, "last", int),
             entries=get(item, "entries", int),
             peak_level=get(item, "peak_level", float),
-            channels=tuple(get(item, "channels", list)),
+            channels=tuple(texts(get(item, "channels", list), "channels")),
         )
         for item in get(content, "streams", list)
     ]

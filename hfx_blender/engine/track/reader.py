@@ -244,7 +244,7 @@ class TrackReader:
         name = layout.chunk_name(chunk)
         content = self._entry(name, layout.MAX_CHUNK_BYTES)
         try:
-            return self._sections(chunk, Cursor(content))
+            return self._sections(chunk, Cursor(content, str(self.path)))
         except ValueError as error:
             self._fail(f"{name}: {error}")
 

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from ... import file_limits
 from ...errors import InputError
 from ..curves import Curve
 from ..signals import FrequencyRange, Piece, Signal, Transient, mixed
@@ -17,8 +19,6 @@ from .model import Band, Channel, Effect, Hjif, Keyframe, Perception
 from .reader import decode as decode_document
 
 DEFAULT_HZ: Final = 100.0
-_MOST_EFFECTS: Final = 200_000
-"""Effects of a channel with everything that they refer to: nobody writes more."""
 _DEEPEST: Final = 8
 
 
@@ -35,6 +35,7 @@ class Envelope:
     frequency_hz: Curve | None  # None: curves have no pitch
     transients: tuple[Transient, ...]
     full_scale: float | None  # of its reference device, where that is known
+    left_out: tuple[str, ...] = ()  # what of it is not in this, one sentence each
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
@@ -47,11 +48,29 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """
     document = decode_document(content, name)
     signals = []
-    for each in envelopes(document):
+    lost: Counter[str] = Counter()  # channels that are no signal, by the reason
+    for each in envelopes(document, name):
         if each.modality == "Vibrotactile" and each.frequency_hz is not None:
             values = np.clip(np.abs(each.strength.values), 0.0, 1.0)
-            curve = Curve(each.strength.times_s, values)
-            signals.append(Signal(each.channel, curve, each.frequency_hz, each.transients))
+            lost_here = each.left_out
+            if values.any() and (np.abs(each.strength.values) > 1.0).any():
+                lost_here += (f"'{each.channel}': is louder than full scale: cut to it",)
+            signals.append(
+                Signal(
+                    each.channel,
+                    Curve(each.strength.times_s, values),
+                    each.frequency_hz,
+                    each.transients,
+                    lost_here,
+                )
+            )
+        elif each.modality == "Vibrotactile":
+            lost["vibration as curves without frequency"] += 1
+        else:
+            lost[f"modality {each.modality}"] += 1
+    if signals and lost:
+        told = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
+        signals[0] = replace(signals[0], left_out=told + signals[0].left_out)
     hertz = [
         float(f)
         for each in signals
@@ -61,26 +80,39 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     return signals, FrequencyRange(min(hertz, default=0.0), max(hertz, default=1.0))
 
 
-def envelopes(document: Hjif) -> Iterator[Envelope]:
+def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
     """Every channel's envelope: all its bands, references resolved, compositions unfolded.
 
-    Wavelet bands are left out. Raises ``InputError`` for more effects than is sane.
+    Wavelet bands are left out, which each envelope tells. ``name`` is the file's, for messages.
+
+    Raises
+    ------
+    TooLargeError
+        References unfold to more effects, or envelopes last longer, than a file may ask for.
     """
+    unfolding = _Unfolding(name)
     timescale = document.timescale or 1000
     for perception in document.perceptions:
         devices = {each.id: each for each in perception.reference_devices or ()}
         for channel in perception.channels:
             device = devices.get(channel.reference_device_id or 0)
-            yield _envelope(
-                perception, channel, timescale, device.maximum_amplitude if device else None
-            )
+            full_scale = device.maximum_amplitude if device else None
+            found = _envelope(perception, channel, timescale, full_scale, unfolding)
+            ends = [float(found.strength.times_s[-1]), *(t.time_s for t in found.transients)]
+            where = f"{name}: channel '{found.channel[:60]}'"
+            file_limits.SECONDS.check(max(ends), where, "lasts")
+            yield found
 
 
 def _envelope(
-    perception: Perception, channel: Channel, timescale: int, full_scale: float | None
+    perception: Perception,
+    channel: Channel,
+    timescale: int,
+    full_scale: float | None,
+    unfolding: _Unfolding,
 ) -> Envelope:
-    library = {effect.id: effect for effect in perception.effect_library}
-    unfolding = _Unfolding(library)
+    unfolding.library = {effect.id: effect for effect in perception.effect_library}
+    lost: Counter[str] = Counter()
     pieces: list[Piece] = []
     transients: list[Transient] = []
     curves: list[Curve] = []
@@ -93,7 +125,12 @@ def _envelope(
                 curves.append(_curve(frames, start, timescale, channel.gain))
             elif band.band_type == "VectorialWave" and frames:
                 pieces.append(_piece(frames, start, timescale, channel.gain, band))
+            else:
+                lost[f"of a {band.band_type} band have no keyframes"] += 1
     name = channel.description or f"channel {channel.id}"
+    if curves and (pieces or transients):
+        lost["are curves beside waves or ticks"] += len(curves)
+    left_out = tuple(f"'{name}': {count} effects {why}" for why, count in lost.items())
     shared = (
         perception.description,
         perception.perception_modality,
@@ -102,16 +139,25 @@ def _envelope(
         channel.vertices or (),
     )
     if curves and not pieces and not transients:
-        return Envelope(*shared, _one_after_another(curves), None, (), full_scale)
+        strength = _one_after_another(curves)
+        return Envelope(*shared, strength, None, (), full_scale, left_out)
     signal = mixed(name, pieces, transients)
-    return Envelope(*shared, signal.amplitude, signal.frequency_hz, signal.transients, full_scale)
+    return Envelope(
+        *shared,
+        signal.amplitude,
+        signal.frequency_hz,
+        signal.transients,
+        full_scale,
+        left_out + signal.left_out,
+    )
 
 
 class _Unfolding:
-    """Effects with everything that they refer to, counted."""
+    """Effects of a file with everything that they refer to, counted."""
 
-    def __init__(self, library: dict[int | None, Effect]) -> None:
-        self._library = library
+    def __init__(self, name: str) -> None:
+        self.library: dict[int | None, Effect] = {}
+        self._name = name
         self._count = 0
 
     def effects(
@@ -119,14 +165,15 @@ class _Unfolding:
     ) -> Iterator[tuple[int, Effect]]:
         """Basis effects and their positions, ticks."""
         if depth > _DEEPEST:
-            raise InputError(f"HJIF: effects refer to each other more than {_DEEPEST} levels deep.")
+            raise InputError(
+                f"{self._name}: effects refer to each other more than {_DEEPEST} levels deep."
+            )
         for effect in effects:
-            self._count += 1
-            if self._count > _MOST_EFFECTS:
-                raise InputError(f"HJIF: a channel unfolds to more than {_MOST_EFFECTS} effects.")
+            self._count += 1 + len(effect.keyframes or ())
+            file_limits.UNFOLDED.check(self._count, self._name, "its references unfold to")
             position = start + (effect.position or 0)
             if effect.effect_type == "Reference":
-                target = self._library.get(effect.id)
+                target = self.library.get(effect.id)
                 if target is not None:
                     yield from self.effects((target,), position, depth + 1)
             elif effect.effect_type == "Composite":

@@ -11,6 +11,10 @@ import pytest
 from hfx_blender.devices.live.client import LiveClient
 
 
+@pytest.fixture(autouse=True)
+def _patient(patient_devices: None) -> None: ...
+
+
 @pytest.fixture
 def client() -> Iterator[LiveClient]:
     made = LiveClient()

@@ -14,7 +14,8 @@ import numpy as np
 from hfx_blender.devices.live.client import LiveClient
 
 BAND = "forearm_band_left"  # eight motors: amplitude and frequency in turn
-PATIENCE_S = 15.0  # for a machine that is busy
+PATIENCE_S = 120.0
+"""What does not happen for so long does not happen."""
 
 
 def playing(amplitude: float = 10.0) -> np.ndarray:
@@ -33,32 +34,14 @@ def is_loud(row: dict[str, Any]) -> bool:
 
 
 def wait(
-    client: LiveClient,
-    until: Callable[[], object],
-    each: Callable[[], None] | None = None,
-    *,
-    is_patient: bool = False,
-    stalling: str | None = None,
+    client: LiveClient, until: Callable[[], object], each: Callable[[], None] | None = None
 ) -> None:
-    """Live on until something is true.
-
-    On a machine that is busy this process may not come to its heartbeat, nor a simulator to
-    writing a line; who ``is_patient`` plays again after such a stop, but on the device that is
-    ``stalling``.
-    """
+    """Live on until something is true."""
     end = time.monotonic() + PATIENCE_S
     while not until():
         assert time.monotonic() < end, f"never happened; devices: {client.devices}"
         client.events()
         client.heartbeat()
-        for name, state in client.devices.items():
-            is_late = (state.state == "stopped" and "did not answer" in state.text) or (
-                state.state == "fault"
-                and state.text == "its output does not answer"
-                and name != stalling
-            )
-            if is_patient and is_late:
-                client.arm(name)
         if each is not None:
             each()
         time.sleep(0.005)
@@ -72,6 +55,5 @@ def play(client: LiveClient, name: str, log: Path, values: np.ndarray | None = N
         client,
         lambda: any(is_loud(row) for row in rows_of(log)),
         lambda: client.send(name, sent),
-        is_patient=True,
     )
     client.events()

@@ -26,7 +26,7 @@ from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.live.encoders import Channels
 from hfx_blender.devices.live.host import Host
 from hfx_blender.devices.live.host_pipe import HostPipe
-from hfx_blender.devices.live.lane import Lane
+from hfx_blender.devices.live.lane import Lane, Question
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
     Kind,
@@ -35,6 +35,7 @@ from hfx_blender.devices.live.messages import (
     message,
     values_to,
 )
+from hfx_blender.devices.live.moments import Moment
 from hfx_blender.devices.live.output import OutputLostError
 from hfx_blender.devices.live.script_process import ScriptProcess
 from hfx_blender.devices.live.transports import buttplug, serial_port
@@ -110,8 +111,8 @@ def test_after_a_stop_everything_begins_from_silence(monkeypatch: pytest.MonkeyP
         lane._is_closed = True
 
     monkeypatch.setattr(lane, "_step", ended)
-    lane._play()
-    assert sorted(begun) == ["_guard", "_pace", "_ramp"]
+    lane.turn()
+    assert set(begun) == {"_guard", "_pace", "_ramp"}
 
 
 class Process:
@@ -163,7 +164,7 @@ def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
         return b"a moment"
 
     monkeypatch.setattr(pipe, "_as_bytes", packed)
-    client.show(object())  # type: ignore[arg-type]
+    client.show(Moment(0.0, []))
     pipe._write(process)
     assert process.stdin.getvalue() == message(Kind.STOP, EVERY_DEVICE, b"enough")
 
@@ -207,7 +208,7 @@ def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None
     host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
     wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
     for number in (1, 2, 3):
-        host.take(Message(Kind.CONNECT, number, wish))
+        host.hear(Message(Kind.CONNECT, number, wish))
     host.silence("the test is over")
     assert ("lost", 3, "more than 2 devices") in told
     assert not any(event == "lost" for event, number, _ in told if number < 3)
@@ -265,8 +266,9 @@ def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
 
     answers: list[Any] = []
     faults: list[str] = []
-    script = ScriptProcess({}, answers.append, faults.append, lambda text: None)
+    script = ScriptProcess({}, faults.append, lambda text: None)
     script._process = Worker()  # type: ignore[assignment]
+    script._answer = answers.append
     script._deadline_s = math.inf  # it was started, so that it may say that it is ready
     script._listen(script._process)  # type: ignore[arg-type]
     assert not answers
@@ -318,7 +320,8 @@ def test_a_board_is_not_asked_for_ever() -> None:
     asked: list[bytes] = []
     board = WireBoard.__new__(WireBoard)
     board._port = SimpleNamespace(write_newest=asked.append)  # type: ignore[assignment]
-    board._channels, board._maximum_on_ms = Channels(DEVICE, strengths_only=True), 1000
+    board._channels = Channels(DEVICE, strengths_only=True)
+    board._time_limits_ms = 1000, 500
     board._name, board._sequence = "/dev/ttyACM0", 0
     board._begin(60.0)
     assert len(asked) == 1
@@ -367,15 +370,6 @@ def test_a_pulse_of_an_actuator_that_is_not_there_is_none(actuator: int) -> None
     assert lane._pulse is None
 
 
-def test_an_offset_holds_back_only_so_many_frames() -> None:
-    lane, _ = lane_of(DEVICE)
-    lane.offset_s = 60.0
-    lane.arm()
-    for _ in range(1000):
-        lane.feed(playing())
-    assert len(lane._waiting) == 64
-
-
 def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
     def broken() -> Any:
         raise RuntimeError("of somebody's")
@@ -418,8 +412,13 @@ class Asked:
     def pause(self) -> None:
         self.told.append("pause")
 
-    def feed(self, values: Any) -> None:
+    def question(self, asked_s: float) -> Question:
+        return Question(0, asked_s)
+
+    def feed(self, values: Any, question: Any = None) -> None:
         self.told.append("feed")
+
+    def sign(self, now_s: float) -> None: ...
 
     def pulse(self, actuator: int) -> None:
         self.told.append("pulse")
@@ -449,12 +448,8 @@ def test_a_script_that_is_overdue_stops_its_device_before_anything_is_sent() -> 
     lane.feed(playing())
     told: list[str] = []
 
-    def fault(text: str) -> None:
-        told.append(text)
-        lane._is_closed = True
-
-    lane.fault = fault  # type: ignore[method-assign]
-    lane._play()
+    lane.fault = told.append  # type: ignore[method-assign]
+    lane.turn()
     assert told == ["its script did not answer within 100 ms"] and not output.given
 
 
@@ -492,9 +487,15 @@ def test_messages_that_are_none_stop_every_lane(
 def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     host, _ = host_of(monkeypatch)
     seen: list[float] = []
-    monkeypatch.setattr(host, "take", lambda _: seen.append(host._patience_s))
-    host.read(io.BytesIO(message(Kind.PAUSE) + message(Kind.HEARTBEAT) + message(Kind.PAUSE)))
-    assert seen == [host_module.PAUSE_S, host_module.HEARTBEAT_S, host_module.PAUSE_S]
+    monkeypatch.setattr(host, "take", lambda *_: seen.append(host._patience_s))
+    kinds = Kind.PAUSE, Kind.HEARTBEAT, Kind.PAUSE
+    host.read(io.BytesIO(b"".join(map(message, kinds)) + message(Kind.PAUSE, 1)))
+    assert seen == [
+        host_module.PAUSE_S,
+        host_module.HEARTBEAT_S,
+        host_module.PAUSE_S,
+        host_module.HEARTBEAT_S,  # one that is muted tells nothing of Blender
+    ]
     assert host_module.PAUSE_S <= 10.0
 
 
@@ -502,7 +503,7 @@ def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.Monke
     host, lane = host_of(monkeypatch)
     monkeypatch.setattr(host_module.Lane, "start", lambda self: None)
     wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
-    host.take(Message(Kind.CONNECT, 1, wish))
+    host.hear(Message(Kind.CONNECT, 1, wish))
     assert lane.told == ["close"] and host._lanes[1] is not lane
 
 
@@ -511,20 +512,21 @@ def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
 ) -> None:
     told: list[tuple[str, int, str]] = []
     host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
-    host.take(Message(Kind.CONNECT, 5, json_to({"configuration": "none_such"})))
+    host.hear(Message(Kind.CONNECT, 5, json_to({"configuration": "none_such"})))
     assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host._lanes
 
 
 def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
     host, lane = host_of(monkeypatch)
+    asked = {1: Question(0, 0.0), 2: Question(0, 0.0)}
     for kind in (Kind.ANSWER, Kind.FAULT):
-        host._rendered(Message(kind, 1, values_to(playing())))
-        host._rendered(Message(kind, 2, values_to(playing())))
+        host._rendered(Message(kind, 1, values_to(playing())), asked)
+        host._rendered(Message(kind, 2, values_to(playing())), asked)
     assert [each.split(":")[0] for each in lane.told] == ["feed", "fault"]
     lane.told.clear()
     lane.is_armed = False
     for kind in (Kind.ANSWER, Kind.FAULT):
-        host._rendered(Message(kind, 1, values_to(playing())))
+        host._rendered(Message(kind, 1, values_to(playing())), asked)
     host._cannot_render("it has ended")
     assert not lane.told
     lane.is_armed = True
@@ -537,11 +539,11 @@ def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.M
     done: list[str] = []
     for name in ("describe", "forget", "show", "revive"):
         monkeypatch.setattr(host._rendering, name, lambda *_, name=name: done.append(name))
-    host.take(Message(Kind.SCENE, EVERY_DEVICE, b"{}"))
+    host.hear(Message(Kind.SCENE, EVERY_DEVICE, b"{}"))
     assert lane.told == ["pause"] and done == ["forget", "describe"]
-    host.take(Message(Kind.MOMENT, EVERY_DEVICE, b""))
-    host.take(Message(Kind.STOP, EVERY_DEVICE, b"enough"))
-    host.take(Message(Kind.PAUSE, EVERY_DEVICE, b""))
+    host.hear(Message(Kind.MOMENT, EVERY_DEVICE, b""))
+    host.hear(Message(Kind.STOP, EVERY_DEVICE, b"enough"))
+    host.hear(Message(Kind.PAUSE, EVERY_DEVICE, b""))
     assert done[2:] == ["show", "forget", "forget"]
     assert lane.told == ["pause", "stop: enough", "pause"]
 

@@ -60,11 +60,44 @@ def test_no_frame_is_delayed_by_more_than_the_longest_ramp_and_none_overshoots(f
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(0), np.zeros(3), np.zeros((2, 16)), None])
-def test_what_is_no_frame_goes_to_silence_at_once(wrong):
+def test_what_is_no_frame_is_refused(wrong):
     ramp = Ramp(DEVICE, TICK)
     ramp.aim(playing(), 1.0)
-    ramp.aim(wrong, 1.02)
-    assert not ramp.at(1.02)[::2].any()
+    with pytest.raises(ValueError, match="it takes 16"):
+        ramp.aim(wrong, 1.02)
+
+
+@pytest.mark.parametrize("rate", [24.0, 25.25, 33.6, 50.4, 60.0])
+def test_what_is_asked_again_and_again_is_reached_however_late_it_is_looked_at(rate):
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(), 0.0)
+    for k in range(1, 20):  # one look at each frame, on a machine that is busy
+        ramp.aim(playing(2.0), k / rate)
+        found = ramp.at(k / rate)
+    assert found[0] == 2.0
+
+
+@pytest.mark.parametrize("rate", [24.0, 25.25, 33.6, 50.4])
+def test_the_last_step_of_a_ramp_does_not_wait_for_the_next_frame(rate):
+    ramp = Ramp(DEVICE, TICK)
+    for k in range(3):
+        ramp.aim(playing(8.0 + k), k / rate)
+        due = k / rate
+        while due < (k + 1) / rate:
+            found, at = ramp.at(due), due
+            due = ramp.next_s(due + TICK, due)
+        assert found[0] == 8.0 + k and at < (k + 1) / rate
+
+
+def test_silence_is_not_ramped_to_and_only_by_the_actuators_that_are_to_be_silent():
+    ramp = Ramp(DEVICE, TICK)
+    ramp.aim(playing(8.0), 0.0)
+    ramp.at(0.0)
+    values = playing(4.0)
+    values[0] = 0.0
+    ramp.aim(values, 0.04)
+    found = ramp.at(0.04)
+    assert found[0] == 0.0 and found[2] == 7.0
 
 
 def test_not_a_number_is_forgotten_with_the_next_frame():

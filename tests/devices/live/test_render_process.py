@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_time import FakeClock
 from live_process import BAND, PATIENCE_S, is_loud, rows_of, wait
 
 from hfx_blender import resources
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live import render_process
 from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.live.lane import Question
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
     Kind,
@@ -50,8 +51,6 @@ from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.samples import Drive, SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
-
-real_time = pytest.mark.usefixtures("real_time")
 
 MODEL = load_model("hfx-vibration-1")
 BODY = "someone"
@@ -251,7 +250,7 @@ def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
         asked.foresee(*each)
     assert told() == [(Kind.SCENE, b"first"), *future[:2]]
     asked.foresee(*future[2])
-    asked.show(b"now")
+    asked.show(b"now", {})
     assert told() == [(Kind.MOMENT, b"now"), future[2]]  # who plays does not wait
     asked._process = None
     asked.revive()
@@ -283,11 +282,10 @@ def loud(log: Path) -> bool:
 def follow(client: LiveClient, log: Path) -> None:
     client.connect("band", BAND, {"kind": "simulator", "path": str(log)})
     client.describe(HEADER, BODY)
-    wait(client, lambda: loud(log), lambda: client.show(moment()), is_patient=True)
+    wait(client, lambda: loud(log), lambda: client.show(moment()))
     client.events()
 
 
-@real_time
 def test_a_device_plays_moments_and_a_stop_is_not_followed_by_one(
     client: LiveClient, log: Path
 ) -> None:
@@ -302,7 +300,7 @@ def test_a_device_plays_moments_and_a_stop_is_not_followed_by_one(
     wait(client, lambda: client.devices["band"].state == "stopped")
     assert "stop" in rows_of(log)[-1]
     client.arm()
-    wait(client, lambda: loud(log), lambda: client.show(moment()), is_patient=True)
+    wait(client, lambda: loud(log), lambda: client.show(moment()))
 
 
 def _worker(client: LiveClient) -> int:
@@ -319,26 +317,22 @@ def _worker(client: LiveClient) -> int:
     raise AssertionError("there is none")
 
 
-@real_time
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds a child by /proc")
-@pytest.mark.parametrize(
-    ("how", "text"), [(signal.SIGKILL, "has ended"), (signal.SIGSTOP, "in time")]
-)
-def test_devices_stop_when_what_renders_ends_or_hangs_and_play_starts_it_again(
-    client: LiveClient, log: Path, how: signal.Signals, text: str
+def test_devices_stop_when_what_renders_ends_and_play_starts_it_again(
+    client: LiveClient, log: Path
 ) -> None:
     follow(client, log)
     before = _worker(client)
-    os.kill(before, how)
+    os.kill(before, signal.SIGKILL)
     wait(
         client,
         lambda: client.devices["band"].state == "fault",
         lambda: client.show(moment()),
     )
-    assert text in client.devices["band"].text
+    assert "has ended" in client.devices["band"].text
     wait(client, lambda: "stop" in rows_of(log)[-1])
     client.arm()
-    wait(client, lambda: loud(log), lambda: client.show(moment()), is_patient=True)
+    wait(client, lambda: loud(log), lambda: client.show(moment()))
     assert _worker(client) != before
 
 
@@ -347,8 +341,13 @@ class Asked:
 
     def __init__(self) -> None:
         self.told: list[Message] = []
+        self.answered: list[Any] = []  # which questions
         self.faults: list[str] = []
-        self.process = RenderProcess(self.told.append, self.faults.append)
+        self.process = RenderProcess(self._hear, self.faults.append)
+
+    def _hear(self, found: Message, questions: Any) -> None:
+        self.told.append(found)
+        self.answered.append(questions)
 
     def until(self, happened: Callable[[], object]) -> None:
         end = time.monotonic() + PATIENCE_S
@@ -368,39 +367,54 @@ def asked() -> Iterator[Asked]:
     found.process.close()
 
 
-@real_time
-def test_what_was_asked_before_a_stop_is_not_answered_after_it(asked: Asked) -> None:
+def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_asked(
+    asked: Asked,
+) -> None:
     asked.process.describe(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
-    asked.process.show(moment_to(moment(), places()))
-    asked.until(lambda: asked.told)
-    asked.until(asked.is_idle)
-    count = len(asked.told)
-    for _ in range(50):
-        asked.process.show(moment_to(moment(), places()))
-        with asked.process._wake:
-            asked.process._wake.wait(0.0005)
-        asked.process.forget()
-        before = len(asked.told)
-        asked.until(asked.is_idle)
-        assert len(asked.told) == before
-    asked.process.show(moment_to(moment(), places()))
-    asked.until(lambda: len(asked.told) > count)
+    for k in range(50):
+        asked.process.show(moment_to(moment(), places()), {1: Question(k, 0.0)})
+        if k % 2:
+            asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
+        else:
+            with asked.process._wake:
+                is_waiting = asked.process._moment is not None
+                asked.process.forget()
+                count = len(asked.told)
+            asked.until(asked.is_idle)
+            assert len(asked.told) <= count + (not is_waiting)
+    generations = [each[1].generation for each in asked.answered]
+    assert generations == sorted(set(generations))
 
 
-@real_time
 def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:
     asked.process.describe(b"nonsense")
     asked.until(lambda: asked.told)
     assert asked.told[0].kind is Kind.FAULT and asked.told[0].device == EVERY_DEVICE
 
 
-@real_time
-def test_one_that_does_not_answer_is_ended(asked: Asked, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(render_process, "SCENE_S", 0.0)
-    asked.process.describe(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
-    asked.until(lambda: asked.process.is_overdue(time.monotonic()))
-    assert asked.process._process is None
-    assert not asked.process.is_overdue(time.monotonic())
+@pytest.mark.parametrize(("kind", "after_s"), [(Kind.SCENE, 60.0), (Kind.MOMENT, 0.25)])
+def test_one_that_does_not_answer_in_time_is_ended(kind: Kind, after_s: float) -> None:
+    class Worker:
+        is_killed = False
+
+        def kill(self) -> None:
+            self.is_killed = True
+
+        def wait(self) -> None: ...
+
+    clock, worker = FakeClock(), Worker()
+    process = RenderProcess(lambda *_: None, lambda text: None, clock)
+    process._process = worker  # type: ignore[assignment]
+    if kind is Kind.SCENE:
+        process.describe(b"scene")
+    else:
+        process.show(b"moment", {})
+    assert process._next(worker)[4] == kind  # type: ignore[arg-type, index]
+    clock.now_s += after_s - 0.001
+    assert not process.is_overdue(clock.now())
+    clock.now_s += 0.002
+    assert process.is_overdue(clock.now()) and worker.is_killed
+    assert not process.is_overdue(clock.now())
 
 
 def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:

@@ -15,8 +15,6 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live.haptics import Effect, Haptics, as_values
 from hfx_blender.engine.rendering.device import DeviceConfig
 
-pytestmark = pytest.mark.usefixtures("real_time")
-
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "device-scripts.md"
 
 

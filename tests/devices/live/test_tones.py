@@ -121,17 +121,15 @@ def test_whatever_the_tones_are_their_sum_keeps_the_limits(pairs, strength, shar
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros((2, 20)), np.zeros(2 * WIDTH + 5)])
-def test_what_is_no_frame_has_no_tones(wrong: np.ndarray) -> None:
-    sounding = Sounding(PAD)
-    played(sounding, both())
-    assert sounding.split(wrong) is wrong
-    assert not sounding.at(1.0, values(0.0), values(0.0)).amplitudes.any()
+def test_what_is_no_frame_is_refused(wrong: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=f"values and takes {2 * WIDTH}"):
+        Sounding(PAD).split(wrong)
 
 
-def test_a_frame_of_too_many_tones_is_none():
+def test_a_frame_of_too_many_tones_is_refused():
     sounding = Sounding(PAD)
-    frame = frame_of(values(5.0), tones(*[(0.1, LOW)] * (MAX_TONES + 1)))
-    assert sounding.split(frame) is frame
+    with pytest.raises(ValueError, match="and takes"):
+        sounding.split(frame_of(values(5.0), tones(*[(0.1, LOW)] * (MAX_TONES + 1))))
     assert len(sounding.split(frame_of(values(5.0), tones(*[(0.1, LOW)] * MAX_TONES)))) == 2 * WIDTH
 
 
@@ -292,9 +290,25 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     lane._output, lane._is_armed = ears, True  # its thread is this one
     lane.feed(both(3.0, 4.0))
     # 100 m/s^2 per second: of 5 m/s^2 together 1 after 10 ms, all of it after 50 ms.
-    now = lane._waiting[0][0]
+    newest = lane._waiting.popleft()[1]
+    now = lane._clock.now()
     for k in range(8):
-        lane._step(now + 0.01 * k, 0.01)
+        lane._step(now + 0.01 * k, 0.01, newest if k == 0 else None, lane._generation)
     sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
     assert sums == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0, 5.0])
     assert strength_of(ears.heard[-1], LOW) == pytest.approx(3.0)
+
+
+def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
+    kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
+    slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
+    ears = Ears()
+    lane = Lane(0, slow, lambda: ears, lambda *_, **__: None)
+    lane._output, lane._is_armed = ears, True  # its thread is this one
+    frame = both(3.0, 4.0)
+    frame[0] = 1e-6
+    now = lane._clock.now()
+    for k in range(3):
+        lane._step(now + 0.01 * k, 0.01, frame if k == 0 else None, lane._generation)
+    sums = [np.hypot(strength_of(each, LOW), strength_of(each, HIGH)) for each in ears.heard]
+    assert sums == pytest.approx([1.0, 2.0, 3.0])

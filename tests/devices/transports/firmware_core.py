@@ -18,6 +18,8 @@ hfx_core *make(unsigned char channels, hfx_write_fn write) {
     hfx_begin(core, channels, write);
     return core;
 }
+void begin_again(hfx_core *core) { hfx_begin_again(core, core->channels, core->write); }
+void lose_power(hfx_core *core) { core->filled[0] ^= 1; core->levels[0] = 7; }
 unsigned level(hfx_core *core, int channel) { return core->levels[channel]; }
 """
 _WRITE = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint8), ctypes.c_uint8)
@@ -44,6 +46,7 @@ def built(folder):
     found.make.restype = ctypes.c_void_p
     found.make.argtypes = [ctypes.c_uint8, _WRITE]
     found.level.argtypes = [ctypes.c_void_p, ctypes.c_int]
+    found.begin_again.argtypes = found.lose_power.argtypes = [ctypes.c_void_p]
     found.hfx_receive.argtypes = [ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint32]
     found.hfx_tick.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
     return found
@@ -63,6 +66,15 @@ class Board:
 
     def restart(self):
         self._core = self._library.make(self.channels, self._write)
+
+    def begin_again(self):
+        """A restart whose memory is kept; its clock begins at 0."""
+        self._library.begin_again(self._core)
+        self.now_ms = 0
+
+    def lose_power(self):
+        """Change a bit of what memory holds."""
+        self._library.lose_power(self._core)
 
     def take(self, content):
         for byte in content:

@@ -28,8 +28,8 @@ def board(library):
     return Board(library)
 
 
-def configured(board, session=1, maximum_on_ms=0, channels=6):
-    payload = wire.configuration(session, channels, maximum_on_ms)
+def configured(board, session=1, maximum_on_ms=0, channels=6, rest_ms=0):
+    payload = wire.configuration(session, channels, maximum_on_ms, rest_ms)
     board.take(wire.frame(Kind.CONFIGURE, 0, payload))
     return zlib.crc32(payload)
 
@@ -151,20 +151,149 @@ def test_older_and_repeated_values_are_dropped_also_where_numbers_wrap(board):
     assert board.levels == [3] * 6
 
 
-def test_a_channel_on_for_too_long_is_off_until_silence_was_asked_for(board):
-    crc = configured(board, maximum_on_ms=1000)
-    for k in range(9):
-        play(board, crc, [9, 0, 0, 0, 0, 0], sequence=k + 1)
-        assert board.levels[0] == 9
-        board.wait(100)
-    play(board, crc, [9, 7, 0, 0, 0, 0], sequence=10)
-    board.wait(100)
+ON = [9, 7, 0, 0, 0, 0]
+
+
+class Player:
+    """Plays on a board for so long, with a frame every 10 ms."""
+
+    def __init__(self, board, **limits):
+        self.board, self.limits = board, limits
+        self.on_ms = self.longest_ms = self._now_ms = self.all_ms = 0
+        self.session = self.sequence = 0
+        self.configure()
+
+    def configure(self):
+        self.session += 1
+        self.crc = configured(self.board, session=self.session, **self.limits)
+
+    def play(self, levels, ms):
+        """Frames of these levels; None: no frames at all."""
+        for _ in range(ms // 10):
+            if levels is not None:
+                self.sequence = (self.sequence + 1) & 0xFFFF
+                play(self.board, self.crc, levels, self.sequence)
+            for _ in range(10):
+                is_on = self.board.levels[0] > 0
+                self.board.wait(1)
+                self.all_ms += 1
+                self.on_ms += is_on
+                self._now_ms = self._now_ms + 1 if is_on else 0
+                self.longest_ms = max(self.longest_ms, self._now_ms)
+
+
+def test_a_channel_is_on_for_so_long_and_then_rests_for_so_long(board):
+    player = Player(board, maximum_on_ms=1000, rest_ms=500)
+    player.play(ON, 3000)
+    assert player.on_ms == 2000 and player.longest_ms == 1000
+    player.play(ON, 10)
+    assert board.levels[0] == 9
+
+
+def test_others_play_on_while_one_rests(board):
+    player = Player(board, maximum_on_ms=1000, rest_ms=500)
+    player.play([9, 0, 0, 0, 0, 0], 500)
+    player.play(ON, 500)
     assert board.levels[:2] == [0, 7]
-    play(board, crc, [9, 7, 0, 0, 0, 0], sequence=11)
-    assert board.levels[:2] == [0, 7]
-    play(board, crc, [0, 7, 0, 0, 0, 0], sequence=12)
-    play(board, crc, [9, 7, 0, 0, 0, 0], sequence=13)
+
+
+@pytest.mark.parametrize("between", ["silence", "stop", "configure", "dead-man", "restart"])
+def test_nothing_but_time_empties_the_account_of_time_on(board, between):
+    player = Player(board, maximum_on_ms=1000, rest_ms=500)
+    for _ in range(9):
+        player.play(ON, 100)
+        if between == "silence":
+            player.play(SILENT, 10)
+        elif between == "stop":
+            board.take(wire.frame(Kind.STOP, 0))
+            assert board.levels == SILENT
+            player.configure()
+        elif between == "configure":
+            player.configure()
+        elif between == "restart":
+            board.begin_again()
+            player.configure()
+    if between == "dead-man":
+        player.play(None, 300)
+        assert board.levels == SILENT
+        player.configure()
+    player.play(ON, 1500)
+    assert player.longest_ms <= 1000
+    assert player.on_ms <= 1000 + 2 * (player.all_ms - player.on_ms)
+
+
+def test_a_stop_buys_no_time(board):
+    player = Player(board, maximum_on_ms=1000, rest_ms=500)
+    for _ in range(60):
+        player.play(ON, 90)
+        board.take(wire.frame(Kind.STOP, 0))
+        player.configure()
+    assert player.longest_ms <= 1000
+    assert player.on_ms <= 1000 + 2 * (player.all_ms - player.on_ms)
+
+
+def test_after_a_loss_of_power_memory_is_not_believed(board):
+    player = Player(board, maximum_on_ms=1000, rest_ms=500)
+    player.play(ON, 1100)
+    board.lose_power()
+    board.begin_again()
+    assert board.levels == SILENT
+    player.configure()
+    player.play(ON, 500)
     assert board.levels[:2] == [9, 7]
+
+
+@pytest.mark.parametrize(
+    ("maximum_on_ms", "rest_ms", "on_ms", "cycle_ms"),
+    [
+        (1000, 500, 1000, 1500),
+        (1, 1, 1, 2),
+        (120_000, 30_000, 30_000, 37_500),  # in the board's time, at the same share
+        (1000, 0, 1000, 3000),  # none was named: the board's own
+        (3000, 1, 3000, 3200),  # never a smaller share of rest than the board's own
+        (500, 86_400_000, 500, None),
+    ],
+)
+def test_time_on_and_rest_are_as_configured(board, maximum_on_ms, rest_ms, on_ms, cycle_ms):
+    player = Player(board, maximum_on_ms=maximum_on_ms, rest_ms=rest_ms)
+    player.play(ON, 10 if cycle_ms == 2 else cycle_ms or 5000)
+    assert player.longest_ms <= on_ms and player.longest_ms >= on_ms * 0.9999 - 1
+    assert player.on_ms <= on_ms or cycle_ms == 2
+
+
+def test_time_on_is_counted_where_the_clock_wraps(board):
+    board.now_ms = 2**32 - 700
+    player = Player(board, maximum_on_ms=1000, rest_ms=500)
+    player.play(ON, 1500)
+    assert player.on_ms == player.longest_ms == 1000
+
+
+steps = st.lists(
+    st.tuples(
+        st.sampled_from([ON, ON, ON, SILENT, None]),
+        st.integers(1, 60).map(lambda k: 10 * k),
+        st.sampled_from(["", "", "stop", "configure", "restart"]),
+    ),
+    max_size=30,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(steps, st.integers(50, 800), st.integers(50, 800))
+def test_no_order_of_things_is_on_for_more_than_its_share(library, told, maximum_on_ms, rest_ms):
+    board = Board(library)
+    player = Player(board, maximum_on_ms=maximum_on_ms, rest_ms=rest_ms)
+    for levels, ms, then in told:
+        player.play(levels, ms)
+        if then == "stop":
+            board.take(wire.frame(Kind.STOP, 0))
+        if then == "restart":
+            board.begin_again()
+        if then or levels is None:
+            player.configure()
+    off_ms = player.all_ms - player.on_ms
+    assert player.longest_ms <= maximum_on_ms
+    assert player.on_ms <= maximum_on_ms * (1 + off_ms / rest_ms) + 1
 
 
 def test_the_boards_own_maximum_holds_whatever_the_host_allows(board):

@@ -19,7 +19,7 @@ packets = pytest.importorskip("pythonosc.osc_packet")
 def listener():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.bind(("127.0.0.1", 0))
-        found.settimeout(1.0)
+        found.settimeout(60.0)
         yield found
 
 

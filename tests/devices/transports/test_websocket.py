@@ -50,7 +50,7 @@ class Server:
             for reply in self._answer(json.loads(text)):
                 connection.send(json.dumps(reply))
 
-    def wait(self, is_true, within_s=2.0):
+    def wait(self, is_true, within_s=60.0):
         until = time.monotonic() + within_s
         while not is_true():
             assert time.monotonic() < until, self.heard

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy.typing as npt
 
 from ....engine.rendering.device import DeviceConfig
 from ..encoders import Channels
+from ..log_file import open_log
 from ..output import OutputLostError
 
 F64 = npt.NDArray[np.float64]
@@ -41,12 +43,7 @@ class CsvLog:
         self._began_s = time.monotonic()
         self._left = MAX_BYTES
         self._path = path
-        try:
-            self._file = open(path, "xb", buffering=0)
-        except FileExistsError:
-            raise OutputLostError(f"{path} exists already; a log starts a new file.") from None
-        except (OSError, ValueError) as error:
-            raise OutputLostError(f"{path} cannot be written ({error}).") from None
+        self._file = os.fdopen(open_log(path), "wb", 0)
         units = [f"{actuator}.{control}" for actuator, control in self._channels.names]
         self._write(",".join(["time_s", "event", *units]))
 

@@ -49,8 +49,7 @@ class WireBoard:
         self._name = port.name
         self._port = port
         self._channels = Channels(device, strengths_only=True)
-        longest_s = min(each.maximum_on_s for each in device.actuator_types.values())
-        self._maximum_on_ms = 0 if math.isinf(longest_s) else round(longest_s * 1000.0)
+        self._time_limits_ms = _time_limits_ms(device)
         self._receiver = wire.Receiver()
         self._sequence = 0
         self._is_ready = False
@@ -91,7 +90,7 @@ class WireBoard:
     def _begin(self, patience_s: float) -> None:
         """Ask for a new session: values of the last one are void."""
         self._configuration = wire.configuration(
-            secrets.randbits(32), len(self._channels), self._maximum_on_ms
+            secrets.randbits(32), len(self._channels), *self._time_limits_ms
         )
         self._crc = zlib.crc32(self._configuration)
         self._is_stopped, self._is_ready = False, False
@@ -132,3 +131,17 @@ class WireBoard:
     def _frame(self, kind: wire.Kind, payload: bytes = b"") -> bytes:
         self._sequence = (self._sequence + 1) & 0xFFFF
         return wire.frame(kind, self._sequence, payload)
+
+
+def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
+    """Longest time on, and rest after it, for all channels of a board; 0: its own.
+
+    The shortest of the device's types; and the rest that it needs to be on for no larger a share
+    of the time than the type that has to rest most.
+    """
+    kinds = [each for each in device.actuator_types.values() if math.isfinite(each.maximum_on_s)]
+    if not kinds:
+        return 0, 0
+    longest_s = min(each.maximum_on_s for each in kinds)
+    rest_s = longest_s * max(each.rest_s / each.maximum_on_s for each in kinds)
+    return max(int(longest_s * 1000.0), 1), max(math.ceil(rest_s * 1000.0), 1)

@@ -15,8 +15,8 @@ typedef struct {
   double *to_world;               // (rows, 4, 4) from the body's own space
   int64_t is_flat, is_smooth;
   double share, amplitude;
-  // Only where hfx_place has filled it in.
   double *matrices;               // (rows, 4, 4) shape space to world
+  // Only where hfx_place has filled it in.
   double *body_to_shape;          // (rows, 4, 4) the body's own space to shape space
   double *boxes;                  // (rows, 2, 3) world, of the volume
   double *turns;                  // (2, rows) of volume and body since the row before, radians
@@ -40,6 +40,7 @@ typedef struct {
   int64_t *steps;        // followed from the pair before in so many steps; 0: not
   const double *points;  // (3, total) all places, or NULL: bones pose them
   int64_t total;
+  const double *allowed_m;  // (count,) where points are given: how far skin may be from its samples
 } hfx_pairs;
 
 #endif

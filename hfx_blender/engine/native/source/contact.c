@@ -25,7 +25,7 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
   if (!(gap <= bound)) return 0.0;
   double at_vertex = weight_of(at, vertex);
   int near = 0;
-  if (table->steps[place] > 0) {
+  if (table->is_split) {
     near = gap >= -bound;
     if (target->is_flat) {
       double reach = near ? reach_of(at, pair, unit) : 0.0;
@@ -41,7 +41,6 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
   gap_of(at, pair, unit);  // poses all around it
   double sum = at_vertex * table->vertex_shares[place];
   double margin = table->bulge_m[at->number] * at->stretch;
-  int64_t count = table->steps[place] * table->steps[place];
   for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
     triangle t;
     corners_of(at, pair, unit, q, t.corners);
@@ -58,10 +57,12 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
       continue;
     }
     find_edges(at, pair->row, q, &t);
-    for (int64_t s = table->sample_starts[q]; s < table->sample_starts[q] + count; s++) {
+    int64_t steps = steps_of(at, pair, q, &t);
+    for (int64_t k = 0; k < steps * steps; k++) {
+      hfx_sample s = sample_of(table, q, steps, k);
       double p[3];
-      sample_of(table, s, &t, p);
-      sum += weight_of(at, p) * share_of(table, s);
+      place_sample(&s, &t, p);
+      sum += weight_of(at, p) * s.share;
     }
   }
   return sum;
@@ -164,7 +165,7 @@ static void make_sides(const look *at, double *room, side sides[2]) {
 static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, int64_t row,
                          int64_t steps) {
   const hfx_target *target = at->target;
-  now->row = row, now->pair = pair, now->has_matrices = now->has_gaps = 0;
+  now->row = row, now->pair = pair, now->has_matrices = now->has_gaps = now->has_metric = 0;
   at->stretch = hfx_stretch(target->to_shape + 16 * row, 4);
   at->has_turns = 0;
   at->is_same = before->row == row - 1 && at->shape.kind == target->kinds[row - 1] &&
@@ -207,7 +208,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_drift *drift, hfx_found *found, double *room,
                                  event *events) {
   look at = {.table = table, .target = target, .bones = bones};
-  at.steepest = hfx_steepest(target);
+  at.steepest = hfx_steepest(target), at.allowed_m = pairs->allowed_m;
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
   side sides[2], *now = &sides[0], *before = &sides[1];
   widest most = {0.0, 0.0};

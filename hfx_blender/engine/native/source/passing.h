@@ -145,8 +145,7 @@ static inline int64_t follow(look *at, side *before, side *now, int64_t unit, in
   int told = is_told(at, now, unit, from, to, &cells[1]) && is_told(at, before, unit, from, to, &cells[0]);
   double share = told ? table->unit_shares[place] : table->vertex_shares[place];
   count = enter(at, (const double(*)[3])path, steps, share, events, count);
-  if (told || table->steps[place] == 0) return count;
-  int64_t samples = table->steps[place] * table->steps[place];
+  if (told || !table->is_split) return count;
   for (int64_t q = table->quad_starts[place]; q < table->quad_starts[place + 1]; q++) {
     triangle a, b;
     corners_of(at, before, unit, q, a.corners);
@@ -169,12 +168,15 @@ static inline int64_t follow(look *at, side *before, side *now, int64_t unit, in
     find_edges(at, interval, q, &a);
     at->has_turns = 0;
     find_edges(at, now->row, q, &b);
-    for (int64_t s = table->sample_starts[q]; s < table->sample_starts[q] + samples; s++) {
+    int64_t number = steps_of(at, before, q, &a), later = steps_of(at, now, q, &b);
+    number = number > later ? number : later;
+    for (int64_t k = 0; k < number * number; k++) {
+      hfx_sample s = sample_of(table, q, number, k);
       double start[3], end[3];
-      sample_of(table, s, &a, start);
-      sample_of(table, s, &b, end);
+      place_sample(&s, &a, start);
+      place_sample(&s, &b, end);
       path_of(drift, steps, kind, interval, start, end, path);
-      count = enter(at, (const double(*)[3])path, steps, share_of(table, s), events, count);
+      count = enter(at, (const double(*)[3])path, steps, s.share, events, count);
     }
   }
   return count;

@@ -32,7 +32,9 @@ typedef struct {
   double *weights;       // (cells,) before what passed
   hfx_two *matrices;     // see hfx_find_matrices
   hfx_spread spread;
-  int64_t row, pair, has_matrices, has_gaps;
+  int64_t row, pair, has_matrices, has_gaps, has_metric;
+  double metric[6];      // of shape space: what makes squared metres of ways, see find_metric
+  double allowed;        // how far skin may be from its samples, metres
 } side;
 
 typedef struct {
@@ -50,6 +52,7 @@ typedef struct {
   int64_t posed;          // places
   double limit;           // mean distance within which vertices tell enough
   double steepest;
+  const double *allowed_m;  // of pairs, or NULL: as bones stretch the cluster
 } look;
 
 static inline double weight_of(const look *at, const double p[3]) {
@@ -206,16 +209,80 @@ static inline void find_edges(look *at, int64_t row, int64_t quad, triangle *t) 
   if (at->table->heights_m[quad]) outwards(at, row, t->edges[0], t->edges[1], t->out);
 }
 
-// Where a sample of a triangle is.
-static inline void sample_of(const hfx_table *table, int64_t sample, const triangle *t, double p[3]) {
-  const double *s = table->samples + sample;
-  double one = s[0], other = s[table->room], height = s[2 * table->room];
-  for (int i = 0; i < 3; i++)
-    p[i] = t->edges[0][i] * one + t->corners[0][i] + t->edges[1][i] * other + t->out[i] * height;
+// Number `k` of a quad's samples, where it has `steps` both ways.
+static inline hfx_sample sample_of(const hfx_table *table, int64_t quad, int64_t steps, int64_t k) {
+  int64_t known = table->steps[quad];
+  if (steps == known) {
+    const double *s = table->samples + table->sample_starts[quad] + k;
+    return (hfx_sample){s[0], s[table->room], s[2 * table->room], s[3 * table->room]};
+  }
+  double number = (double)steps, fewer = (double)known / number;
+  hfx_sample at = hfx_sample_at(table->quads + quad, ((double)(k / steps) + 0.5) / number,
+                                ((double)(k % steps) + 0.5) / number);
+  at.share *= fewer * fewer;
+  return at;
 }
 
-static inline double share_of(const hfx_table *table, int64_t sample) {
-  return table->samples[sample + 3 * table->room];
+// Where a sample of a triangle is.
+static inline void place_sample(const hfx_sample *s, const triangle *t, double p[3]) {
+  for (int i = 0; i < 3; i++)
+    p[i] = t->edges[0][i] * s->one + t->corners[0][i] + t->edges[1][i] * s->other + t->out[i] * s->height;
+}
+
+// A way's square, or the product of two, by the metric of a pair.
+static inline double product_of(const double m[6], const double a[3], const double b[3]) {
+  return a[0] * (m[0] * b[0] + m[1] * b[1] + m[2] * b[2]) +
+         a[1] * (m[1] * b[0] + m[3] * b[1] + m[4] * b[2]) +
+         a[2] * (m[2] * b[0] + m[4] * b[1] + m[5] * b[2]);
+}
+
+// The metric of a pair, and how far its skin may be from its samples; see
+// SkinnedModel.least_stretches.
+static inline void find_metric(const look *at, side *pair) {
+  pair->has_metric = 1;
+  const double *m = at->target->matrices + 16 * pair->row;
+  for (int i = 0, n = 0; i < 3; i++)
+    for (int j = i; j < 3; j++, n++)
+      pair->metric[n] = m[i] * m[j] + m[4 + i] * m[4 + j] + m[8 + i] * m[8 + j];
+  if (at->allowed_m) {
+    pair->allowed = at->allowed_m[pair->pair];
+    return;
+  }
+  pair->allowed = at->table->distance_m;
+  if (!isfinite(pair->allowed)) return;
+  if (!pair->has_matrices) hfx_find_matrices(at->cluster, at->bones, pair->row, pair->matrices);
+  pair->has_matrices = 1;
+  double least = INFINITY;
+  const double *bone = (const double *)pair->matrices;
+  for (int64_t b = 0; b < at->cluster->bone_count; b++, bone += 12) {
+    double most = 0.0;
+    for (int j = 0; j < 3; j++) {
+      double axis[3] = {bone[j], bone[4 + j], bone[8 + j]};
+      most = hfx_larger(most, product_of(pair->metric, axis, axis));
+    }
+    least = hfx_smaller(least, most);
+  }
+  pair->allowed *= sqrt(least);
+}
+
+// See narrow.steps_of: samples of a quad both ways, as it is posed.
+static inline int64_t steps_of(const look *at, side *pair, int64_t quad, const triangle *t) {
+  const hfx_table *table = at->table;
+  int64_t steps = table->steps[quad], finest = table->finest[quad];
+  if (steps >= finest) return steps;
+  if (!pair->has_metric) find_metric(at, pair);
+  double squares[3];
+  for (int k = 0; k < 3; k++)
+    squares[k] = product_of(pair->metric, t->edges[k == 2], t->edges[k > 0]);
+  double allowed = pair->allowed * pair->allowed, number = (double)steps;
+  if (isfinite(table->spacing_share)) {
+    double spacing = table->spacing_share * table->spacing_share * hfx_larger(squares[0], squares[2]);
+    allowed = hfx_smaller(allowed, spacing);
+  }
+  double most = 4.0 * number * number * allowed * (1.0 + 2.0 * ROUNDING);
+  if (!(hfx_diagonal(table->quads + quad, squares, number) > most)) return steps;
+  double wanted = hfx_steps_within(table->quads + quad, squares, sqrt(allowed));
+  return wanted < (double)finest ? (int64_t)wanted : finest;
 }
 
 #endif

@@ -7,19 +7,23 @@
 
 #include <stdint.h>
 
+#include "skin_quad.h"
+
 // SkinTable. Places, units, quads, cells and samples are counted through all clusters.
 typedef struct {
   const int64_t *starts, *place_counts, *unit_counts, *cell_starts;  // of clusters
-  const int64_t *cell_of, *steps, *quad_starts;                      // of places
+  const int64_t *cell_of, *quad_starts;                              // of places
   const double *unit_shares, *vertex_shares, *reaches, *means;       // of places
   const int64_t *around;                                             // of quads, (quads, 2)
   const uint8_t *is_ringed;                                          // of places
-  const int64_t *sample_starts;                                      // of quads
+  const int64_t *steps, *finest, *sample_starts;                     // of quads
   const double *heights_m, *wholes;                                  // of quads
   const double *bulge_m;                                             // of clusters
-  const double *samples;                                             // (4, room)
+  const hfx_quad *quads;
+  const double *samples;  // (4, room)
   int64_t room;
-  int64_t is_simple;
+  int64_t is_simple, is_split;
+  double spacing_share, distance_m;  // how far skin may be from its samples; see engine/tolerance.py
 } hfx_table;
 
 // What bones do to a cluster, and what its units' neighbours are like at rest.

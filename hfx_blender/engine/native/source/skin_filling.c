@@ -6,9 +6,9 @@
 #include "hfx_native.h"
 #include "numbers.h"
 #include "skin_mesh.h"
+#include "skin_quad.h"
 
 #define FLAT_ENOUGH 0.1
-#define MOST_STEPS 256.0
 #define BULGE_LIMIT 0.25
 
 // SkinTable, to be written.
@@ -16,28 +16,24 @@ typedef struct {
   const int64_t *starts, *unit_counts, *cell_starts;  // of clusters
   const int32_t *vertices;                            // of places
   const int64_t *cell_of, *quad_starts;               // of places
-  int64_t *steps;                                     // of units
   double *unit_shares, *vertex_shares, *reaches, *means;
   uint8_t *is_ringed;
-  int64_t *unit_of, *around, *sample_starts;  // of quads
+  int64_t *unit_of, *around, *steps, *finest, *sample_starts;  // of quads
   double *heights_m, *wholes;
   double *bulge_m;  // of clusters
   int64_t *most_samples;
-  const double *distance;   // of vertices of the mesh: how far apart samples may be
-  const uint8_t *is_split;  // of these: which stand for more than themselves
-  const double *closeness;  // of these: one over the spacing
+  hfx_quad *quads;
+  // Of vertices of the mesh: how far skin may be from its samples, and how far at the finest; one
+  // over the spacing.
+  const double *distance, *finest_distance, *closeness;
+  int64_t is_split;   // whether they stand for more than themselves
+  double most_share;  // of a unit, that its vertex stands for
 } hfx_filling;
-
-// What places samples in a quad; see Quads.
-typedef struct {
-  double edge, other, inner, inner_2;
-  double area, by_s, by_t;
-  double to_one, to_two, between;  // bulges, none where it does not count
-} hfx_quad;
 
 // What else is known of a quad.
 typedef struct {
-  double total, longest, reach, mean, size;
+  double total, reach, mean, size;
+  double squares[3];  // of edges, see skin_quads.squares_of
 } extent;
 
 static double dot(const double *a, const double *b) {
@@ -70,7 +66,6 @@ static extent quad_at(const hfx_skin_mesh *mesh, const double *closeness, const 
   double inner = two / whole, inner_2 = three / whole;
   double twist = inner - edge, twist_2 = inner_2 - other;
   double area = edge * other * doubled, by_s = edge * twist_2 * doubled, by_t = twist * other * doubled;
-  double lengths = hfx_larger(edge * edge * dot(along, along), other * other * dot(across, across));
   double total = area + 0.5 * by_s + 0.5 * by_t;
   double mean = edge * (area / 4.0 + by_s / 6.0 + by_t / 12.0) +
                 other * (area / 4.0 + by_s / 12.0 + by_t / 6.0) +
@@ -91,24 +86,28 @@ static extent quad_at(const hfx_skin_mesh *mesh, const double *closeness, const 
   }
   *quad = (hfx_quad){edge, other, inner, inner_2, area, by_s, by_t, heights[0], heights[1], heights[2]};
   double reach = hfx_larger(hfx_larger(edge, other), inner + inner_2);
-  return (extent){total, sqrt(lengths), reach, total > 0.0 ? mean / total : 0.0, size};
+  mean = total > 0.0 ? mean / total : 0.0;
+  return (extent){total, reach, mean, size, {dot(along, along), dot(along, across), dot(across, across)}};
 }
 
 // A unit's quads, its steps and its area; `balance` holds a zero for each vertex.
 static double fill_quads(const hfx_filling *table, const hfx_skin_mesh *mesh, int64_t unit,
-                         const int64_t *place, int64_t *balance, hfx_quad *quads, extent *extents) {
+                         const int64_t *place, int64_t *balance, extent *extents) {
   int64_t vertex = table->vertices[unit], first = table->quad_starts[unit];
   int64_t count = table->quad_starts[unit + 1] - first;
   const int64_t *corners = mesh->corners + mesh->starts[vertex];
-  double area = 0.0, side = 0.0, largest = 0.0;
+  int64_t *steps[2] = {table->steps + first, table->finest + first};
+  const double distances[2] = {table->distance[vertex], table->finest_distance[vertex]};
+  double area = 0.0;
   uint8_t is_ringed = 1;
   for (int64_t k = 0; k < count; k++) {
     int64_t ring[3];
     for (int i = 0; i < 3; i++) ring[i] = hfx_next(mesh, corners[k], i);
-    extents[k] = quad_at(mesh, table->closeness, ring, quads + k);
+    hfx_quad *quad = table->quads + first + k;
+    extents[k] = quad_at(mesh, table->closeness, ring, quad);
     area += extents[k].total;
-    side = hfx_larger(side, extents[k].longest);
-    largest = hfx_larger(largest, extents[k].total);
+    for (int i = 0; i < 2; i++)
+      *steps[i]++ = (int64_t)hfx_steps_within(quad, extents[k].squares, distances[i]);
     table->unit_of[first + k] = unit;
     for (int i = 0; i < 2; i++) table->around[2 * (first + k) + i] = place[ring[1 + i]];
     balance[ring[1]]++;
@@ -119,50 +118,51 @@ static double fill_quads(const hfx_filling *table, const hfx_skin_mesh *mesh, in
       if (balance[hfx_next(mesh, corners[k], i)]) is_ringed = 0;
   for (int64_t k = 0; k < count; k++)
     for (int i = 1; i < 3; i++) balance[hfx_next(mesh, corners[k], i)] = 0;
-  double steps = ceil(hfx_larger(sqrt(largest), 0.5 * side) / table->distance[vertex] - 1e-9);
-  steps = steps > 1.0 ? (steps < MOST_STEPS ? steps : MOST_STEPS) : 1.0;
-  table->steps[unit] = table->is_split[vertex] ? (int64_t)steps : 0;
   table->is_ringed[unit] = is_ringed;
   return area > 0.0 ? area : 1.0;
 }
 
+static double squared_of(int64_t steps) { return (double)(steps * steps); }
+
 // What depends on the area of the whole cell; returns the highest bulge.
 static double share_out(const hfx_filling *table, int64_t unit, double area, double cell,
-                        hfx_quad *quads, const extent *extents) {
+                        const extent *extents) {
   int64_t first = table->quad_starts[unit], count = table->quad_starts[unit + 1] - first;
-  double steps = (double)table->steps[unit], squared = steps * steps;
-  double share = area / cell, mine = share / ((double)count * squared + 1.0);
-  double scale = (share - mine) / area / hfx_larger(squared, 1.0);
+  double share = area / cell, samples = 0.0;
+  for (int64_t k = 0; k < count; k++) samples += squared_of(table->steps[first + k]);
+  double mine = samples > 0.0 ? share * hfx_smaller(1.0 / (samples + 1.0), table->most_share) : share;
+  double scale = (share - mine) / area;
   double reach = 0.0, mean = 0.0, highest = 0.0;
   double flat = FLAT_ENOUGH * table->distance[table->vertices[unit]];
   for (int64_t k = 0; k < count; k++) {
-    hfx_quad *quad = quads + k;
+    hfx_quad *quad = table->quads + first + k;
     double most = hfx_larger(hfx_larger(fabs(quad->to_one), fabs(quad->to_two)), fabs(quad->between));
     double height = most / 3.0;  // all three edges meet in the middle
     int is_curved = height * extents[k].size > flat;
     double up = is_curved ? 2.0 * height : 0.0, counts = is_curved ? 1.0 : 0.0;
     table->heights_m[first + k] = is_curved ? height * extents[k].size : 0.0;
-    table->wholes[first + k] = extents[k].total * (scale * steps * steps);
+    table->wholes[first + k] = extents[k].total * scale;
     reach = hfx_larger(reach, extents[k].reach + up);
     mean += extents[k].total * (extents[k].mean + up);
     highest = hfx_larger(highest, table->heights_m[first + k]);
     quad->to_one *= counts, quad->to_two *= counts, quad->between *= counts;
-    quad->area *= scale, quad->by_s *= scale, quad->by_t *= scale;
+    double each = scale / squared_of(table->steps[first + k]);
+    quad->area *= each, quad->by_s *= each, quad->by_t *= each;
   }
   table->unit_shares[unit] = share, table->vertex_shares[unit] = mine;
-  table->reaches[unit] = steps > 0.0 ? reach : 0.0;
-  table->means[unit] = steps > 0.0 ? mean / area : 0.0;
+  table->reaches[unit] = table->is_split ? reach : 0.0;
+  table->means[unit] = table->is_split ? mean / area : 0.0;
   return highest;
 }
 
 // See SkinTable.need: all but the samples, of which there are `samples` before. Returns how many
-// there are then. `quads` holds those of all these clusters, as they place their samples; `place` and
-// `balance` hold zeros for the vertices of the mesh, `extents` all that a cluster has; `areas` and
-// `cells` hold numbers for a cluster's units and cells, `counts` for its cells.
+// there are then. `place` and `balance` hold zeros for the vertices of the mesh, `extents` what is
+// known of the quads of a cluster; `areas` and `cells` hold numbers for a cluster's units and cells,
+// `counts` for its cells.
 HFX_EXPORT int64_t hfx_fill(const hfx_filling *table, const hfx_skin_mesh *mesh, int64_t asked,
                             const int64_t *clusters, int64_t samples, int64_t *place,
                             int64_t *balance, extent *extents, double *areas, double *cells,
-                            int64_t *counts, hfx_quad *quads) {
+                            int64_t *counts) {
   for (int64_t k = 0; k < asked; k++) {
     int64_t c = clusters[k], start = table->starts[c], end = start + table->unit_counts[c];
     int64_t first = table->cell_starts[c], count = table->cell_starts[c + 1] - first;
@@ -172,45 +172,45 @@ HFX_EXPORT int64_t hfx_fill(const hfx_filling *table, const hfx_skin_mesh *mesh,
     for (int64_t i = 0; i < count; i++) cells[i] = 0.0, counts[i] = 0;
     for (int64_t u = start; u < end; u++) {
       int64_t at = table->quad_starts[u] - quad;
-      areas[u - start] = fill_quads(table, mesh, u, place, balance, quads + at, extents + at);
+      areas[u - start] = fill_quads(table, mesh, u, place, balance, extents + at);
       cells[table->cell_of[u] - first] += areas[u - start];
     }
     for (int64_t u = start; u < end; u++) {
-      int64_t at = table->quad_starts[u] - quad, squared = table->steps[u] * table->steps[u];
+      int64_t at = table->quad_starts[u] - quad;
       int64_t *counted = counts + table->cell_of[u] - first;
       double cell = cells[table->cell_of[u] - first];
-      double bulge_m = share_out(table, u, areas[u - start], cell, quads + at, extents + at);
+      double bulge_m = share_out(table, u, areas[u - start], cell, extents + at);
       highest = hfx_larger(highest, bulge_m);
-      for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++, samples += squared)
+      *counted += 1;
+      for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++) {
         table->sample_starts[q] = samples;
-      *counted += 1 + (table->quad_starts[u + 1] - table->quad_starts[u]) * squared;
+        samples += table->steps[q] * table->steps[q];
+        *counted += table->finest[q] * table->finest[q];
+      }
       if (*counted > most) most = *counted;
     }
     table->bulge_m[c] = highest;
     table->most_samples[c] = most;
-    quads += table->quad_starts[end] - quad;
   }
   return samples;
 }
 
 // Writes the samples of the quads of these clusters, as hfx_fill left them, (4, room).
 HFX_EXPORT void hfx_place_samples(const hfx_filling *table, int64_t asked, const int64_t *clusters,
-                                  const hfx_quad *quads, int64_t room, double *samples) {
+                                  int64_t room, double *samples) {
   for (int64_t k = 0; k < asked; k++) {
     int64_t start = table->starts[clusters[k]], end = start + table->unit_counts[clusters[k]];
     for (int64_t u = start; u < end; u++)
-      for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++, quads++) {
-        double *sample = samples + table->sample_starts[q], number = (double)table->steps[u];
-        for (int64_t i = 0; i < table->steps[u]; i++)
-          for (int64_t j = 0; j < table->steps[u]; j++, sample++) {
+      for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++) {
+        double *sample = samples + table->sample_starts[q], number = (double)table->steps[q];
+        for (int64_t i = 0; i < table->steps[q]; i++)
+          for (int64_t j = 0; j < table->steps[q]; j++, sample++) {
             double s = ((double)i + 0.5) / number, t = ((double)j + 0.5) / number;
-            double one = s * (1.0 - t) * quads->edge + s * t * quads->inner;
-            double two = (1.0 - s) * t * quads->other + s * t * quads->inner_2;
-            sample[0] = one;
-            sample[room] = two;
-            sample[2 * room] = (1.0 - one - two) * (one * quads->to_one + two * quads->to_two) +
-                               one * two * quads->between;
-            sample[3 * room] = quads->area + s * quads->by_s + t * quads->by_t;
+            hfx_sample at = hfx_sample_at(table->quads + q, s, t);
+            sample[0] = at.one;
+            sample[room] = at.other;
+            sample[2 * room] = at.height;
+            sample[3 * room] = at.share;
           }
       }
   }

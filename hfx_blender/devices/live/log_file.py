@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Logs of outputs: regular files that are new, or that were written by the same kind of output.
+
+Nobody else's file is overwritten, and nothing that is no file is opened: a pipe would make us
+wait, a device node might do anything.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from .output import OutputLostError
+
+HEAD_BYTES: Final = 1 << 20
+"""So much of a file is read to know whose it is."""
+
+_FLAGS: Final = (
+    getattr(os, "O_NONBLOCK", 0)
+    | getattr(os, "O_NOFOLLOW", 0)
+    | getattr(os, "O_NOCTTY", 0)  # of a process without a terminal one would become its own
+    | getattr(os, "O_CLOEXEC", 0)
+    | getattr(os, "O_BINARY", 0)
+)
+
+
+def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
+    """Open an empty file, and only that: its descriptor.
+
+    Parameters
+    ----------
+    path : Path
+    is_ours : callable, optional
+        Tells from its beginning whether an old file may be overwritten; None: none may. An
+        empty one may.
+
+    Raises
+    ------
+    OutputLostError
+        It is there and is not ours, is no regular file, or cannot be written.
+    """
+    try:
+        return _opened(path, is_ours)
+    except FileExistsError:
+        raise OutputLostError(f"{path} exists already; a log starts a new file.") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        told = getattr(error, "strerror", None) or error
+        raise OutputLostError(f"{path} cannot be written ({told}).") from None
+
+
+def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
+    if is_ours is None or not os.path.lexists(path):
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
+    _require_regular(path, os.lstat(path))  # opening some things has effects already
+    descriptor = os.open(path, os.O_RDWR | _FLAGS)
+    try:
+        _require_regular(path, os.fstat(descriptor))
+        head = os.read(descriptor, HEAD_BYTES)
+        if head and not is_ours(head):
+            raise OutputLostError(
+                f"{path} is no log of this output; it is not overwritten: name another file."
+            )
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        os.ftruncate(descriptor, 0)
+    except BaseException:
+        with suppress(OSError):
+            os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _require_regular(path: Path, found: os.stat_result) -> None:
+    if stat.S_ISREG(found.st_mode):
+        return
+    kinds = {stat.S_IFLNK: "a link", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe"}
+    kind = kinds.get(stat.S_IFMT(found.st_mode), "no regular file")
+    raise OutputLostError(f"{path} is {kind}; a log is written to a regular file only.")

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// A quad of skin, and where its samples are; see engine/skin_quads.py, engine/skin_table.py.
+
+#ifndef HFX_SKIN_QUAD_H
+#define HFX_SKIN_QUAD_H
+
+#include <math.h>
+#include <stdint.h>
+
+#include "numbers.h"
+
+#define MOST_DIVIDED 256.0
+#define ROUNDING 1e-9
+
+// What places samples in a quad; see Quads.
+typedef struct {
+  double edge, other, inner, inner_2;
+  double area, by_s, by_t;         // of a sample, as shares of the cell
+  double to_one, to_two, between;  // bulges, none where it does not count
+} hfx_quad;
+
+// A sample: shares of the ways to both other corners, height, share of the cell's area.
+typedef struct {
+  double one, other, height, share;
+} hfx_sample;
+
+static inline hfx_sample hfx_sample_at(const hfx_quad *quad, double s, double t) {
+  hfx_sample at;
+  at.one = s * (1.0 - t) * quad->edge + s * t * quad->inner;
+  at.other = (1.0 - s) * t * quad->other + s * t * quad->inner_2;
+  at.height = (1.0 - at.one - at.other) * (at.one * quad->to_one + at.other * quad->to_two) +
+              at.one * at.other * quad->between;
+  at.share = quad->area + s * quad->by_s + t * quad->by_t;
+  return at;
+}
+
+// See skin_quads.diagonals; squared. `squares` are those of skin_quads.squares_of.
+static inline double hfx_diagonal(const hfx_quad *quad, const double squares[3], double steps) {
+  double most = 1.0 - 0.5 / steps, less = 1.0 - most, more = 1.0 + most;
+  double edge = quad->edge, other = quad->other, inner = quad->inner, inner_2 = quad->inner_2;
+  double ways[4][2] = {{edge * most + inner * less, other * most + inner_2 * less},
+                       {inner * more - edge * most, inner_2 * more - other * most},
+                       {edge * less + inner * most, inner_2 * most - other * more},
+                       {edge * more - inner * most, -other * less - inner_2 * most}};
+  double longest = 0.0;
+  for (int k = 0; k < 4; k++) {
+    double one = ways[k][0], two = ways[k][1];
+    double squared = one * one * squares[0] + 2.0 * one * two * squares[1] + two * two * squares[2];
+    longest = hfx_larger(longest, squared);
+  }
+  return longest;
+}
+
+// See skin_quads.steps_within; no more than MOST_DIVIDED.
+static inline double hfx_steps_within(const hfx_quad *quad, const double squares[3], double distance) {
+  double steps = INFINITY;
+  for (int k = 0; k < 2; k++) {
+    steps = ceil(sqrt(hfx_diagonal(quad, squares, steps)) / (2.0 * distance) - ROUNDING);
+    steps = steps > 1.0 ? steps : 1.0;
+  }
+  return steps < MOST_DIVIDED ? steps : MOST_DIVIDED;
+}
+
+#endif

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files besides the .blend that the open scene is made of: whatever it reaches by a path.
+
+Blender is asked for them, so that no kind is forgotten; what it does not tell (folders of baked
+simulations and external caches, files that geometry nodes import, our scans) is added.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ..file_hash import FRAMES
+
+
+@dataclass(frozen=True)
+class LinkedFile:
+    """A file, a folder or a row of files."""
+
+    path: Path
+    user: str  # as messages name it
+    must_be: bool  # nothing of it is in the .blend, and Blender does not make it by itself
+
+
+def linked_files() -> dict[str, LinkedFile]:
+    """What the open file reaches, by name.
+
+    A name begins with ``//``, the folder of the .blend, where the path is relative: so it means
+    the same where that folder was moved as a whole. A path that is not is the name itself.
+    """
+    found: dict[str, LinkedFile] = {}
+    for owner, raw, must_be in _paths():
+        path = Path(bpy.path.abspath(raw, library=owner.library))
+        if _is_row(owner, path):
+            path = path.with_name(re.sub(r"\d+(?=\D*$)", FRAMES, path.name, count=1))
+        user = f"{owner.bl_rna.name.lower()} '{owner.name}'"
+        name = _name_of(raw, path)
+        must_be = must_be or (name in found and found[name].must_be)
+        found[name] = LinkedFile(path, user, must_be)
+    return dict(sorted(found.items()))
+
+
+def missing() -> list[str]:
+    """A sentence for each file that should be there, and is not."""
+    gone = (
+        (name, each) for name, each in linked_files().items() if each.must_be and _is_gone(each)
+    )
+    return [
+        f"'{name}' of {each.user} is not there: what it holds is not in the export"
+        for name, each in gone
+    ]
+
+
+def _is_gone(each: LinkedFile) -> bool:
+    if each.path.exists():
+        return False
+    start = re.split(f"{FRAMES}|<UDIM>|<UVTILE>", each.path.name)[0]
+    if start == each.path.name:
+        return True
+    try:
+        return not any(p.name.startswith(start) for p in each.path.parent.iterdir())
+    except OSError:
+        return True
+
+
+def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
+    """Whose path it is, the path as it is stored, and whether something must be there."""
+    for owner, paths in bpy.data.file_path_map().items():
+        if isinstance(owner, bpy.types.Text) or _is_packed(owner):
+            continue  # the .blend holds them
+        own = _folders_of(owner) if isinstance(owner, bpy.types.Object) else set()
+        for raw in paths:
+            yield owner, raw, raw not in own
+    for obj in bpy.data.objects:
+        for raw in _folders_of(obj):
+            yield obj, raw, False
+        surface = obj.hfx.surface
+        if obj.hfx.kind == "SURFACE" and surface.source == "SCAN" and surface.scan_path:
+            yield obj, surface.scan_path, False  # its relief is in the .blend
+    for tree in bpy.data.node_groups:
+        for node in tree.nodes:
+            for socket in node.inputs if node.bl_idname.startswith("GeometryNodeImport") else ():
+                raw = getattr(socket, "default_value", "")
+                if socket.name == "Path" and raw and not socket.is_linked:
+                    yield tree, raw, True
+    source = Path(bpy.data.filepath)
+    if bpy.data.filepath and bpy.data.objects:
+        yield bpy.data.objects[0], f"//blendcache_{source.stem}", False
+    for library in bpy.data.libraries:
+        path = Path(bpy.path.abspath(library.filepath))
+        raw = str(path.with_name(f"blendcache_{path.stem}"))
+        if library.filepath.startswith("//") and bpy.data.filepath:
+            raw = bpy.path.relpath(raw)
+        yield library, raw, False
+
+
+def _folders_of(obj: bpy.types.Object) -> set[str]:
+    """Paths at which Blender bakes or has baked; nothing needs to be there."""
+    found = set()
+    for modifier in obj.modifiers:
+        if modifier.type == "NODES":
+            found |= {modifier.bake_directory}
+            found |= {bake.directory for bake in modifier.bakes if bake.use_custom_path}
+        elif modifier.type == "OCEAN":
+            found.add(modifier.filepath)
+        elif modifier.type == "FLUID" and modifier.domain_settings is not None:
+            found.add(modifier.domain_settings.cache_directory)
+        cache = getattr(modifier, "point_cache", None)
+        if cache is not None and cache.use_external:
+            found.add(cache.filepath)
+    for system in obj.particle_systems:
+        if system.point_cache.use_external:
+            found.add(system.point_cache.filepath)
+    return found - {""}
+
+
+def _is_packed(owner: bpy.types.ID) -> bool:
+    files = getattr(owner, "packed_files", ())
+    return getattr(owner, "packed_file", None) is not None or len(files) > 0
+
+
+def _is_row(owner: bpy.types.ID, path: Path) -> bool:
+    """Whether a path names only one of a numbered row of files."""
+    is_row = getattr(owner, "source", "") == "SEQUENCE" or getattr(owner, "is_sequence", False)
+    return bool(is_row) and re.search(r"\d", path.name) is not None
+
+
+def _name_of(raw: str, path: Path) -> str:
+    if not raw.startswith("//") or not bpy.data.filepath:
+        return str(path)
+    try:
+        relative = os.path.relpath(path, Path(bpy.data.filepath).parent)
+    except ValueError:  # on another drive
+        return str(path)
+    return "//" + Path(relative).as_posix()

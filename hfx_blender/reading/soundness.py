@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether an effect or a body can be read at all: its stored values, its keys, what is animated.
+
+A .blend may come from anybody. What is wrong with one effect costs that effect alone, and each
+value that is not read as it stands is told.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .. import compat, stored_values
+from ..errors import InputError
+from ..stored_values import BadValue
+from .effect_values import PARAMETER_PROPERTIES
+
+MOST_FILTERS = 64
+"""Filters of one contact response; each costs time at every sample."""
+
+_OF_BODIES = frozenset({"follow", "avatar", "avatar_parts", "fit_kept", "bone_map", "uid"})
+_OF_NOBODY = frozenset({"envelope", "response_active", "bone_map_active", "bone_map_region"})
+_SIZES = {
+    "CUBOID": {"size"},
+    "SPHERE": {"radius"},
+    "CYLINDER": {"radius", "height"},
+    "CAPSULE": {"radius", "height"},
+}
+
+_FIXED = re.compile(
+    r"hfx\.(role|kind|modality|response\[\d+\]\.(kind|operation|about|domain|is_muted))"
+)
+"""Animated paths that an effect cannot have: it would be another effect at another time."""
+
+_STEADY = re.compile(
+    r"hfx\.(falloff|falloff_share|temperature_reference|is_muted|is_solo|follow|surface\..*)"
+)
+"""Animated paths that are read once."""
+
+
+def warnings_of(obj: bpy.types.Object) -> list[str]:
+    """What is read otherwise than it stands in the file, of an effect or a body.
+
+    Raises
+    ------
+    InputError
+        It cannot be read at all.
+    """
+    refuse_broken_keys(obj)
+    animated = {path for path in _animated(obj) if not _STEADY.fullmatch(path)}
+    told = []
+    for bad in stored_values.bad_values(obj):
+        if f"hfx.{bad.path}" in animated:
+            continue  # what it is now was evaluated; each sample is looked at when it is
+        if not _counts(obj, bad):
+            told.append(f"{titled(obj)}: {bad}; it plays no part")
+        elif bad.taken is None or bad.top == "surface":
+            raise InputError(f"{titled(obj)}: {bad}.")
+        else:
+            told.append(f"{titled(obj)}: {bad}; {bad.taken} is taken")
+    if len(obj.hfx.response) > MOST_FILTERS:
+        raise InputError(
+            f"{titled(obj)}: its contact response has {len(obj.hfx.response)} filters, at most "
+            f"{MOST_FILTERS} are allowed."
+        )
+    return told + list(_of_animation(obj))
+
+
+def sorted_out(
+    objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
+) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
+    """What ``work`` finds of each object, and why it cannot of others."""
+    found, faults = {}, {}
+    for obj in objects:
+        try:
+            found[obj] = work(obj)
+        except InputError as error:
+            faults[obj] = str(error)
+    return found, faults
+
+
+def left_out(faults: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
+    """A warning for each object that was left out."""
+    return tuple(f"{titled(o)} was left out: {why.removesuffix('.')}" for o, why in faults.items())
+
+
+def titled(obj: bpy.types.Object) -> str:
+    """An object as messages name it."""
+    kind = {"EFFECT": "effect", "BODY": "body"}.get(obj.hfx.role, "object")
+    return f"{kind} '{obj.name}'"
+
+
+def refuse_broken_keys(obj: bpy.types.Object) -> None:
+    """Raise InputError if a key of an object or its parents is no number: it may do anything."""
+    for mover in _with_parents(obj):
+        for owner in filter(None, (mover, mover.data)):
+            for curve in _curves_of(owner):
+                keys = np.zeros(len(curve.keyframe_points) * 2, np.float32)
+                curve.keyframe_points.foreach_get("co", keys)
+                if not np.isfinite(keys).all():
+                    number = int(np.flatnonzero(~np.isfinite(keys))[0]) // 2 + 1
+                    raise InputError(
+                        f"'{mover.name}': key {number} of the F-curve '{curve.data_path}' "
+                        f"[{curve.array_index}] is not a finite number; correct or delete it."
+                    )
+
+
+def _curves_of(owner: bpy.types.ID) -> Iterator[bpy.types.FCurve]:
+    for curves in compat.curve_collections(owner):
+        yield from curves
+
+
+def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    found: dict[str, bpy.types.Object] = {}
+    while obj is not None and obj.name_full not in found:
+        found[obj.name_full] = obj
+        obj = obj.parent
+    return list(found.values())
+
+
+def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
+    """Whether a property plays a part in what is felt; those that nobody thought of do."""
+    hfx, name = obj.hfx, bad.top
+    if hfx.role == "BODY":
+        return name in _OF_BODIES
+    if name in _OF_NOBODY or (name in _OF_BODIES and name != "uid"):
+        return False
+    if name == "activation":  # always on without animation
+        return obj.animation_data is not None
+    of_others = {n for each in PARAMETER_PROPERTIES.values() for n in each}
+    if name in of_others and hfx.modality in PARAMETER_PROPERTIES:
+        return name in PARAMETER_PROPERTIES[hfx.modality]
+    if name in ("falloff", "falloff_share"):
+        return hfx.kind in ("VOLUME", "SPOT") and (name == "falloff" or hfx.falloff != "none")
+    if name in ("size", "radius", "height", "shape"):
+        if hfx.kind == "SPOT":
+            return name == "radius"
+        return hfx.kind == "VOLUME" and (name == "shape" or name in _SIZES.get(hfx.shape, ()))
+    only = {"response": "VOLUME", "surface": "SURFACE", "path_position": "SPOT"}
+    only |= {"drive": "ACTUATORS", "device": "ACTUATORS"}
+    return hfx.kind == only[name] if name in only else True
+
+
+def _animated(obj: bpy.types.Object) -> list[str]:
+    """Paths that curves or drivers of an object write, each once."""
+    data = obj.animation_data
+    if data is None:
+        return []
+    every = (*_curves_of(obj), *data.drivers)
+    return list(dict.fromkeys(curve.data_path for curve in every if not curve.mute))
+
+
+def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
+    """What an animated property of ours does not do."""
+    paths = _animated(obj)
+    for path in paths:
+        if _FIXED.fullmatch(path) and obj.hfx.role == "EFFECT":
+            raise InputError(
+                f"{titled(obj)}: {path} is animated, and cannot be: it is the same at all times."
+            )
+        if _STEADY.fullmatch(path):
+            yield f"{titled(obj)}: {path} is animated; what it is now is taken for all times"
+    # Curves that swing past a limit between two keys within it are common, and meant so.
+    curves = list(_curves_of(obj))
+    for path in paths:
+        keys = [p.co[1] for c in curves if c.data_path == path for p in c.keyframe_points]
+        limits = _limits(obj, path)
+        if not keys or limits is None:
+            continue
+        for value, limit in ((min(keys), limits[0]), (max(keys), limits[1])):
+            if (value - limit) * (1 if limit == limits[1] else -1) > 1e-5 * max(abs(limit), 1.0):
+                yield (
+                    f"{titled(obj)}: a key of {path} is {value:g}, allowed is {limits[0]:g} to "
+                    f"{limits[1]:g}; {limit:g} is taken"
+                )
+
+
+def _limits(obj: bpy.types.Object, path: str) -> tuple[float, float] | None:
+    """The range of an animated number of ours; None if it is something else."""
+    if not path.startswith("hfx."):
+        return None
+    group, _, name = path.rpartition(".")
+    try:
+        definition = obj.path_resolve(group).bl_rna.properties[name]
+    except (ValueError, KeyError, AttributeError):
+        return None  # of an entry that is there no more: it moves nothing
+    if definition.type not in ("FLOAT", "INT"):
+        return None
+    return definition.hard_min, definition.hard_max

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hidden folders for results that are not finished; those of runs that were killed are removed.
+
+A folder belongs to the process that holds the lock of its file ``owner``. The system lets go of
+the lock when that process ends, however it does. A lock may be unknown to other machines that
+share the folder, so only a folder of a machine of this name is ever removed.
+"""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO, Final
+
+_OWNER: Final = "owner"
+_SUFFIX: Final = ".tmp"
+_LOCKED_BYTE: Final = 4096  # behind the text: what is locked cannot be read on Windows
+_LONGEST_NAME: Final = 100  # a file system allows 255 bytes
+
+
+@contextmanager
+def stage_folder(parent: Path, name: str) -> Iterator[Path]:
+    """Make a hidden folder, gone after the block, and remove those that killed runs left beside.
+
+    Parameters
+    ----------
+    parent : Path
+        Is there.
+    name : str
+        Becomes part of its name, shortened.
+
+    Raises
+    ------
+    OSError
+        It cannot be made.
+    ValueError
+        A name has a zero in it.
+    """
+    remove_abandoned(parent)
+    short = name.encode()[:_LONGEST_NAME].decode(errors="ignore")
+    stage = Path(tempfile.mkdtemp(prefix=f".{short}.", suffix=_SUFFIX, dir=parent))
+    owner: BinaryIO | None = None
+    try:
+        owner = open(stage / _OWNER, "xb")
+        with suppress(OSError):  # some network file systems know no locks: then nobody removes it
+            _lock(owner)
+            owner.write(_machine())  # last: without it, nobody else touches the folder
+            owner.flush()
+        yield stage
+    finally:
+        if owner is not None:
+            owner.close()
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def remove_abandoned(parent: Path) -> None:
+    """Remove the folders of :func:`stage_folder` whose owners have gone."""
+    with suppress(OSError):
+        for path in parent.glob(f".*{_SUFFIX}/{_OWNER}"):
+            if _is_abandoned(path):
+                shutil.rmtree(path.parent, ignore_errors=True)
+
+
+def _is_abandoned(owner: Path) -> bool:
+    try:
+        with open(owner, "r+b") as file:
+            if file.read(_LOCKED_BYTE) != _machine():
+                return False  # of another machine, or just being made
+            _lock(file)
+            return True
+    except OSError:  # somebody holds the lock, or it is not ours to change
+        return False
+
+
+def _machine() -> bytes:
+    return f"{platform.node()}\n".encode()
+
+
+def _lock(file: BinaryIO) -> None:
+    """Take the lock of a file, until it is closed.
+
+    Raises
+    ------
+    OSError
+        Somebody else has it.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        file.seek(_LOCKED_BYTE)
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        file.seek(0)
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

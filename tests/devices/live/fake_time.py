@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A lane on a clock that only the test moves: no threads, no waiting, the same each time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live.lane import Lane
+
+BAND = load_device("forearm_band_left")  # eight motors: amplitude and frequency in turn
+
+
+class FakeClock:
+    """Time that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def now(self) -> float:
+        return self.now_s
+
+    def wait(self, condition: threading.Condition, seconds: float) -> None:
+        raise AssertionError("nobody waits on this clock")
+
+
+def frame(amplitude: float = 10.0) -> np.ndarray:
+    """Values of the band: every motor plays."""
+    return np.tile([amplitude, 100.0], len(BAND.actuators))
+
+
+class Port:
+    """An output that keeps what it is given, and when."""
+
+    def __init__(self, clock: FakeClock) -> None:
+        self._clock = clock
+        self.given: list[tuple[float, np.ndarray | str]] = []
+
+    def send(self, values: np.ndarray) -> None:
+        self.given.append((self._clock.now_s, values.copy()))
+
+    def stop(self) -> None:
+        self.given.append((self._clock.now_s, "stop"))
+
+    def close(self) -> None: ...
+
+    def strengths(self) -> list[tuple[float, float]]:
+        """The strongest motor at each time."""
+        return [(t, 0.0 if isinstance(v, str) else float(v[::2].max())) for t, v in self.given]
+
+    def is_loud(self) -> bool:
+        return bool(self.given) and self.strengths()[-1][1] > 0.0
+
+    def last_loud_s(self, since_s: float = 0.0) -> float:
+        """When something that can be felt was on last, until it was replaced; -1: never."""
+        found = [*self.strengths(), (self._clock.now_s, 0.0)]
+        ends = [after for (t, v), (after, _) in pairwise(found) if v > 0.0]
+        return max((each for each in ends if each > since_s), default=-1.0)
+
+
+class Played:
+    """An armed lane, its port and what it reports."""
+
+    def __init__(self, clock: FakeClock | None = None, device: Any = BAND, **more: Any) -> None:
+        self.clock = clock or FakeClock()
+        self.port = Port(self.clock)
+        self.reports: list[tuple[str, str]] = []
+        self.lane = Lane(1, device, lambda: self.port, self._told, clock=self.clock, **more)
+        self.lane._output, self.lane._is_open = self.port, True  # its threads are this one
+        self.lane._silence = self.port.stop  # type: ignore[method-assign]
+        self.lane.arm()
+
+    def _told(self, event: str, _device: int, text: str = "", **_: Any) -> None:
+        self.reports.append((event, text))
+
+    def events(self) -> list[str]:
+        return [event for event, _ in self.reports if event != "levels"]
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+        run([self], seconds)
+
+
+def run(played: Iterable[Played], seconds: float) -> None:
+    """Let time pass for lanes that share a clock."""
+    lanes = [each.lane for each in played]
+    clock = next(iter(played)).clock
+    end = clock.now_s + seconds
+    while True:
+        for lane in lanes:
+            for _ in range(100):
+                if lane.due_in_s() > 0.0:
+                    break
+                lane.turn()
+            else:
+                raise AssertionError("it never waits")
+        due = min(lane.due_in_s() for lane in lanes)
+        if clock.now_s + due > end:
+            clock.now_s = end
+            return
+        clock.now_s += due + 1e-6  # a clock is never asked exactly in time

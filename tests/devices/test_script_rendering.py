@@ -1,0 +1,482 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Device scripts on recorded tracks: told what they are told live, and what they say is played."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender import resources
+from hfx_blender.batch import inputs
+from hfx_blender.devices import script_rendering
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live import approval
+from hfx_blender.devices.live.haptics import packed
+from hfx_blender.devices.live.script_process import ScriptProcess
+from hfx_blender.devices.script_rendering import Rendered, render_devices, rendering
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.rendering import Raster
+from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.devices import renderers_given
+from hfx_blender.engine.rendering.moment import MomentRenderer
+from hfx_blender.engine.rendering.render import render
+from hfx_blender.engine.samples import SampleRun, Stream
+from hfx_blender.engine.scene import TimeBase
+from hfx_blender.engine.track import TrackReader, TrackWriter
+from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
+from hfx_blender.errors import ScriptError
+from hfx_blender.formats.conversion import convert
+from hfx_blender.stepwise import finish
+
+ROOT = Path(__file__).resolve().parents[2]
+MODELS = {"vibration": "hfx-vibration-1", "temperature": "hfx-temperature-1"}
+FPS, RATE_HZ, FIRST = 24, 48, 36
+ROWS = 300  # more than two chunks of a track
+BUZZ, WARM = (20, 200), (100, 160)  # rows
+BAND = "my_band_left"
+
+COUNTER = """
+count = 0
+
+
+def render(haptics):
+    global count
+    count += 1
+    return [count % 7 * 0.5, 100.0 + count] * 8
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's own devices, a band among them; nothing is approved."""
+    made = tmp_path / "devices"
+    made.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(made))
+    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data")
+    own_device(made, "forearm_band", "my_band")
+    return made
+
+
+def own_device(folder: Path, shipped: str, name: str, **kind: float) -> None:
+    content = json.loads((resources.device_configs() / f"{shipped}.json").read_text())
+    content["id"] = name
+    for each in content["actuator_types"].values():
+        each.update(kind)
+    (folder / f"{name}.json").write_text(json.dumps(content))
+
+
+def scripted(folder: Path, source: str, name: str = BAND, *, is_approved: bool = True) -> Any:
+    """A device with this script."""
+    (folder / f"{name.removesuffix('_left')}.py").write_text(source)
+    script = approval.script_of(name)
+    assert script is not None
+    if is_approved:
+        approval.approve(script)
+    return load_device(name)
+
+
+def header(bodies: tuple[str, ...] = ("anna",)) -> TrackHeader:
+    time = TimeBase(Fraction(FPS), Fraction(RATE_HZ), 0, FIRST, FIRST + ROWS * FPS // RATE_HZ - 1)
+    models = {modality: load_model(id) for modality, id in MODELS.items()}
+    return TrackHeader(
+        time=time,
+        models=tuple(
+            TrackModel(each.id, each.modality, each.content_hash, len(each))
+            for each in models.values()
+        ),
+        bodies=tuple(TrackBody(each, each.title()) for each in bodies),
+        effects=(
+            TrackEffect("buzz", "Buzz", "vibration", "volume", MODELS["vibration"], True),
+            TrackEffect("warm", "Warm", "temperature", "volume", MODELS["temperature"], True),
+        ),
+        streams=tuple(
+            Stream(effect, body, modality, MODELS[modality])
+            for effect, modality in (("buzz", "vibration"), ("warm", "temperature"))
+            for body in bodies
+        ),
+    )
+
+
+def run_of(made: TrackHeader, stream: Stream, rows: tuple[int, int]) -> SampleRun:
+    """A stream on the forearms and a bit of all else, its strength another one at each row."""
+    model = load_model(stream.model_id)
+    is_felt = model.part == PARTS.index("forearm")
+    is_felt[::50] = True
+    vertices = np.flatnonzero(is_felt).astype(np.int32)
+    indices = np.arange(*rows)
+    swing = 0.5 + 0.5 * np.sin(indices / 9.0)
+    second = np.full(len(indices), 90.0) + indices
+    if stream.modality == "vibration":
+        parameters = np.column_stack((8.0 * swing, second))
+    else:
+        parameters = (33.0 + 6.0 * swing)[:, None]
+    weights = (0.2 + 0.8 * (vertices % 5) / 5.0).astype(np.float32)
+    return SampleRun(
+        stream=stream,
+        indices=indices,
+        times_s=made.time.times_s(indices),
+        levels=np.full(len(indices), 0.75),
+        parameters=parameters,
+        offsets=np.array([0, len(vertices)]),
+        vertices=vertices,
+        weights=weights,
+        sets=np.zeros(len(indices), np.int64),
+    )
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("track") / "x.hfxtrack", header())
+
+
+def written(path: Path, made: TrackHeader) -> Path:
+    with TrackWriter(path, made, full_precision=True) as writer:
+        for first in range(0, ROWS, 128):
+            block = []
+            for stream in made.streams:
+                low, high = BUZZ if stream.effect_id == "buzz" else WARM
+                rows = max(low, first), min(high, first + 128)
+                if rows[0] < rows[1]:
+                    block.append(run_of(made, stream, rows))
+            if block:
+                writer.append(block)
+    return path
+
+
+def rendered(path: Path, *devices: DeviceConfig) -> Rendered:
+    with TrackReader(path) as track:
+        return finish(rendering(track, renderers_given(track, devices)))
+
+
+def played(path: Path, device: DeviceConfig) -> Raster:
+    with TrackReader(path) as track:
+        ((_, raster),) = render_devices(track, [device])
+    return raster
+
+
+def without_script(path: Path, device: DeviceConfig) -> Raster:
+    with TrackReader(path) as track:
+        return render(track.header, track.runs(), device)
+
+
+def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
+    """What live playback tells a script at each row of a track, looking ahead."""
+    late_ms = device.actuators[0].type.latency_ms
+    late = round(late_ms / 1000.0 * RATE_HZ)
+    found = []
+    with TrackReader(path) as track:
+        moments: list[list[SampleRun]] = [[] for _ in range(ROWS + late)]
+        for run in track.runs():
+            for k, index in enumerate(run.indices.tolist()):
+                moments[index].append(run.one(k))
+        live = MomentRenderer(track.header, device)
+        for row in range(ROWS):
+            later = {late_ms: at_zero(moments[row + late])} if late else {}
+            now = at_zero(moments[row])
+            values, _ = live.ahead(now, later)
+            time_s = (FIRST + row * FPS / RATE_HZ) / FPS
+            found.append(packed(time_s, live.felt(now), values))
+    return found
+
+
+def at_zero(runs: list[SampleRun]) -> list[SampleRun]:
+    return [replace(run, indices=np.zeros(1, np.int64)) for run in runs]
+
+
+def test_what_a_script_says_is_what_the_device_plays(folder: Path, path: Path) -> None:
+    raster = played(path, scripted(folder, COUNTER))
+    counts = np.arange(1, ROWS + 1)
+    motors = np.column_stack((counts % 7 * 0.5, np.minimum(100.0 + counts, 250.0)))
+    expected = np.tile(motors, (1, 8))
+    interval = round(load_device(BAND).actuators[0].type.update_interval_ms / 1000 * RATE_HZ)
+    assert interval <= 1  # else values were held
+    assert raster.values.tolist() == expected.tolist()
+
+
+def test_limits_come_after_the_script(folder: Path, path: Path) -> None:
+    source = "def render(h):\n    return [1e9, float('nan')] + [1e9, 1e9] * 6 + [-5.0, 90.0]\n"
+    found = rendered(path, scripted(folder, source))
+    ((_, raster),) = found.played
+    kind = load_device(BAND).actuators[0].type
+    highest = [kind.strength.highest, kind.controls[1].highest]
+    assert (raster.values[:, :2] == raster.neutral[:2]).all()  # no number: that motor is silent
+    assert (raster.values[:, 2:14] == highest * 6).all()
+    assert (raster.values[:, 14:] == [0.0, 90.0]).all()
+    assert f"no number at {ROWS} of {ROWS} times" in found.notes[0]
+
+
+@pytest.mark.parametrize(("latency_ms", "interval_ms"), [(0, 20), (250, 20), (0, 250), (400, 100)])
+def test_a_script_that_changes_nothing_gives_what_is_played_without_it(
+    folder: Path, path: Path, latency_ms: float, interval_ms: float
+) -> None:
+    kind = {"latency_ms": latency_ms, "update_interval_ms": interval_ms}
+    own_device(folder, "forearm_band", "my_band", **kind)
+    device = scripted(folder, "def render(haptics):\n    return haptics.values\n")
+    alone, raster = without_script(path, device), played(path, device)
+    assert alone.values[:, ::2].any()
+    assert raster.values.tobytes() == alone.values.tobytes()
+    assert raster.shortfalls == alone.shortfalls
+    for mine, other in zip(raster.felt, alone.felt, strict=True):
+        assert mine.is_rendered.tolist() == other.is_rendered.tolist()
+
+
+@pytest.mark.parametrize("latency_ms", [0, 125])
+def test_a_script_is_told_what_it_is_told_live(folder: Path, path: Path, latency_ms: float) -> None:
+    own_device(folder, "forearm_band", "my_band", latency_ms=latency_ms)
+    log = folder / "told"
+    source = (
+        "from hashlib import sha256\n"
+        f"log = open({str(log)!r}, 'w')\n"
+        "def render(h):\n"
+        "    told = [h.time_s, h.values.tolist(), h.device.id, [\n"
+        "        [e.name, e.modality, e.model, e.level, dict(e.parameters), e.positions]\n"
+        "        + [(x.dtype.str, x.shape, sha256(x).hexdigest())\n"
+        "           for x in (e.vertices, e.weights, e.gains)] for e in h.felt]]\n"
+        "    log.write(repr(told) + '\\n')\n"
+        "    log.flush()\n"
+        "    return h.values\n"
+    )
+    device = scripted(folder, source)
+    played(path, device)
+    exported = log.read_text().splitlines()
+    log.unlink()
+    answers_live(device, told_live(path, device))
+    live = log.read_text().splitlines()
+    assert len(exported) == len(live) == ROWS
+    assert "'buzz'" in exported[BUZZ[0]] and "'warm'" in exported[WARM[0]]
+    late = round(latency_ms / 1000 * RATE_HZ)
+    begins = range(BUZZ[0])  # an export gives at its own time what should begin before the track
+    for row in range(ROWS):
+        if row not in begins or row >= late:
+            assert exported[row] == live[row], row
+
+
+def answers_live(device: DeviceConfig, told: list[bytes]) -> np.ndarray:
+    """A script's answers to moments one after the other, by the process of live playback."""
+    assert device.script is not None
+    script = approval.script_of(device.script.configuration)
+    assert script is not None
+    heard: SimpleQueue[Any] = SimpleQueue()
+    wish = {**script.as_wish(), "device": str(device.script.device), "folder": None}
+    process = ScriptProcess(wish, heard.put, heard.put)
+    process.start()
+    found = []
+    try:
+        for moment in told:
+            process.ask(moment, heard.put)
+            found.append(heard.get(timeout=60.0))
+            assert isinstance(found[-1], np.ndarray), found[-1]
+    finally:
+        process.close()
+    return np.array(found)
+
+
+def test_the_shipped_script_plays_the_same_live_and_in_an_export(folder: Path, path: Path) -> None:
+    own_device(folder, "peltier_sleeve", "my_sleeve", latency_ms=0, update_interval_ms=20)
+    source = (resources.device_configs() / "peltier_sleeve.py").read_text()
+    device = scripted(folder, source, "my_sleeve_left")
+    live = answers_live(device, told_live(path, device))
+    raster = played(path, device)
+    assert raster.values.max() > raster.neutral[0] + 1.0
+    assert raster.values.tolist() == live.tolist()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_shipped_script_is_trusted_and_makes_ramps(path: Path, side: str) -> None:
+    device = load_device(f"peltier_sleeve_{side}")
+    assert device.script is not None and device.side == side
+    raster, alone = played(path, device), without_script(path, device)
+    interval_s = device.actuators[0].type.update_interval_ms / 1000.0
+    steps, jumps = np.diff(raster.values, axis=0), np.diff(alone.values, axis=0)
+    assert jumps.max() > 1.5 * interval_s + 0.1  # else there is nothing to show
+    assert 0.0 < steps.max() <= 1.5 * interval_s + 1e-9
+    assert 0.0 > steps.min() >= -1.0 * interval_s - 1e-9
+
+
+def test_a_script_that_is_not_approved_leaves_its_device_out_and_no_other(
+    folder: Path, path: Path
+) -> None:
+    device = scripted(folder, COUNTER, is_approved=False)
+    other = load_device("insoles")
+    found = rendered(path, device, other)
+    assert [each.id for each, _ in found.played] == ["insoles"]
+    assert str(folder / "my_band.py") in found.silent[BAND]
+    assert "not approved" in found.silent[BAND]
+    with pytest.raises(ScriptError, match="not approved"):
+        played(path, device)
+    assert ScriptError.exit_code == 5
+
+
+def test_a_changed_byte_asks_again(folder: Path, path: Path) -> None:
+    device = scripted(folder, COUNTER)
+    assert not rendered(path, device).silent
+    (folder / "my_band.py").write_text(COUNTER + "#")
+    assert "not approved" in rendered(path, device).silent[BAND]
+
+
+LATER = "n = 0\ndef render(haptics):\n    global n\n    n += 1\n    if n > 150: {}\n    return {}\n"
+WHEN = f"at {(FIRST + 150 / 2) / FPS:.3f} s (frame {FIRST + 75})"
+FAULTS = {
+    "raises": (LATER.format("1 / 0", "haptics.values"), "division by zero (my_band.py, line 5)"),
+    "exits": (LATER.format("raise SystemExit(3)", "haptics.values"), "SystemExit"),
+    "dies": (LATER.format("__import__('os').abort()", "haptics.values"), "ended itself"),
+    "hangs": (
+        LATER.format("\n        while True: pass", "haptics.values"),
+        "did not answer within 1 s",
+    ),
+    "returns too few": (LATER.format("return [1.0]", "haptics.values"), "shape (1,)"),
+    "names nobody": (LATER.format("return {'m99': 1.0}", "haptics.values"), "'m99'"),
+    "speaks for itself": (
+        LATER.format("[__import__('os').write(n, b'x' * 9999) for n in (3, 4, 5)]", "None"),
+        "",
+    ),
+    "floods and hangs": (
+        LATER.format("\n        while True: print('x' * 9999)", "haptics.values"),
+        "did not answer within 1 s",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_script_that_fails_leaves_its_device_out(
+    folder: Path, path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(script_rendering, "ROW_S", 1.0)
+    source, reason = FAULTS[name]
+    found = rendered(path, scripted(folder, source))
+    assert not found.played
+    sentence = found.silent[BAND]
+    assert str(folder / "my_band.py") in sentence and reason in sentence
+    assert name == "speaks for itself" or WHEN in sentence
+    assert "\n" not in sentence
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        ("import sys\nsys.exit()\n", "cannot be started: SystemExit"),
+        ("x = 1\n", "cannot be started: TypeError: my_band.py has no function render(haptics)"),
+        ("def render(:\n", "cannot be started: SyntaxError"),
+        ("while True: pass\n", "did not start within 3 s"),
+    ],
+)
+def test_a_script_that_does_not_start_says_so(
+    folder: Path, path: Path, monkeypatch: pytest.MonkeyPatch, source: str, reason: str
+) -> None:
+    if "within" in reason:
+        monkeypatch.setattr(script_rendering, "START_S", 3.0)
+    assert reason in rendered(path, scripted(folder, source)).silent[BAND]
+
+
+def test_a_slow_script_may_take_longer_than_live_but_not_for_ever(
+    folder: Path, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = "import time\nt = 0\ndef render(h):\n    time.sleep(0.15 if h.time_s < 1.6 else 0)\n"
+    device = scripted(folder, slow)
+    assert not rendered(path, device).silent
+    monkeypatch.setattr(script_rendering, "SUM_S", 0.2)
+    monkeypatch.setattr(script_rendering, "SUM_ROW_S", 0.0)
+    assert "longer than 0.2 s for 300 rows" in rendered(path, device).silent[BAND]
+
+
+def test_a_script_that_prints_a_lot_is_not_in_its_own_way(folder: Path, path: Path) -> None:
+    source = (
+        "import os\ndef render(h):\n"
+        "    os.write(1, b'x' * 9999)\n    print('x' * 9999)\n    return [1.0, 100.0] * 8\n"
+    )
+    assert (played(path, scripted(folder, source)).values[:, ::2] == 1.0).all()
+
+
+def test_the_same_track_gives_the_same_bytes(folder: Path, path: Path) -> None:
+    # Sets of text are in another order in each process, unless one sees to it.
+    source = (
+        "def render(h):\n"
+        "    order = list({'a', 'b', 'c', 'd', 'e', 'f'})\n"
+        "    return [1.0 + order.index('a'), 100.0 + order.index('b')] * 8\n"
+    )
+    device = scripted(folder, source)
+    several = {played(path, device).values.tobytes() for _ in range(3)}
+    assert len(several) == 1
+
+
+def test_each_wearer_has_a_script_of_its_own(folder: Path, tmp_path: Path) -> None:
+    both = written(tmp_path / "two.hfxtrack", header(("anna", "bert")))
+    device = scripted(folder, COUNTER)
+    found = rendered(both, device)
+    assert [raster.body_id for _, raster in found.played] == ["anna", "bert"]
+    one, other = (raster.values for _, raster in found.played)
+    assert one.any() and one.tobytes() == other.tobytes()
+
+
+def test_what_a_script_plays_instead_counts_as_played(folder: Path, path: Path) -> None:
+    """A band of motors lacks temperature; its script shows warmth as vibration."""
+    source = (
+        "def render(h):\n"
+        "    warm = h.strongest('temperature')\n"
+        "    if warm is None:\n"
+        "        return h.values\n"
+        "    return [3.0, 100.0] * 8\n"
+    )
+    device = scripted(folder, source)
+    missing = {(each.effect_id, each.reason) for each in without_script(path, device).shortfalls}
+    assert ("warm", "modality") in missing
+    raster = played(path, device)
+    assert not [each for each in raster.shortfalls if each.effect_id == "warm"]
+    silence = scripted(folder, "def render(h):\n    return None\n")
+    lost = {each.effect_id: each.share for each in played(path, silence).shortfalls}
+    assert lost == {"buzz": 1.0, "warm": 1.0}
+
+
+def test_scripts_run_where_a_track_is_converted(folder: Path, path: Path, tmp_path: Path) -> None:
+    device = scripted(folder, "def render(h):\n    return [2.0, 100.0] * 8\n")
+    target = tmp_path / "x.csv"
+    convert(path, target, device=str(folder / "my_band.json"))
+    lines = [line for line in target.read_text().splitlines() if line[:1].isdigit()]
+    assert len(lines) == ROWS and all(line.split(",")[1] == "2" for line in lines)
+    target.unlink()
+    (folder / "my_band.py").write_text("def render(h): return 1\n")
+    with pytest.raises(ScriptError, match="not approved"):
+        convert(path, target, device=device.id)
+    assert not target.exists()
+
+
+@pytest.fixture
+def of_device() -> Callable[[], str]:
+    return lambda: inputs._device_hash(BAND)
+
+
+def test_an_export_is_made_from_the_script_and_its_approval(
+    folder: Path, of_device: Callable[[], str]
+) -> None:
+    found = [of_device()]
+    scripted(folder, COUNTER, is_approved=False)
+    found.append(of_device())
+    scripted(folder, COUNTER)
+    found.append(of_device())
+    assert of_device() == found[-1]
+    (folder / "my_band.py").write_text(COUNTER + "\n")
+    found.append(of_device())
+    scripted(folder, COUNTER + "\n")
+    found.append(of_device())
+    assert len(set(found)) == 5
+
+
+def test_the_shipped_script_is_in_the_wheel_and_the_extension(monkeypatch: Any) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    import build_addon
+
+    assert "device_configs/peltier_sleeve.py" in build_addon.files()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["force-include"]["device_configs"] == "hfx_blender/device_configs"
+    assert not any("py" in each for each in wheel["exclude"])

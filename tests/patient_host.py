@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The output process with all of its deadlines far away: however busy a machine is, none is missed.
+
+Deadlines are tested on a clock of their own; what real processes do is tested by order and content.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+
+from hfx_blender import own_processes
+from hfx_blender.devices.live import host, lane, render_process, script_process
+
+VARIABLE = "HFX_TEST_PATIENCE_S"
+"""Seconds, where a test wants a deadline to be missed."""
+
+
+def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
+    """In place of ``own_processes.command``."""
+    return [sys.executable, __file__] if module == "devices.live.host" else of(module, *arguments)
+
+
+def use() -> None:
+    """Devices of this process are patient from now on."""
+    before = own_processes.command
+    own_processes.command = lambda *which: command(*which, of=before)  # type: ignore[assignment]
+
+
+if __name__ == "__main__":
+    patience_s = float(os.environ.get(VARIABLE, "600"))
+    lane.FREEZE_S = host.FREEZE_S = host.HEARTBEAT_S = 600.0  # type: ignore[misc]
+    script_process.READY_S = render_process.MOMENT_S = 600.0  # type: ignore[misc]
+    lane.PATIENCE_S = script_process.PATIENCE_S = patience_s  # type: ignore[misc]
+    host.main()

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Processes of this package run no module of the current folder, whatever lies there."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+from hfx_blender import import_path, own_processes
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "hfx_blender"
+OTHERS = """numpy scipy trimesh serial bpy mathutils addon_utils bl_ui distributed hfx_blender
+_distutils_hack sitecustomize usercustomize startup_file""".split()
+# Python imports this one before it looks at its own options; nobody can prevent that.
+NOT_OURS = {"encodings"}
+
+
+@pytest.fixture(scope="module")
+def strange(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a module of every name, each of which tells that it was run."""
+    folder = tmp_path_factory.mktemp("strange")
+    names = sys.stdlib_module_names - set(sys.builtin_module_names) - NOT_OURS
+    for name in {*names, *OTHERS}:
+        source = f"import sys\nsys.stderr.write('IT RAN: {name}\\n')\nraise SystemExit(77)\n"
+        (folder / f"{name}.py").write_text(source)
+    (folder / "site-packages").mkdir()
+    (folder / "site-packages" / "numpy.py").write_text(source)
+    return folder
+
+
+PYTHONPATHS = ("", os.pathsep, ".", "site-packages", f"{os.pathsep}nowhere{os.pathsep}.")
+
+CHILDREN = (
+    "batch.worker",
+    "demo.pictures",
+    "devices.live.host",
+    "devices.live.render_worker",
+    "devices.live.script_worker",
+    "engine.parallel.worker",
+)
+
+
+def test_all_kinds_of_children_are_tried() -> None:
+    runs = {
+        ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        for path in PACKAGE.rglob("*.py")
+        if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
+    }
+    of_people = {"cli", "demo.effect_assets"}
+    assert runs - of_people == set(CHILDREN)
+
+
+@pytest.mark.parametrize("module", CHILDREN)
+def test_no_child_runs_what_lies_in_the_current_folder(
+    module: str, strange: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", f"{os.pathsep}.{os.pathsep}site-packages")
+    with own_processes.start(
+        own_processes.command(module),
+        {"PYTHONPROFILEIMPORTTIME": "1"},
+        cwd=strange,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        _, err = process.communicate(timeout=120)
+    assert "IT RAN" not in err and process.returncode != 77
+    assert "hfx_blender.errors" in err, "it came to its own imports"
+
+
+def test_only_one_place_starts_processes() -> None:
+    starters = {"subprocess": {"Popen", "run", "call", "check_call", "check_output", "getoutput"}}
+    for path in PACKAGE.rglob("*.py"):
+        if path.name == "own_processes.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                of, name = getattr(node.func.value, "id", ""), node.func.attr
+                assert name not in starters.get(of, ()), f"{path}: {of}.{name}"
+                is_os = of == "os" and name.startswith(("exec", "spawn", "popen", "system"))
+                assert not is_os, f"{path}: {of}.{name}"
+            elif isinstance(node, ast.Import | ast.ImportFrom):
+                names = [alias.name for alias in node.names]
+                assert "multiprocessing" not in {*names, getattr(node, "module", "")}, path
+
+
+def test_absolute_entries_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = tmp_path / "mine"
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((".", str(mine), "", "there")))
+    entries = own_processes.environment()["PYTHONPATH"].split(os.pathsep)
+    assert str(mine) in entries and all(map(os.path.isabs, entries))
+
+
+# hfx itself
+
+
+@pytest.fixture(scope="module")
+def hfx(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """An installation as pip makes it: its scripts import ``re``, then the package."""
+    import startup_file
+
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder, with_pip=False, symlinks=os.name != "nt")
+    kept = {"base": str(folder), "platbase": str(folder)}
+    packages = Path(sysconfig.get_path("purelib", scheme="venv", vars=kept))
+    scripts = Path(sysconfig.get_path("scripts", scheme="venv", vars=kept))
+    present = [path for path in sys.path if Path(path).name == "site-packages"]
+    (packages / "present.pth").write_text("\n".join([str(ROOT), *present]) + "\n")
+    (packages / "distutils-precedence.pth").write_text("import _distutils_hack\n")
+    (packages / "_distutils_hack.py").write_text("")
+    (packages / startup_file.NAME).write_text(startup_file.text(), encoding="utf-8")
+    script = scripts / "hfx"
+    script.write_text("import re, sys\nfrom hfx_blender.cli import main\nsys.exit(main())\n")
+    python = scripts / ("python.exe" if os.name == "nt" else "python")
+    return [str(python), str(script)]
+
+
+@pytest.fixture(autouse=True)
+def _root(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+
+
+@pytest.mark.parametrize("python_path", PYTHONPATHS)
+def test_hfx_runs_nothing_of_the_current_folder(
+    hfx: list[str], strange: Path, python_path: str
+) -> None:
+    done = subprocess.run(
+        [*hfx, "device", "list"],
+        cwd=strange,
+        env={**os.environ, "PYTHONPATH": python_path},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "back_pad" in done.stdout
+
+
+def test_hfx_finds_what_an_absolute_entry_names(hfx: list[str], tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.stderr.write('mine')\n")
+    python_path = os.pathsep.join((".", str(tmp_path)))
+    env = {**os.environ, "PYTHONPATH": python_path}
+    for cwd in (tmp_path, tmp_path.parent):
+        done = subprocess.run([*hfx, "--version"], cwd=cwd, env=env, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "mine")
+
+
+def test_other_programs_keep_their_import_path(hfx: list[str], tmp_path: Path) -> None:
+    (tmp_path / "found.py").write_text("print('found')\n")
+    env = {**os.environ, "PYTHONPATH": "."}
+    code = "import sys; before = list(sys.path); import found, hfx_blender.cli; "
+    code += "assert sys.path == before"
+    command = [hfx[0], "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.stdout == "found\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "is_ours"),
+    [
+        (["python", "/usr/bin/hfx", "export"], True),
+        (["python.exe", "C:\\x\\Scripts\\hfx.exe", "info"], True),
+        (["python", "-I", "/venv/bin/hfx"], True),
+        (["python", "-m", "hfx_blender.cli", "info"], True),
+        (["python", "mine.py", "hfx"], False),
+        (["python", "-c", "import hfx_blender"], False),
+        (["python"], False),
+    ],
+)
+def test_the_process_of_hfx_is_known(arguments: list[str], is_ours: bool) -> None:
+    assert import_path.is_own_command(arguments) == is_ours
