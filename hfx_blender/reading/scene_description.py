@@ -44,14 +44,9 @@ from . import (
     visibility,
 )
 from .animation_time import animation_frames, played_frame
-<<<<<<< HEAD
-from .broken_keys import refuse_broken_keys
-from .simulation import Simulation, to_bake
-=======
 from .curve_reading import is_steady
 from .effect_values import Shapes
-from .simulation import Simulation, unbaked_fluids
->>>>>>> scenes
+from .simulation import Simulation, to_bake
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
@@ -112,16 +107,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         activation.SILENCED if e in silent else activation.activation_of(e) for e in kept
     ]
     warnings += tuple(f"effect '{e.name}' is muted: it is not felt" for e in silent)
-<<<<<<< HEAD
     warnings += tuple(to_bake(scene))
-    found = HapticObjects(scene, layer, bodies, kept, activations, warnings)
-    refuse_broken_keys([*kept, *bodies])
-    return found
-=======
-    warnings += tuple(
-        f"the fluid of '{each.name}' is not baked: it is felt as it stands; bake it first"
-        for each in unbaked_fluids(scene)
-    )
     return HapticObjects(scene, layer, bodies, kept, activations, warnings, left_out=left_out)
 
 
@@ -138,7 +124,6 @@ def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
     roles = (obj for obj in scene.objects if obj.hfx.role == "")
     bad = [(obj, each) for obj in roles for each in bad_values(obj) if each.path == "role"]
     return [f"object '{obj.name}': {each}; it was left out" for obj, each in bad]
->>>>>>> scenes
 
 
 def _find_bodies(
