@@ -85,19 +85,21 @@ def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
     return bool(np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2)  # which is rounded
 
 
-def with_pose(
-    rows: I64, posed: I64, pose: PoseBlock, body: BodyDescription, counters: Counters
-) -> I64:
-    """Those of ``rows``, ascending, whose pose is known; a body that was not read is not there."""
+def of_read(rows: I64, pose: PoseBlock) -> I64:
+    """Those of ``rows`` at which a body was read: it is not there while it is disabled."""
+    return rows if pose.valid.all() else rows[pose.valid[rows]]
+
+
+def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) -> I64:
+    """Those of ``rows``, ascending, whose pose is known."""
     if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
         return rows  # all up to the last
     known = np.isin(rows, posed)
-    lost = ~known & pose.valid[rows]
-    if lost.any():
+    if not known.all():
         counters.warn(
             f"body '{body.name}': its pose is not a finite number, or scaled to nothing; "
             "it feels nothing there",
-            int(np.count_nonzero(lost)),
+            int(np.count_nonzero(~known)),
         )
     return rows[known]
 

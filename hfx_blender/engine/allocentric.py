@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import contact, on_demand
-from .active_rows import followed, with_pose
+from .active_rows import followed, of_read, with_pose
 from .coverage import BodySkin
 from .reach import BlockReach
 from .response.answering import Answering, depths_of, with_own_sets
@@ -56,7 +56,7 @@ class AllocentricAreas:
         """Begin with a volume's contacts with a body; what is returned waits for them."""
         pose = block.poses[self._maker.body_index[body.id]]
         posed = reach.posed(body)
-        rows = with_pose(rows, posed, pose, body, self._maker.counters)
+        rows = with_pose(of_read(rows, pose), posed, body, self._maker.counters)
         if not len(rows):
             return _nothing
         if reach.is_clear(animated, body, effect.model_id):
@@ -135,7 +135,7 @@ class AllocentricAreas:
     ) -> SampleRun | None:
         """What a body feels of a surface that it moves over."""
         pose = block.poses[self._maker.body_index[body.id]]
-        rows = with_pose(rows, reach.posed(body), pose, body, self._maker.counters)
+        rows = with_pose(of_read(rows, pose), reach.posed(body), body, self._maker.counters)
         if not len(rows):
             return None
         skin = self._maker.skins.of(body, effect.model_id)

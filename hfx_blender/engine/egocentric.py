@@ -46,7 +46,7 @@ class EgocentricAreas:
             body, pose = self._maker.scene.bodies[k], block.poses[k]
             if not pose.valid[rows].all():
                 raise ValueError("positions of painted vertices need a reader with_positions")
-            rows = with_pose(rows, posed_rows(pose), pose, body, self._maker.counters)
+            rows = with_pose(rows, posed_rows(pose), body, self._maker.counters)
             if not len(rows):
                 return None
         sets = np.arange(len(rows)) if self._maker.record else np.zeros(len(rows), np.int64)
@@ -86,7 +86,7 @@ class EgocentricAreas:
         body, pose = self._maker.scene.bodies[k], block.poses[k]
         with_motion = self._maker.wants_motion
         if with_motion:
-            known = with_pose(rows, posed_rows(pose), pose, body, self._maker.counters)
+            known = with_pose(rows, posed_rows(pose), body, self._maker.counters)
             rows, focus = known, focus[np.isin(rows, known)]
         if not len(rows):
             return None

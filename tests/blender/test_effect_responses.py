@@ -16,7 +16,6 @@ from hfx_blender import compat
 from hfx_blender.authoring import effect_exchange, effect_file, effects, responses
 from hfx_blender.engine.response.controls import Kind
 from hfx_blender.errors import InputError
-from hfx_blender.reading import instances
 
 FPS = 25
 
@@ -152,8 +151,11 @@ def test_particles_of_a_loaded_swarm_are_felt(nest: Any, tmp_path: Path) -> None
     (made,) = effect_exchange.place(scene, found, body=None, frame=1.0, origin=(1.0, 0.0, 0.0))
     for frame in range(1, 6):
         scene.frame_set(frame)
-    here = instances._seen(bpy.context.evaluated_depsgraph_get()).matrices
-    places = [matrix[:3, 3] for (name, *_), matrix in here.items() if name == made.name]
+    places = [
+        each.matrix_world.translation[:]
+        for each in bpy.context.evaluated_depsgraph_get().object_instances
+        if each.is_instance and each.object.original == made
+    ]
     assert len(places) == 12
     away = np.linalg.norm(np.array(places) - (1.0, 0.0, 0.0), axis=1)
     assert away == pytest.approx(0.5, abs=0.05)
