@@ -90,7 +90,8 @@ def _bad_of(
                 yield BadValue(path, _told(value), "a group of properties", None)
         elif kind == "POINTER":
             what = definition.fixed_type.identifier
-            if value is not None and not isinstance(value, getattr(bpy.types, what)):
+            is_unset = value is None or (hasattr(value, "keys") and not len(value.keys()))
+            if not is_unset and not isinstance(value, getattr(bpy.types, what)):
                 is_other = isinstance(value, bpy.types.ID)
                 yield BadValue(
                     path, _told(value), f"a datablock {what}", None if is_other else "none"
