@@ -90,6 +90,8 @@ def _bad_of(
                 yield BadValue(path, _told(value), "a group of properties", None)
         elif kind == "POINTER":
             what = definition.fixed_type.identifier
+            if hasattr(value, "keys") and not value.keys():
+                continue  # what 4.5 stores when code asks for a pointer that was never set
             if value is not None and not isinstance(value, getattr(bpy.types, what)):
                 is_other = isinstance(value, bpy.types.ID)
                 yield BadValue(
