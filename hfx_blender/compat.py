@@ -46,7 +46,7 @@ def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection
     data = owner.animation_data
     if data is None:
         return []
-    strips = [strip for track in data.nla_tracks for strip in _with_grouped(track.strips)]
+    strips = [strip for track in data.nla_tracks for strip in with_grouped(track.strips)]
     found: dict[tuple[str, int], bpy.types.bpy_prop_collection] = {}
     for user in (data, *strips):
         action, slot = user.action, getattr(user, "action_slot", None)
@@ -61,11 +61,11 @@ def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection
     return list(found.values())
 
 
-def _with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
+def with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
     """Strips, and those in meta strips."""
     for strip in strips:
         yield strip
-        yield from _with_grouped(strip.strips)
+        yield from with_grouped(strip.strips)
 
 
 def new_fcurve(

@@ -66,8 +66,15 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
             path = beside(stem, each.name)
             files.append(path.with_name(path.name + SUFFIX))
             write_json(document(each, frequencies), files[-1])
+    left_out = []
+    for each in signals:
+        lost = len(each.transients) - len({_rounded(tick.time_s) for tick in each.transients})
+        if lost:
+            left_out.append(f"'{each.name}': {lost} ticks at the same time as a stronger one")
     return Written(
-        tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
+        tuple(files),
+        tuple(left_out),
+        silent_note([each.name for each in signals if each.is_silent]),
     )
 
 
@@ -222,5 +229,5 @@ def _range_of(metadata: Any) -> FrequencyRange:
             try:
                 return FrequencyRange(float(found[1]), float(found[2]))
             except ValueError:
-                continue
+                continue  # a tag of somebody else that looks like ours: nothing is lost
     return DEFAULT_RANGE

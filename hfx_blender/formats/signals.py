@@ -234,6 +234,7 @@ def mixed(
     TooLargeError
         So many pieces overlap that it is not the file of a sane tool.
     """
+    # What has no duration is not felt: nothing is lost.
     kept = [each for each in pieces if each.end_s > each.start_s]
     end_s = max([end_s, *(each.end_s for each in kept)])
     edges = [np.array([0.0, end_s or 1e-3])]

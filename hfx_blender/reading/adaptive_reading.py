@@ -3,7 +3,8 @@
 
 Stretches of time are divided on a grid that does not depend on the range that is read. In each
 part the ends are read and the middle; where the middle is farther from the straight line than
-the tolerance, both halves are divided on. Smooth motion is then off by a quarter of it.
+the tolerance, both halves are divided on. Smooth motion is then off by a quarter of it; what may
+swing faster than these poses show is read at every sample, see :mod:`.slow_motion`.
 """
 
 from __future__ import annotations

@@ -37,6 +37,7 @@ from .fed_rig import FedRig
 from .own_kinematics import Parents
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
 from .scene_rows import PoseRow, Row, effect_block, pose_block
+from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
 
 F64 = npt.NDArray[np.float64]
@@ -183,6 +184,8 @@ class Pass:
             return None
         if self._scene.time.rate_hz < 2 * self._scene.time.fps:
             return None  # frames are that far apart that looking costs more than it saves
+        if not is_shown_by(float(step * self._scene.time.fps / self._scene.time.rate_hz / 2)):
+            return None  # what swings between two poses would be missed
         motions: dict[tuple[int, str], VertexMotion] = {}
         for k in self._bodies:
             binding = self._scene.bodies[k].binding

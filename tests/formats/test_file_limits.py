@@ -20,6 +20,7 @@ from test_hjif import BEAT, sample, track_of
 
 from hfx_blender import cli, file_limits
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.body import model
 from hfx_blender.engine.body.model import PerceptualModel, load
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackReader, TrackWriter
@@ -381,5 +382,14 @@ def test_a_body_model_of_other_arrays_is_refused(tmp_path):
         np.savez(path, meta=np.frombuffer(json.dumps(meta).encode(), np.uint8), **arrays)
         with pytest.raises(InputError, match=r"x.npz: not a readable body model"):
             load(PerceptualModel, path)
+    names = model._ARRAYS
+    with zipfile.ZipFile(path, "w") as archive:  # numpy gives what is no array as it is
+        for name in names:
+            archive.writestr(f"{name}.npy", b"no array")
+        head = io.BytesIO()
+        np.save(head, np.frombuffer(json.dumps(meta).encode(), np.uint8))
+        archive.writestr("meta.npy", head.getvalue())
+    with pytest.raises(InputError, match=r"x.npz: 'vertices' is not an array"):
+        load(PerceptualModel, path)
     np.savez_compressed(path, meta=np.zeros(300 << 20, np.uint8))
     refused(lambda: load(PerceptualModel, path), "allowed are 268,435,456 bytes")

@@ -58,10 +58,13 @@ class Question(NamedTuple):
         Of the lane, when it was asked: pauses, stops and new beginnings make it void.
     asked_s : float
         When Blender's message was read.
+    number : int
+        In the order of asking: who is answered later than a newer one is not heard any more.
     """
 
     generation: int
     asked_s: float
+    number: int
 
 
 class Script(Protocol):
@@ -127,7 +130,7 @@ class Lane:
         self._waiting: deque[tuple[float, F64]] = deque()  # when they came, values
         self._generation = 0  # raised by whatever voids all that was asked before
         self._sign_s = -math.inf  # when what is played, or waits, was last known to hold
-        self._is_asked = False  # and not answered yet
+        self._asked = self._answered = 0  # numbers of the newest questions
         self._is_cut = False  # silent at once, not by a ramp
         self._due_s = self._last_s = self._changed_s = -math.inf  # of turns
         self._is_armed = False
@@ -157,8 +160,8 @@ class Lane:
     def question(self, asked_s: float) -> Question:
         """Something is asked for this device; :meth:`feed` takes its answer."""
         with self._wake:
-            self._is_asked = self._is_armed
-            return Question(self._generation, asked_s)
+            self._asked += 1
+            return Question(self._generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
         """The newest frame; older ones that are due do not matter any more.
@@ -174,12 +177,16 @@ class Lane:
         with self._wake:
             if not self._is_armed:
                 return
-            if question is not None and question.generation != self._generation:
+            if question is None:
+                question = Question(self._generation, now, self._asked)
+            if question.generation != self._generation:
+                return
+            if question.number < self._answered:
                 return
             fault = self._sounding.fault_of(values)
             if not fault:
-                self._is_asked = False
-                self._sign_s = max(self._sign_s, now if question is None else question.asked_s)
+                self._answered = question.number
+                self._sign_s = max(self._sign_s, question.asked_s)
                 if self._waiting and now - self._waiting[-1][0] < _LEAST_APART_S:
                     now = self._waiting.pop()[0]
                 self._waiting.append((now, values))
@@ -192,7 +199,7 @@ class Lane:
     def sign(self, now_s: float) -> None:
         """Blender lives: what was asked last still holds, unless an answer is awaited."""
         with self._wake:
-            if self._is_armed and not self._is_asked:
+            if self._is_armed and self._answered == self._asked:
                 self._sign_s = max(self._sign_s, now_s)
 
     def set_offset(self, offset_s: float) -> None:
@@ -217,7 +224,7 @@ class Lane:
         self._generation += 1
         self._waiting.clear()
         self._pulse = None
-        self._is_asked = False
+        self._answered = self._asked
 
     def pulse(self, actuator: int) -> None:
         """Let one actuator be felt for a moment, softly."""

@@ -253,6 +253,8 @@ def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) ->
         raise InputError(f"{path}: 'bone_names' holds something that is not text.")
     for name, (kind, dimensions) in _ARRAYS.items():
         found = arrays[name]
+        if not isinstance(found, np.ndarray):
+            raise InputError(f"{path}: '{name}' is not an array.")
         if found.dtype != kind or found.ndim != dimensions:
             raise InputError(f"{path}: '{name}' is not {kind.__name__} of {dimensions} dimensions.")
         if kind is np.float32 and not np.isfinite(found).all():

@@ -413,7 +413,7 @@ class Asked:
         self.told.append("pause")
 
     def question(self, asked_s: float) -> Question:
-        return Question(0, asked_s)
+        return Question(0, asked_s, 1)
 
     def feed(self, values: Any, question: Any = None) -> None:
         self.told.append("feed")
@@ -518,7 +518,7 @@ def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
 
 def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
     host, lane = host_of(monkeypatch)
-    asked = {1: Question(0, 0.0), 2: Question(0, 0.0)}
+    asked = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
     for kind in (Kind.ANSWER, Kind.FAULT):
         host._rendered(Message(kind, 1, values_to(playing())), asked)
         host._rendered(Message(kind, 2, values_to(playing())), asked)

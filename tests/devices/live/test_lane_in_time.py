@@ -234,6 +234,20 @@ def test_what_was_asked_before_is_never_played_after(name: str, offset_s: float)
         assert played.port.is_loud()
 
 
+def test_an_answer_that_comes_after_a_newer_one_is_not_played() -> None:
+    """A scene stands still and is to fade, while its last moment is still rendered."""
+    played = Played()
+    stream(played, 60, 0.2, 10.0)
+    moment = played.lane.question(played.clock.now_s)
+    played.lane.feed(frame(0.0), played.lane.question(played.clock.now_s))
+    asked_s = played.clock.now_s
+    played.lane.feed(frame(), moment)
+    for _ in range(20):
+        played.run(0.05)
+        played.lane.sign(played.clock.now_s)
+    assert played.port.last_loud_s() <= asked_s + SILENT_WITHIN_S
+
+
 def test_a_turn_that_was_under_way_sends_nothing_after_a_pause(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

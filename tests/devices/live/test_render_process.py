@@ -372,7 +372,7 @@ def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_as
 ) -> None:
     asked.process.describe(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
     for k in range(50):
-        asked.process.show(moment_to(moment(), places()), {1: Question(k, 0.0)})
+        asked.process.show(moment_to(moment(), places()), {1: Question(k, 0.0, k)})
         if k % 2:
             asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
         else:

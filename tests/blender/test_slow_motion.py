@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Poses are only interpolated where nothing may swing between those that are read."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender import compat
+from hfx_blender.engine.tolerance import EXACT, STANDARD, Tolerance
+from hfx_blender.reading.scene_reader import SceneReader
+from hfx_blender.reading.slow_motion import is_shown_by
+
+bpy = pytest.importorskip("bpy")
+oracle = pytest.importorskip("oracle")
+
+ARM = 'pose.bones["upperarm01.L"].rotation_euler'
+PERIODS = 26.0  # of swings in a second: no multiple of what is read
+
+
+@pytest.fixture
+def arm(scene: Any) -> Any:
+    """An arm under a constraint, turned slowly by keys, and a ball that is near it."""
+    scene.render.fps, scene.frame_start, scene.frame_end = 24, 1, 24
+    body = oracle.add_avatar()
+    bone = body.pose.bones["upperarm01.L"]
+    bone.rotation_mode = "XYZ"
+    bone.constraints.new("LIMIT_ROTATION")
+    oracle.key(body, ARM, [(1, (0.0, 0.0, 0.0)), (24, (0.4, 0.0, 0.0))])
+    oracle.add_volume("Ball", "pressure", "SPHERE", (0.3, -0.1, 1.2), radius=0.3)
+    return body
+
+
+def driver(body: Any) -> None:
+    turned = body.pose.bones["upperarm01.L"].driver_add("rotation_euler", 2).driver
+    turned.expression = f"0.15 * sin(frame * 2 * pi * {PERIODS} / 24)"
+
+
+def target_with_a_driver(body: Any) -> None:
+    """The bone itself has none: it follows one."""
+    target = bpy.data.objects.new("Target", None)
+    bpy.context.scene.collection.objects.link(target)
+    turned = target.driver_add("rotation_euler", 2).driver
+    turned.expression = f"0.15 * sin(frame * 2 * pi * {PERIODS} / 24)"
+    follows = body.pose.bones["upperarm01.L"].constraints.new("COPY_ROTATION")
+    follows.target, follows.mix_mode = target, "ADD"
+    follows.target_space = follows.owner_space = "LOCAL"
+
+
+def _curve(body: Any, axis: int = 0) -> Any:
+    return next(
+        each for each in compat.fcurves(body) if each.data_path == ARM and each.array_index == axis
+    )
+
+
+def noise(body: Any) -> None:
+    modifier = _curve(body, 2).modifiers.new("NOISE")
+    modifier.scale, modifier.strength = 0.7, 0.5
+
+
+def sine(body: Any) -> None:
+    modifier = _curve(body, 2).modifiers.new("FNGENERATOR")
+    modifier.use_additive, modifier.amplitude = True, 0.15
+    modifier.phase_multiplier = 2.0 * np.pi * PERIODS / 24.0
+
+
+def keys_between_frames(body: Any) -> None:
+    frames = np.arange(1.0, 24.0, 12.0 / PERIODS)
+    oracle.key(body, ARM, [(f, (0.0, 0.0, 0.15 * (-1) ** k)) for k, f in enumerate(frames)])
+
+
+def spin(body: Any) -> None:
+    """Two keys, many turns."""
+    oracle.key(body, ARM, [(1, (0.0, 0.0, 0.0)), (24, (0.0, 0.0, 2.0 * np.pi * PERIODS))])
+
+
+def elastic(body: Any) -> None:
+    for point in _curve(body).keyframe_points:
+        point.interpolation, point.period, point.amplitude = "ELASTIC", 24.0 / PERIODS, 0.3
+
+
+FAST = (driver, target_with_a_driver, noise, sine, keys_between_frames, spin, elastic)
+
+
+def _poses(tolerance: Tolerance) -> tuple[int, dict[int, Any]]:
+    reader = SceneReader(bpy.context.scene, rate_hz=Fraction(100), tolerance=tolerance)
+    found = {}
+    for block in reader.blocks():
+        (posed,) = block.poses
+        for row, index in enumerate(block.indices.tolist()):
+            found[index] = posed.bones[row].copy()
+    return reader.times_stepped, found
+
+
+@pytest.mark.parametrize("swing", FAST)
+def test_fast_motion_is_read_at_every_sample(arm: Any, swing: Any) -> None:
+    swing(arm)
+    assert not is_shown_by(0.48)
+    times, truth = _poses(EXACT)
+    stepped, found = _poses(STANDARD)
+    assert stepped == times
+    assert found.keys() == truth.keys()
+    assert max(np.abs(found[k] - truth[k]).max() for k in truth) == 0.0
+
+
+def test_slow_motion_is_read_now_and_then(arm: Any) -> None:
+    assert is_shown_by(0.48)
+    assert _poses(STANDARD)[0] < 0.7 * _poses(EXACT)[0]
+
+
+def test_strips_that_play_fast_are_seen(arm: Any) -> None:
+    data = arm.animation_data
+    oracle.key(arm, ARM, [(k, (0.0, 0.0, 0.1 * (-1) ** k)) for k in range(1, 25)])
+    assert is_shown_by(1.0)
+    strip = data.nla_tracks.new().strips.new("Fast", 1, data.action)
+    data.action = None
+    assert is_shown_by(1.0)
+    strip.scale = 0.25
+    assert not is_shown_by(1.0)
