@@ -118,15 +118,16 @@ def properties(owner: bpy.types.ID) -> object:
     """
     if hasattr(owner, "bl_system_properties_get"):
         group = owner.bl_system_properties_get()
-        return None if group is None else _plain(group.get("hfx"))
-    return _plain(owner.get("hfx"))
+        return None if group is None else _plain(group.get("hfx")) or None
+    return _plain(owner.get("hfx")) or None
 
 
 def _plain(value: Any) -> object:
     if isinstance(value, bpy.types.ID):
         return value.name_full
     if hasattr(value, "items"):
-        return {key: _plain(each) for key, each in value.items()}
+        found = {key: _plain(each) for key, each in value.items()}
+        return {key: each for key, each in found.items() if each or each == 0}  # asked for only
     if hasattr(value, "to_list"):
         return value.to_list()
     return [_plain(each) for each in value] if isinstance(value, list) else value

@@ -90,7 +90,8 @@ def _bad_of(
                 yield BadValue(path, _told(value), "a group of properties", None)
         elif kind == "POINTER":
             what = definition.fixed_type.identifier
-            is_unset = value is None or (hasattr(value, "keys") and not len(value.keys()))
+            # 4.5 stores an empty group when code asks for a pointer that was never set.
+            is_unset = value is None or (hasattr(value, "keys") and not value.keys())
             if not is_unset and not isinstance(value, getattr(bpy.types, what)):
                 is_other = isinstance(value, bpy.types.ID)
                 yield BadValue(

@@ -93,3 +93,12 @@ def test_under_time_remapping_what_to_bake_is_told(scene: Any) -> None:
     assert (scene.render.frame_map_old, scene.render.frame_map_new) == (100, 80)
     bpy.ops.ptcache.bake_all(bake=True)
     assert not oracle.SceneReader(scene).description.warnings
+
+
+def test_what_reading_leaves_is_no_fault_of_the_file(scene: Any) -> None:
+    """Asking for a pointer that was never set stores an empty group in 4.5."""
+    scene.frame_end = 2
+    oracle.add_avatar()
+    oracle.add_volume("Ball", "vibration", "SPHERE", (0, 0, 1.1), radius=0.2)
+    for _ in range(2):
+        assert not oracle.SceneReader(scene).description.warnings
