@@ -75,6 +75,15 @@ def test_onsets_are_matched_within_a_window():
     assert trade_errors.onset_error(np.zeros((0, 2)), reference).missed == 3
 
 
+def test_onsets_are_matched_with_the_nearest():
+    """Not with that of an event that ends just before: that was told to be early by its length."""
+    reference = np.array([[0.332, 1.19], [1.215, 2.644]])
+    other = np.array([[0.34, 1.20], [1.22, 2.65]])
+    error = trade_errors.onset_error(other, reference)
+    assert error.errors_s == pytest.approx([0.008, 0.005])
+    assert (error.missed, error.extra) == (0, 0)
+
+
 def raster(values) -> tuple[Raster, object]:
     values = np.array(values, float)[:, None]
     columns = (Column("a", "pressure_kpa", "kPa"),)

@@ -146,7 +146,10 @@ class OnsetError:
 
 
 def onset_error(one: F64, reference: F64) -> OnsetError:
-    """Match the events (n, 2) of one recording to those of the reference."""
+    """Match the events (n, 2) of one recording to those of the reference.
+
+    Of several that are near one, that counts which begins most nearly when it does.
+    """
     errors, missed = [], 0
     used = np.zeros(len(one), np.bool_)
     for begin, end in reference:
@@ -155,7 +158,8 @@ def onset_error(one: F64, reference: F64) -> OnsetError:
             missed += 1
             continue
         used |= near
-        errors.append(float(one[near, 0].min() - begin))
+        late = one[near, 0] - begin
+        errors.append(float(late[np.abs(late).argmin()]))
     return OnsetError(np.array(errors), missed, int(np.count_nonzero(~used)))
 
 
