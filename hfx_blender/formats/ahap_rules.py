@@ -124,7 +124,7 @@ def findings(found: Any) -> list[Finding]:
         if any(b < a for a, b in pairwise(times)):
             report.error("CURVE-ORDER", here, "the times of its control points descend")
         for point in points:
-            _check_range({"ParameterID": curve["ParameterID"], **point}, report, here)
+            _check_range({**point, "ParameterID": curve["ParameterID"]}, report, here)
     return report.findings
 
 

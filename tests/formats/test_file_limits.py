@@ -393,3 +393,17 @@ def test_a_body_model_of_other_arrays_is_refused(tmp_path):
         load(PerceptualModel, path)
     np.savez_compressed(path, meta=np.zeros(300 << 20, np.uint8))
     refused(lambda: load(PerceptualModel, path), "allowed are 268,435,456 bytes")
+
+
+@pytest.mark.parametrize("name", [{}, [], 5])
+def test_a_point_of_a_curve_does_not_name_its_parameter(name):
+    """A fuzzer's find: the curve's name counts, whatever a point says."""
+    point = {"Time": 0.0, "ParameterValue": 2.0, "ParameterID": name}
+    curve = {
+        "ParameterID": "HapticIntensityControl",
+        "Time": 0.0,
+        "ParameterCurveControlPoints": [point],
+    }
+    document = {"Version": 1.0, "Pattern": [{"ParameterCurve": curve}]}
+    found = files.FILE_FORMATS["ahap"].validate(json.dumps(document).encode(), "a.ahap")
+    assert any("HapticIntensityControl is 2" in each.message for each in found)
