@@ -62,6 +62,7 @@ class NativeLibraryHook(BuildHookInterface[Any]):
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         if self._work is not None:
             self._work.cleanup()
+            self._work = None
 
     def _folder(self) -> Path:
         if self._work is None:

@@ -67,15 +67,11 @@ def _finite_rows(
 
 
 def posed_rows(pose: PoseBlock) -> I64:
-    """Rows that were read and hold nothing but numbers that a place can have.
-
-    A body that is scaled to nothing has none either.
-    """
+    """Rows that were read and hold nothing but numbers that a place can have."""
     finite = pose.valid.copy()
     for values in (pose.to_world, pose.bones, pose.surface):
         if values is not None and not _is_near(values):
             finite &= (np.abs(values) <= FARTHEST).reshape(len(values), -1).all(axis=1)
-    finite &= (np.abs(pose.to_world[:, :3, :3]) > NOTHING).any(axis=(1, 2))
     return finite.nonzero()[0]
 
 
@@ -83,6 +79,15 @@ def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
     """Whether surely none of them is beyond FARTHEST, or not a number: by the sum of squares."""
     flat = values.ravel()
     return bool(np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2)  # which is rounded
+
+
+def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters: Counters) -> None:
+    """Warn of a body that is scaled to nothing at rows (T,) where something is on."""
+    is_point = (np.abs(pose.to_world[:, :3, :3]) <= NOTHING).all(axis=(1, 2))
+    count = int(np.count_nonzero(is_point & pose.valid & active))
+    if count:
+        text = f"body '{body.name}' is scaled to nothing: all of it is felt at one point"
+        counters.warn(text, count)
 
 
 def of_read(rows: I64, pose: PoseBlock) -> I64:
@@ -97,8 +102,7 @@ def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) 
     known = np.isin(rows, posed)
     if not known.all():
         counters.warn(
-            f"body '{body.name}': its pose is not a finite number, or scaled to nothing; "
-            "it feels nothing there",
+            f"body '{body.name}': its pose is not a finite number; it feels nothing there",
             int(np.count_nonzero(~known)),
         )
     return rows[known]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from .active_rows import active_rows
+from .active_rows import active_rows, warn_of_point
 from .allocentric import AllocentricAreas
 from .body.model import PerceptualModel, load_model
 from .bound_skins import BoundSkins
@@ -102,6 +102,8 @@ class Engine:
         count = int(np.count_nonzero(is_active))
         self.counters.times_evaluated += count
         self.counters.times_skipped += len(block.indices) - block.history - count
+        for body, pose in zip(self.scene.bodies, block.poses, strict=True):
+            warn_of_point(is_active, pose, body, self.counters)
         reach = BlockReach(block, self.scene.bodies, self._skins)
         begun = [
             self._begin(effect, animated, rows, block, reach)

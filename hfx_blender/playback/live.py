@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
 
 from .. import resources
 from . import live_listening, live_settings, live_targets
@@ -262,6 +261,8 @@ class Live:
 
     def _fade(self) -> None:
         """Nothing is felt any more; a script decides by itself what that means."""
+        import numpy as np  # Blender's start does not wait for it
+
         from ..devices.live.haptics import packed
 
         if self._client is None:

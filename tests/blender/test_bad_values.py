@@ -77,10 +77,7 @@ def test_a_body_that_is_nowhere(scene: Any, ball: Any, nowhere: Any) -> None:
     evaluation = oracle.evaluate(scene, rate_hz=24)
     assert sorted(evaluation.samples["Ball"]) == list(range(5, 12))
     assert sorted(evaluation.samples["Head"]) == list(range(12)), "it needs no pose"
-    warning = (
-        "body 'Avatar': its pose is not a finite number, or scaled to nothing; "
-        "it feels nothing there"
-    )
+    warning = "body 'Avatar': its pose is not a finite number; it feels nothing there"
     assert evaluation.counters.warnings == {warning: 5}
     moving = oracle.evaluate(scene, rate_hz=24, record=("positions", "velocities"))
     assert sorted(moving.samples["Head"]) == list(range(5, 12))

@@ -170,7 +170,7 @@ def test_flat_volumes_are_silent_and_flat_skin_is_where_its_vertices_are(kind, t
             BALL, Sphere(), around[None], tolerance=tolerance, falloff=falloff, posed=rigid(1, body)
         )
         length = np.linalg.norm(BALL.vertices @ body[:3, :3].T, axis=1)
-        assert engine.counters.warnings == {}
+        assert list(engine.counters.warnings.values()) == ([1] if kind == "zero" else [])
         assert (weights[0, length < 0.05] > 0.0).all()
         assert not weights[0, length > 0.16].any()
 

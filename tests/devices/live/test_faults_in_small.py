@@ -298,7 +298,7 @@ def test_what_a_script_has_started_ends_with_it() -> None:
     with process.stdout:
         child = Path("/proc", process.stdout.readline().decode().strip(), "stat")
     assert child.exists()
-    script_process._kill(process)
+    script_process.end_group(process)
     process.wait(PATIENCE_S)
     end = time.monotonic() + PATIENCE_S
     while child.exists() and child.read_text().rsplit(")", 1)[1].split()[0] != "Z":
