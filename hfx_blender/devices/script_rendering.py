@@ -261,14 +261,13 @@ class _Worker:
 
     def __enter__(self) -> _Worker:
         try:
-            self._process = subprocess.Popen(
+            self._process = own_processes.start(
                 own_processes.command("devices.live.script_worker"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 # Where a script goes through a set, it does so in one order.
-                env={**own_processes.environment(), "PYTHONHASHSEED": "0"},
+                variables={"PYTHONHASHSEED": "0"},
                 start_new_session=True,  # it ends together with what it may have started
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
         except OSError as error:  # too many processes, no memory
             raise _FaultError(f"cannot be started: {error}") from None
