@@ -34,7 +34,14 @@ from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
 from .errors import InputError, UsageError
-from .export_report import ExportReport, felt_effects, not_played, shortfalls
+from .export_report import (
+    REPORT_SUFFIX,
+    ExportReport,
+    felt_effects,
+    not_played,
+    shortfalls,
+    stale_files,
+)
 from .formats import registry
 from .formats.curves import CurveTolerance
 from .formats.glb_scene import VolumeRecorder
@@ -48,9 +55,6 @@ from .report import MOST_LINES, shortened
 from .staging import place, staging
 from .stepwise import Progress, finish
 from .stored_values import bad_values
-
-REPORT_SUFFIX = ".report.json"
-
 
 _THREADS: Final = 2
 """Threads that look at skin for one that reads, renders and writes: it has as much to do as two."""
@@ -260,6 +264,11 @@ class SceneExport:
         if settings.strict and (recorded.warnings or silent or written.left_out):
             told = shortened((*recorded.warnings, *silent, *written.left_out), MOST_LINES)
             raise InputError("; ".join(told) + ".")
+        new = {path.name for path in written.files}
+        earlier = [
+            path for path in stale_files(folder, stem.name, rendered.silent) if path.name not in new
+        ]
+        removed = tuple(f"{each.name} of an earlier export is removed" for each in earlier)
         report = ExportReport(
             scene=self._scene.name,
             files=written.files,
@@ -280,7 +289,7 @@ class SceneExport:
                 "stepping": recorded.stepping,
                 **recorded.engine,
             },
-            notes=shortened((*recorded.notes, *short, *rendered.notes, *written.notes)),
+            notes=shortened((*removed, *recorded.notes, *short, *rendered.notes, *written.notes)),
             made_from=made_from,
         )
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
@@ -288,6 +297,8 @@ class SceneExport:
             file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
         # The report comes last: where it is, all that it names was there.
         placed = place((*report.files, report_file), folder)
+        for path in earlier:  # it would be taken for what the device plays now
+            path.unlink(missing_ok=True)
         return replace(report, files=placed)
 
 

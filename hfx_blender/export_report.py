@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,9 @@ from typing import Any
 from .engine.rendering.raster import Raster, unrendered
 from .engine.track import TrackHeader, TrackReader
 from .file_hash import sha256_of
+
+REPORT_SUFFIX = ".report.json"
+_LARGEST_REPORT = 2**26
 
 
 @dataclass(frozen=True)
@@ -115,3 +119,52 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
             if each.reason in _OTHERWISE
         ]
     return tuple(notes)
+
+
+def read(path: Path) -> dict[str, Any] | None:
+    """A report; None if there is none, or it is no such file."""
+    try:
+        if path.stat().st_size > _LARGEST_REPORT:
+            return None
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path, ...]:
+    """Files of devices that an earlier export of this name wrote, and that are as it wrote them.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the results and their report are.
+    stem : str
+        Their common name.
+    devices : collection of str
+        Ids of the devices.
+    """
+    report = read(folder / (stem + REPORT_SUFFIX)) if devices else None
+    return tuple(
+        folder / name
+        for name, digest in _listed(report or {})
+        if name.startswith(f"{stem}.")
+        and any(f".{device}." in name.removeprefix(stem) for device in devices)
+        and _is(folder / name, digest)
+    )
+
+
+def _listed(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    files = report.get("files")
+    for each in files if isinstance(files, list) else ():
+        if isinstance(each, dict):
+            name, digest = each.get("name"), each.get("sha256")
+            if isinstance(name, str) and isinstance(digest, str) and Path(name).name == name:
+                yield name, digest
+
+
+def _is(path: Path, digest: str) -> bool:
+    try:
+        return not path.is_symlink() and path.is_file() and sha256_of(path) == digest
+    except OSError:
+        return False

@@ -12,21 +12,30 @@ from typing import IO, Any, Final
 
 from . import import_path, resources
 
-_PACKAGE: Final = Path(__file__).resolve().parent  # in an extension, it has another name there
+_START: Final = Path(__file__).resolve().with_name("child_process.py")
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
     """Command line of a module, given by its name within the package, as ``batch.worker``."""
-    return [*_PYTHON, "-m", f"{_PACKAGE.name}.{module}", *map(os.fspath, arguments)]
+    return [*_python(), f"hfx_blender.{module}", *map(os.fspath, arguments)]
 
 
 def program(source: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a program that is given as its source."""
-    return [*_PYTHON, "-c", source, *map(os.fspath, arguments)]
+    """Command line of a program that is given as its source, and may import this package."""
+    return [*_python(), "-c", source, *map(os.fspath, arguments)]
 
 
-_PYTHON: Final = (sys.executable, "-P")
-"""-P: a child never imports from the current folder, where a stranger's files may lie."""
+def _python() -> list[str]:
+    # The wheels of a Blender extension are in a folder that its Python does not know by itself.
+    packages = [
+        path for path in import_path.trusted(sys.path) if Path(path).name == "site-packages"
+    ]
+    # -P: a child never imports from the current folder, where a stranger's files may lie.
+    options = ["-P", "-s"] if sys.flags.no_user_site else ["-P"]
+    return [
+        *(sys.executable, *options, str(_START)),
+        os.pathsep.join(dict.fromkeys(packages)),
+    ]
 
 
 def start(
@@ -73,17 +82,14 @@ def run(command: Sequence[str], limit_s: float | None = None) -> subprocess.Comp
 
 
 def environment() -> dict[str, str]:
-    """Environment in which a process finds this package, the packages beside it, and the user's
-    models; what PYTHONPATH names relative to the current folder is left out."""
-    # The wheels of a Blender extension are in a folder that its Python does not know by itself.
-    known = import_path.trusted(sys.path)
-    packages = [path for path in known if Path(path).name == "site-packages"]
-    inherited = import_path.absolute(os.environ.get("PYTHONPATH", ""))
-    return {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(dict.fromkeys([str(_PACKAGE.parent), *packages, *inherited])),
-        resources.BODY_MODELS_VARIABLE: str(resources.user_body_models()),
-    }
+    """Environment of a process of this package: it finds the user's models, and imports from
+    where the user says; what PYTHONPATH names relative to the current folder is left out."""
+    # A Blender heeds none of Python's variables. Nor does what it starts.
+    ignored = "PYTHON" if sys.flags.ignore_environment else ()
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(ignored)}
+    if "PYTHONPATH" in kept:
+        kept["PYTHONPATH"] = os.pathsep.join(import_path.absolute(kept["PYTHONPATH"]))
+    return {**kept, resources.BODY_MODELS_VARIABLE: str(resources.user_body_models())}
 
 
 def cores() -> int:

@@ -7,8 +7,8 @@ Deadlines are tested on a clock of their own; what real processes do is tested b
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable
+from pathlib import Path
 
 from hfx_blender import own_processes
 from hfx_blender.devices.live import host, lane, render_process, script_process
@@ -19,7 +19,9 @@ VARIABLE = "HFX_TEST_PATIENCE_S"
 
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
     """In place of ``own_processes.command``."""
-    return [sys.executable, __file__] if module == "devices.live.host" else of(module, *arguments)
+    if module == "devices.live.host":
+        return own_processes.program(Path(__file__).read_text(encoding="utf-8"))
+    return of(module, *arguments)
 
 
 def use() -> None:

@@ -8,16 +8,13 @@ that still holds is complete, whichever machine made it.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
+from ..export_report import REPORT_SUFFIX, read
 from ..file_hash import sha256_of
 from . import inputs
 from .units import Unit
-
-REPORT_SUFFIX = ".report.json"
-_LARGEST_REPORT = 2**26
 
 
 def finished(unit: Unit) -> dict[str, Any] | None:
@@ -46,14 +43,3 @@ def has_files(report: dict[str, Any], folder: Path) -> bool:
         )
     except (KeyError, TypeError, ValueError, OSError):
         return False
-
-
-def read(path: Path) -> dict[str, Any] | None:
-    """A report; None if there is none, or it is no such file."""
-    try:
-        if path.stat().st_size > _LARGEST_REPORT:
-            return None
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return None
-    return found if isinstance(found, dict) else None

@@ -16,6 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from .. import export_report
 from ..atomic_files import atomic_file
 from ..errors import InputError
 from ..file_hash import sha256_of
@@ -163,7 +164,7 @@ def _count(folder: Path, unit: Unit) -> int:
 
 def _record(folder: Path, piece: tuple[int, int]) -> dict[str, Any] | None:
     """A piece's record, if its files are what was written."""
-    record = journal.read(path_of(folder, piece, ".json"))
+    record = export_report.read(path_of(folder, piece, ".json"))
     if record is None or not journal.has_files(record, folder):
         return None
     samples = record.get("samples")

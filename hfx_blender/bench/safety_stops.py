@@ -48,7 +48,7 @@ def render(haptics):
 
 _SENDER: Final = """
 import sys, time
-from {package}.devices.live.client import LiveClient
+from hfx_blender.devices.live.client import LiveClient
 client = LiveClient()
 client.connect("band", {device!r}, {{"kind": "simulator", "path": sys.argv[1]}})
 while True:
@@ -381,8 +381,7 @@ class _ScriptFails(WithClient):
 class _BlenderFails(Rounds):
     def __init__(self, folder: Path, how: signal.Signals) -> None:
         self._folder, self._how, self._count = folder, how, 0
-        package = __package__.split(".bench")[0] if __package__ else "hfx_blender"
-        self._source = _SENDER.format(package=package, device=DEVICE, values=playing())
+        self._source = _SENDER.format(device=DEVICE, values=playing())
 
     def round(self) -> float:
         self._count += 1

@@ -182,7 +182,7 @@ def _approved_script(device: DeviceConfig) -> approval.DeviceScript:
             f"device '{device.id}' plays nothing: its script {device.script.script} is gone"
         )
     if not script.is_approved:
-        reason = "is not approved; read it and approve it under Live Devices in Blender"
+        reason = f"is not approved; {approval.how_to_approve(device.script.device)}"
         raise ScriptError(_nothing_for(device, script, reason))
     return script
 

@@ -42,7 +42,7 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
     script = approval.script_of(name, folder)
     if script is not None and not script.is_approved:
         raise UnapprovedScriptError(
-            f"Device '{name}' brings the script {script.path}; read it and approve it first."
+            f"Device '{name}' brings the script {script.path}; {approval.how_to_approve(name)}."
         )
     return device, script
 

@@ -16,6 +16,7 @@ from typing import Any
 import hfx_scenes
 import pytest
 from hfx_scenes import contents_of, environment, names_in
+from strange_modules import fill
 
 from hfx_blender import cli
 from hfx_blender.batch import batch
@@ -65,6 +66,8 @@ def test_a_cluster_whose_workers_are_killed_gives_the_same_bytes(
     assert "error" not in outcome, outcome
     workers = dask_workers.DaskWorkers(address)
     client = distributed.Client(address, set_as_default=False)
+    fill(tmp_path / "strange")
+    client.run(os.chdir, str(tmp_path / "strange"))  # before any of them has a Blender
     killed: list[int] = []
 
     def kill() -> None:

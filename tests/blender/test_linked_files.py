@@ -39,9 +39,15 @@ def is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> IsLeftOut
     return export
 
 
-def _user(folder: Path, name: str) -> Any:
-    """A scene with an object that a test lets reach something, saved beside it."""
+@pytest.fixture(scope="module")
+def base(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     hfx_scenes.small_scene(1)
+    return hfx_scenes.save(tmp_path_factory.mktemp("base") / "base.blend")
+
+
+def _user(base: Path, folder: Path, name: str) -> Any:
+    """A scene with an object that a test lets reach something, saved beside it."""
+    bpy.ops.wm.open_mainfile(filepath=str(base))
     other = bpy.data.objects.new("Other", bpy.data.meshes.new("Other"))
     other.data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
     bpy.context.scene.collection.objects.link(other)
@@ -126,14 +132,14 @@ REACHES = [
 
 @pytest.mark.parametrize("reach", REACHES, ids=lambda each: each.__name__[1:])
 def test_what_a_scene_reaches_counts(
-    registered: Any,
+    base: Path,
     tmp_path: Path,
     is_left_out: IsLeftOut,
     reach: Callable[[Any, Path], list[Path]],
 ) -> None:
     folder = tmp_path / "here"
     folder.mkdir()
-    other = _user(folder, "user")
+    other = _user(base, folder, "user")
     if reach is _imported and not hasattr(bpy.types, "GeometryNodeImportOBJ"):
         pytest.skip("this Blender has no such node")
     paths = reach(other, folder)
@@ -166,13 +172,13 @@ def _library(path: Path, of: Path | None = None) -> None:
 
 
 def test_libraries_of_libraries_that_go_and_come_back(
-    registered: Any, tmp_path: Path, is_left_out: IsLeftOut, capsys: pytest.CaptureFixture[str]
+    base: Path, tmp_path: Path, is_left_out: IsLeftOut, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "lib").mkdir()
     far, near = tmp_path / "lib" / "far.blend", tmp_path / "lib" / "near.blend"
     _library(far)
     _library(near, far)
-    _user(tmp_path, "user")
+    _user(base, tmp_path, "user")
     with bpy.data.libraries.load(str(near), link=True, relative=True) as (_, into):
         into.objects = ["Carrier near"]
     bpy.context.scene.collection.objects.link(into.objects[0])
@@ -198,14 +204,12 @@ def test_libraries_of_libraries_that_go_and_come_back(
         assert not is_left_out(blend) and is_left_out(blend)
 
 
-def test_what_a_library_reaches_counts(
-    registered: Any, tmp_path: Path, is_left_out: IsLeftOut
-) -> None:
+def test_what_a_library_reaches_counts(base: Path, tmp_path: Path, is_left_out: IsLeftOut) -> None:
     (tmp_path / "lib").mkdir()
-    other = _user(tmp_path / "lib", "library")
+    other = _user(base, tmp_path / "lib", "library")
     [cache] = _mesh_cache(other, tmp_path / "lib")
     library = hfx_scenes.save(tmp_path / "lib" / "library.blend")
-    _user(tmp_path, "user")
+    _user(base, tmp_path, "user")
     with bpy.data.libraries.load(str(library), link=True, relative=True) as (_, into):
         into.objects = ["Other"]
     bpy.context.scene.collection.objects.link(into.objects[0])
@@ -216,8 +220,8 @@ def test_what_a_library_reaches_counts(
     assert not is_left_out(blend) and is_left_out(blend)
 
 
-def test_what_is_in_the_file_itself_is_not_missing(registered: Any, tmp_path: Path) -> None:
-    _user(tmp_path, "user")
+def test_what_is_in_the_file_itself_is_not_missing(base: Path, tmp_path: Path) -> None:
+    _user(base, tmp_path, "user")
     text = bpy.data.texts.new("Note")
     text.filepath = "//gone.txt"
     picture = tmp_path / "packed.png"

@@ -523,7 +523,7 @@ def test_a_script_is_asked_about_before_it_runs(
     )
     path = tmp_path / "mine.jsonl"
     bpy.ops.hfx.live_add(name="mine")
-    with pytest.raises(RuntimeError, match="approve it first"):
+    with pytest.raises(RuntimeError, match="read it and approve it"):
         bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
     assert "mine" in live.unapproved and not mark.exists()
     bpy.ops.hfx.live_approve(name="mine")
@@ -539,7 +539,7 @@ def test_a_script_is_asked_about_before_it_runs(
     assert mark.exists()
     bpy.ops.hfx.live_revoke(name="mine")
     assert "mine" not in live.states and "mine" in live.unapproved
-    with pytest.raises(RuntimeError, match="approve it first"):
+    with pytest.raises(RuntimeError, match="read it and approve it"):
         bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
 
 

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -20,6 +22,7 @@ from hfx_blender.devices.live import approval
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export import ExportSettings, SceneExport, export_scene
+from hfx_blender.file_hash import sha256_of
 from hfx_blender.formats import npz_raster
 from hfx_blender.playback import over_time
 from hfx_blender.report import describe
@@ -108,14 +111,32 @@ def test_the_operator_runs_scripts_of_the_devices_that_a_scene_names(
         bpy.ops.hfx.export(filepath=str(tmp_path / "no" / f"x{SUFFIX}"), formats={"npz"})
 
 
+def earlier_files(out: Path) -> tuple[list[str], list[str]]:
+    """What an earlier export wrote for the band; what stays, though its report lists that, too."""
+    mine = [f"x.{NAME}.csv", f"x.Early.{NAME}.raster.npz"]
+    theirs = [f"x.{NAME}.wav", "x.insoles.he", f"y.{NAME}.csv", f"../x.{NAME}.he"]
+    out.mkdir()
+    for name in (*mine, *theirs):
+        (out / name).write_text("earlier")
+    files = [{"name": name, "sha256": sha256_of(out / name)} for name in (*mine, *theirs)]
+    (out / f"x.{NAME}.wav").write_text("by hand")
+    listed = {"files": [*files, {"name": f"x.{NAME}.he", "sha256": "gone"}, {"name": 3}, None]}
+    (out / "x.report.json").write_text(json.dumps(listed))
+    return mine, [name.removeprefix("../") for name in theirs]
+
+
 @pytest.mark.parametrize(("source", "is_approved"), [(STATEFUL, False), (FAILS, True)])
 def test_a_device_whose_script_does_not_run_is_left_out_of_what_is_complete(
     folder: Path, tmp_path: Path, source: str, is_approved: bool
 ) -> None:
     scripted(folder, source, is_approved=is_approved)
+    mine, theirs = earlier_files(tmp_path / "out")
     report = export_scene(bpy.context.scene, tmp_path / "out", "x", settings(NAME, "insoles"))
     names = names_in(tmp_path / "out")
-    assert not [name for name in names if "my_band" in name]
+    assert set(mine).isdisjoint(names) and set(theirs) <= {*names, *names_in(tmp_path)}
+    assert [name for name in names if "x.my_band" in name] == [f"x.{NAME}.wav"], "changed since"
+    assert {f"{name} of an earlier export is removed" for name in mine} <= set(report.notes)
+    assert not any(name in note for name in theirs for note in report.notes)
     assert {"x.hfxtrack", "x.insoles.csv", "x.insoles.wav", "x.report.json"} <= set(names)
     (sentence,) = report.silent_devices
     assert sentence in report.warnings
@@ -161,11 +182,14 @@ def test_the_command_ends_with_5_and_resumes_when_the_script_has_changed(
 
     scripted(folder, STATEFUL, is_approved=False)
     assert export(out) == 5
-    assert "my_band.py is not approved" in capfd.readouterr().err
+    told = capfd.readouterr().err
+    assert "my_band.py is not approved" in told
     assert "x.insoles.csv" in names_in(out) and f"x.{NAME}.csv" not in names_in(out)
     assert export(out, "--resume") == 5  # nothing has changed: it is still not there
     assert "my_band.py is not approved" in capfd.readouterr().err
-    scripted(folder, STATEFUL)
+    advice = re.search(r"'hfx (device approve .*?)'", told)
+    assert advice is not None and cli.run(shlex.split(advice[1])) == 0
+    capfd.readouterr()
     assert export(out, "--resume") == 0
     assert "exported before" not in capfd.readouterr().out
     assert export(out, "--resume") == 0

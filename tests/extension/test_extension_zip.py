@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from strange_modules import CHILDREN, fill
 
 import hfx_blender
 
@@ -199,9 +200,11 @@ def test_blender_accepts_the_zip_of_each_platform(
 # In Blender
 
 INSTALL = """
-import os, sys
+import os, subprocess, sys
+from pathlib import Path
 import bpy
 import addon_utils
+from strange_modules import RAN, fill
 
 package, name = sys.argv[1], "bl_ext.user_default.hfx_blender"
 addon_utils.enable("bl_pkg")
@@ -218,9 +221,30 @@ for _ in range(2):
     bpy.ops.preferences.addon_enable(module=name)
 assert bpy.context.object.hfx.role == "EFFECT"
 from bl_ext.user_default.hfx_blender import own_processes
-os.chdir(sys.argv[2])  # with strange modules
-done = own_processes.run(own_processes.command("devices.live.host"))
-assert done.returncode == 0 and "IT RAN" not in done.stderr, done.stderr
+
+# Beside other extensions, of which some are named as modules of Python; so are wheels of theirs.
+strange, *kinds = sys.argv[2:]
+beside = Path(own_processes.__file__).parents[1]
+wheels = Path(strange).parent / "site-packages"
+fill(beside)
+fill(wheels, only_known=True)
+sys.path.append(str(wheels))
+children = [
+    own_processes.start(
+        own_processes.command(kind),
+        {"PYTHONPROFILEIMPORTTIME": "1"},
+        cwd=strange,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    for kind in kinds
+]
+for kind, process in zip(kinds, children):
+    told = process.communicate()[1]
+    assert RAN not in told, f"{kind}: {told[told.index(RAN):]}"
+    assert "hfx_blender.errors" in told, f"{kind} came not to its own imports: {told}"
 index = bpy.context.preferences.extensions.repos.find("User Default")
 bpy.ops.extensions.package_uninstall(repo_index=index, pkg_id="hfx_blender")
 assert not [each for each in sys.modules if each.startswith(name)]
@@ -233,13 +257,14 @@ def test_it_is_installed_used_switched_and_uninstalled(small: Path, tmp_path: Pa
     pytest.importorskip("bpy")
     resources = tmp_path / "resources"
     resources.mkdir()
-    strange = tmp_path / "strange"
-    strange.mkdir()
-    for name in ("json", "numpy", "signal", "threading", "hfx_blender"):
-        (strange / f"{name}.py").write_text("import sys\nsys.exit('IT RAN')\n")
+    fill(tmp_path / "strange")
     done = subprocess.run(
-        [sys.executable, "-c", INSTALL, str(small), str(strange)],
-        env={**os.environ, "BLENDER_USER_RESOURCES": str(resources)},
+        [sys.executable, "-c", INSTALL, str(small), str(tmp_path / "strange"), *CHILDREN],
+        env={
+            **os.environ,
+            "BLENDER_USER_RESOURCES": str(resources),
+            "PYTHONPATH": str(Path(__file__).parents[1]),  # of strange_modules
+        },
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,

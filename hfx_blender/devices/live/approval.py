@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,14 @@ class DeviceScript:
             "configuration": str(self.configuration),
             "fingerprint": self.fingerprint,
         }
+
+
+def how_to_approve(name_or_path: str | Path) -> str:
+    """Instruct whoever meets a device whose script is not approved."""
+    device = shlex.quote(str(name_or_path))
+    return (
+        f"read it and approve it by 'hfx device approve {device}', or under Live Devices in Blender"
+    )
 
 
 def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScript | None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Renders moments for all devices, in a process of its own: no frame of Blender's waits for it.
 
-Started by the output process as ``python -m hfx_blender.devices.live.render_worker``. It is told
+Started by the output process. It is told
 one scene or one moment at a time and says READY after each. What device a fault belongs to, it
 tells; the others go on.
 """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Runs one device script in a process of its own: haptic data in, values out.
 
-Started by the output process as ``python -m hfx_blender.devices.live.script_worker``. The
+Started by the output process, and by exports. The
 script is read once, compared with what the user approved, and these very bytes are run. The
 process isolates from faults; it is no sandbox.
 """

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Start of a process of this package: load the package by its path, then run one of its modules.
+
+Run by its path, as ``own_processes`` tells: ``child_process.py PACKAGES MODULE ARGUMENT...``, or
+``child_process.py PACKAGES -c PROGRAM ARGUMENT...``. The folder that holds the package may hold a
+``queue.py``, in Blender another extension of that name: it is no place to import from. Folders of
+packages that Python does not know by itself come after all others.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from runpy import run_module
+
+_NAME = "hfx_blender"  # also in an extension, which Blender knows by another one
+
+
+def _load_package() -> None:
+    folder = os.path.dirname(os.path.abspath(__file__))
+    spec = spec_from_file_location(
+        _NAME, os.path.join(folder, "__init__.py"), submodule_search_locations=[folder]
+    )
+    assert spec is not None and spec.loader is not None
+    package = sys.modules[_NAME] = module_from_spec(spec)
+    spec.loader.exec_module(package)
+
+
+def main() -> None:
+    """Run what the command line names, as if Python had been told to."""
+    packages, what, *arguments = sys.argv[1:]
+    sys.path += [path for path in packages.split(os.pathsep) if path and path not in sys.path]
+    _load_package()
+    if what == "-c":
+        source, *arguments = arguments
+        sys.argv[:] = [what, *arguments]
+        exec(compile(source, "<program>", "exec"), {"__name__": "__main__"})
+    else:
+        sys.argv[:] = [what, *arguments]
+        run_module(what, run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Modules of a stranger, named as those that a process of ours imports; each tells that it ran."""
+
+from __future__ import annotations
+
+import sys
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+RAN = "IT RAN"
+OTHERS = """numpy scipy trimesh serial bpy mathutils addon_utils bl_ui distributed hfx_blender
+_distutils_hack sitecustomize usercustomize startup_file""".split()
+# Python imports this one before it looks at its own options; nobody can prevent that.
+NOT_OURS = {"encodings"}
+
+CHILDREN = (
+    "batch.worker",
+    "demo.pictures",
+    "devices.live.host",
+    "devices.live.render_worker",
+    "devices.live.script_worker",
+    "engine.parallel.worker",
+)
+"""Modules that are run as processes."""
+
+
+def fill(folder: Path, *, only_known: bool = False) -> None:
+    """Put a module of every name of Python's library, and of what we import, into a folder.
+
+    ``only_known``: but of none that there is not in this Python, such as those of Windows.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    names = {*(sys.stdlib_module_names - set(sys.builtin_module_names) - NOT_OURS), *OTHERS}
+    for name in names:
+        path = folder / f"{name}.py"
+        if path.with_suffix("").exists() or (only_known and PathFinder.find_spec(name) is None):
+            continue
+        path.write_text(f"import sys\nsys.stderr.write('{RAN}: {name}\\n')\nraise SystemExit(77)\n")
