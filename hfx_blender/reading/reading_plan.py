@@ -36,7 +36,7 @@ from .curve_reading import CurveBody, CurveEffect, EffectChunks, is_steady
 from .fed_rig import FedRig
 from .own_kinematics import Parents
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
-from .scene_rows import PoseRow, Row, effect_block, pose_block
+from .scene_rows import EffectRow, PoseRow, Row, effect_block, pose_block
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
 
@@ -73,7 +73,8 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
     plan = Plan()
     reasons = []
     parents = Parents()
-    for k, (effect, state) in enumerate(zip(found.effects, found.activations, strict=True)):
+    for k in found.awake:
+        effect, state = found.effects[k], found.activations[k]
         shape = None
         if effect.hfx.kind == "VOLUME" and is_steady(effect):
             shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
@@ -88,7 +89,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
             reasons.append(str(error))
     if not reasons:
         return plan
-    own = stepping.why_own_scene(found.scene)
+    own = stepping.why_own_scene(found.read)
     if own is None and found.simulation is not None:
         own = "particles move"
     return replace(
@@ -133,9 +134,10 @@ class Pass:
         self._scene = scene
         self._reading = reading
         self._always_posed = always_posed
-        self._effects = [k for k in range(len(found.effects)) if k not in plan.effects]
+        self._effects = [k for k in found.awake if k not in plan.effects]
+        self._dormant = sorted({*range(len(found.effects))}.difference(found.awake))
         self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
-        self._volumes = [k for k, e in enumerate(found.effects) if e.hfx.kind in IN_SCENE]
+        self._volumes = [k for k in found.awake if found.effects[k].hfx.kind in IN_SCENE]
         self._chunks = EffectChunks(plan.effects, self._frames, is_spotty=is_spotty)
         self._last: Row | None = None
         self._cell = (0, -1)
@@ -191,7 +193,7 @@ class Pass:
             binding = self._scene.bodies[k].binding
             if isinstance(binding, SurfaceBinding):
                 return None
-            for model_id in {e.model_id for e in self._scene.effects if e.kind == "volume"}:
+            for model_id in {self._scene.effects[each].model_id for each in self._volumes}:
                 model, fitted = load_model(model_id), binding.fitted.get(model_id)
                 placed = model if fitted is None else fitted.of(model)
                 motions[k, model_id] = VertexMotion(placed, binding, tolerance)
@@ -282,6 +284,7 @@ class Pass:
                 effects[k] = effect_block([row.effects[k] for row in rows], modality)
                 if k in self._volumes:
                     wanted |= ~(effects[k].levels <= 0.0)
+        effects |= {k: self._silence(k, len(indices)) for k in self._dormant}
         poses: dict[int, PoseBlock] = {
             k: body.read(frames, wanted) for k, body in self._plan.bodies.items()
         }
@@ -292,6 +295,10 @@ class Pass:
             poses=tuple(poses[k] for k in range(len(poses))),
             history=history,
         )
+
+    def _silence(self, which: int, count: int) -> EffectBlock:
+        """An effect that is not felt."""
+        return effect_block([EffectRow()] * count, self._scene.effects[which].modality)
 
     def _row(self, index: int, is_posed: bool) -> Row:
         """What is stepped at one time."""
