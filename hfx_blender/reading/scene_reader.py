@@ -103,6 +103,9 @@ class SceneReader:
     with_velocities : bool
         The same, exactly, and the time before each stretch, so that its first sample has a
         velocity.
+    with_shapes : bool
+        Read the meshes of volumes also where they are near no skin; else only their boxes are
+        told then.
     is_probed : bool
         Compare a few times with what Blender evaluates, which sets the scene's frame.
 
@@ -121,6 +124,7 @@ class SceneReader:
         tolerance: Tolerance = EXACT,
         with_positions: bool = False,
         with_velocities: bool = False,
+        with_shapes: bool = False,
         is_probed: bool = True,
     ) -> None:
         self.tolerance = tolerance
@@ -130,6 +134,7 @@ class SceneReader:
             layer = bpy.context.view_layer
         self._shapes = Shapes()
         self._with_velocities = with_velocities
+        self._with_shapes = with_shapes
         found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
         found = replace(found, dormant=_dormant(found, self.time))
@@ -291,6 +296,7 @@ class SceneReader:
             stretch_of=self._stretch_of,
             stack=stack,
             is_spotty=is_spotty,
+            with_shapes=self._with_shapes,
         )
 
     def _has_history(self, index: int) -> bool:
@@ -354,6 +360,8 @@ class SceneReader:
         if found.simulation is None and goes_on_by_itself(found.scene):
             # What was not played through must not be disturbed, and nothing of it is felt.
             stepped = stepping.scratch_scene(found.scene, found.read)
+        # What is compared are places and values, which no mesh has to be made for.
+        self._reading.far = frozenset(self._found.awake)
         with stepped as stepper:
             return [self._reading.read(index, stepper, *everything) for index in probes]
 
