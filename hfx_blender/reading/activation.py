@@ -92,6 +92,21 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     return Activation(Source.ANIMATED, spans, named)
 
 
+def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:
+    """Frames at which a property can be above 0; None unless one plain F-curve alone tells it."""
+    data = effect.animation_data
+    if data is None or len(data.nla_tracks):
+        return None
+    if any(driver.data_path == path for driver in data.drivers):
+        return None
+    curves = [curve for curve in compat.fcurves(effect) if curve.data_path == path]
+    if len(curves) != 1 or curves[0].mute or not curves[0].is_valid:
+        return None
+    if curves[0].group is not None and curves[0].group.mute:
+        return None
+    return _spans_of(curves[0])
+
+
 def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
     """Frames at which a curve can be above 0; it certainly is not at all others."""
     keys = list(curve.keyframe_points)

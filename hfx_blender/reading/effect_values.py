@@ -108,6 +108,14 @@ class Shapes:
                 self.notes[volume.note] = None
         return known[1]
 
+    def box_of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> MeshVolume | None:
+        """The box around a mesh as it is evaluated at a time; None where it may have none."""
+        if evaluated.type != "MESH" or evaluated.mode == "EDIT" or is_empty(evaluated):
+            return None
+        corners = np.array([corner[:] for corner in evaluated.bound_box], np.float64)
+        bounds = np.stack([corners.min(axis=0), corners.max(axis=0)])
+        return MeshVolume.box(bounds, effect.name) if np.isfinite(bounds).all() else None
+
     def last_of(self, effect: bpy.types.Object, part: int = 0) -> Shape | None:
         """The last mesh of an effect that could be one; None if there never was any."""
         known = self._meshes.get((effect.name_full, part))

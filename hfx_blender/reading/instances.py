@@ -25,7 +25,15 @@ from ..authoring import effects, volumes
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
 from ..errors import InputError
-from . import activation, effect_values, response_values, scene_description, soundness, stepping
+from . import (
+    activation,
+    dormant,
+    effect_values,
+    response_values,
+    scene_description,
+    soundness,
+    stepping,
+)
 from .animation_time import animation_frames
 from .reached import is_instancer, reached_from
 from .scene_description import HapticObjects
@@ -108,6 +116,8 @@ class Sources:
     shapes : Shapes
     faults : dict, optional
         Where it is told what went wrong, and at which samples.
+    time : TimeBase, optional
+        Volumes that cannot be felt at any time of it are left out, too.
 
     Attributes
     ----------
@@ -122,6 +132,7 @@ class Sources:
         found: HapticObjects,
         shapes: effect_values.Shapes,
         faults: dict[str, set[int]] | None = None,
+        time: TimeBase | None = None,
     ) -> None:
         self._found = found
         self._shapes = shapes
@@ -137,10 +148,12 @@ class Sources:
             name: activation.SILENCED if source in silenced else activation.activation_of(source)
             for name, source in every.items()
         }
+        frames = None if time is None else dormant.frames_read(found.scene, time)
         self.states = {
             name: state
             for name, state in states.items()
             if state.source is not activation.Source.OFF
+            and (frames is None or dormant.why_dormant(every[name], state, frames) is None)
         }
         self.objects = {name: every[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))
@@ -258,7 +271,7 @@ class Instances:
         self._found = found
         self._time = time
         self._faults = faults
-        self._sources = Sources(found, shapes, faults)
+        self._sources = Sources(found, shapes, faults, time)
         self.warnings = self._sources.warnings
         self._keys: tuple[Key, ...] = ()
         self._last: tuple[int, dict[Key, EffectRow]] | None = None

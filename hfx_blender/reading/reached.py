@@ -18,7 +18,12 @@ def is_instancer(obj: bpy.types.Object) -> bool:
 
 
 def reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.Object]:
-    """Objects, and all that they refer to over any number of steps; no less than is needed."""
+    """Objects, and those that they refer to over any number of steps; no less than is needed."""
+    return {each for each in data_reached_from(start) if isinstance(each, bpy.types.Object)}
+
+
+def data_reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
+    """Objects, and all data that they refer to over any number of steps; see above."""
     start = list(start)
     uses: dict[bpy.types.ID, list[bpy.types.ID]] = {}
     for used, users in bpy.data.user_map().items():
@@ -35,4 +40,4 @@ def reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.Object]:
         if each not in found:
             found.add(each)
             waiting += uses.get(each, ())
-    return {each for each in found if isinstance(each, bpy.types.Object)}
+    return found

@@ -34,9 +34,10 @@ from .animation_curves import NotModelledError
 from .animation_time import animation_frames
 from .curve_reading import CurveBody, CurveEffect, EffectChunks, is_steady
 from .fed_rig import FedRig
+from .nearness import SkinBoxes, comes_near
 from .own_kinematics import Parents
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
-from .scene_rows import PoseRow, Row, effect_block, pose_block
+from .scene_rows import EffectRow, PoseRow, Row, effect_block, pose_block
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
 
@@ -73,7 +74,8 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
     plan = Plan()
     reasons = []
     parents = Parents()
-    for k, (effect, state) in enumerate(zip(found.effects, found.activations, strict=True)):
+    for k in found.awake:
+        effect, state = found.effects[k], found.activations[k]
         shape = None
         if effect.hfx.kind == "VOLUME" and is_steady(effect):
             shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
@@ -88,7 +90,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
             reasons.append(str(error))
     if not reasons:
         return plan
-    own = stepping.why_own_scene(found.scene)
+    own = stepping.why_own_scene(found.read)
     if own is None and found.simulation is not None:
         own = "particles move"
     return replace(
@@ -112,8 +114,16 @@ def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int,
     return fed
 
 
+def _is_mesh(found: HapticObjects, which: int) -> bool:
+    hfx = found.effects[which].hfx
+    return bool(hfx.kind == "VOLUME" and hfx.shape == "MESH")
+
+
 class Pass:
-    """One pass through the times of a scene, or through few single ones (``is_spotty``)."""
+    """One pass through the times of a scene, or through few single ones (``is_spotty``).
+
+    Of meshes that nothing comes near only the boxes are known, unless ``with_shapes``.
+    """
 
     def __init__(
         self,
@@ -127,16 +137,25 @@ class Pass:
         stretch_of: Callable[[int], tuple[int, int]],
         stack: ExitStack,
         is_spotty: bool = False,
+        with_shapes: bool = False,
     ) -> None:
         self._plan = plan
         self._found = found
         self._scene = scene
         self._reading = reading
         self._always_posed = always_posed
-        self._effects = [k for k in range(len(found.effects)) if k not in plan.effects]
+        self._effects = [k for k in found.awake if k not in plan.effects]
+        self._dormant = sorted({*range(len(found.effects))}.difference(found.awake))
         self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
-        self._volumes = [k for k, e in enumerate(found.effects) if e.hfx.kind in IN_SCENE]
+        self._volumes = [k for k in found.awake if found.effects[k].hfx.kind in IN_SCENE]
         self._chunks = EffectChunks(plan.effects, self._frames, is_spotty=is_spotty)
+        # Before anything is known of where they are, meshes are taken to be far.
+        self._meshes = [k for k in self._effects if k in self._volumes and _is_mesh(found, k)]
+        goes_back = not plan.in_own_scene and not with_shapes
+        reading.far = frozenset(self._meshes if goes_back or is_spotty else ())
+        self._is_judged = goes_back and not is_spotty and bool(self._meshes)
+        model_ids = {scene.effects[k].model_id for k in self._meshes}
+        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self._is_judged]
         self._last: Row | None = None
         self._cell = (0, -1)
         self._near: list[Volume] = []
@@ -191,7 +210,7 @@ class Pass:
             binding = self._scene.bodies[k].binding
             if isinstance(binding, SurfaceBinding):
                 return None
-            for model_id in {e.model_id for e in self._scene.effects if e.kind == "volume"}:
+            for model_id in {self._scene.effects[each].model_id for each in self._volumes}:
                 model, fitted = load_model(model_id), binding.fitted.get(model_id)
                 placed = model if fitted is None else fitted.of(model)
                 motions[k, model_id] = VertexMotion(placed, binding, tolerance)
@@ -282,16 +301,40 @@ class Pass:
                 effects[k] = effect_block([row.effects[k] for row in rows], modality)
                 if k in self._volumes:
                     wanted |= ~(effects[k].levels <= 0.0)
+        effects |= {k: self._silence(k, len(indices)) for k in self._dormant}
         poses: dict[int, PoseBlock] = {
             k: body.read(frames, wanted) for k, body in self._plan.bodies.items()
         }
         poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
+        if self._is_judged:
+            for k in self._come_near(rows, [poses[k] for k in range(len(poses))]):
+                modality = self._scene.effects[k].modality
+                effects[k] = effect_block([row.effects[k] for row in rows], modality)
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
             poses=tuple(poses[k] for k in range(len(poses))),
             history=history,
         )
+
+    def _come_near(self, rows: list[Row], poses: list[PoseBlock]) -> list[int]:
+        """Read the meshes themselves that come near skin, and of the others boxes from now on.
+
+        Those that were read again are returned.
+        """
+        skins = [skin.over(pose) for skin, pose in zip(self._skins, poses, strict=True)]
+        near = {k for k in self._meshes if comes_near([row.effects[k] for row in rows], skins)}
+        again = sorted(near & self._reading.far)
+        self._reading.far = frozenset(self._meshes).difference(near)
+        stepper = self._light
+        if again and stepper is not None:
+            for row in rows:
+                row.effects |= self._reading.read(row.index, stepper, again, ()).effects
+        return again
+
+    def _silence(self, which: int, count: int) -> EffectBlock:
+        """An effect that is not felt."""
+        return effect_block([EffectRow()] * count, self._scene.effects[which].modality)
 
     def _row(self, index: int, is_posed: bool) -> Row:
         """What is stepped at one time."""

@@ -6,8 +6,8 @@ Faults that make an export impossible are told here, before any time is evaluate
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import bpy
@@ -66,6 +66,19 @@ class HapticObjects:
     warnings: tuple[str, ...]
     simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # of the warnings: effects and bodies that have a fault
+    # Effects that are not felt at any time that is read, and why; nothing else of them is read.
+    dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
+
+    @property
+    def awake(self) -> list[int]:
+        """Effects that may be felt at some time, by their place."""
+        return [k for k, effect in enumerate(self.effects) if effect not in self.dormant]
+
+    @property
+    def read(self) -> list[bpy.types.Object]:
+        """All that is read of a scene: effects that may be felt, bodies, and what shows these."""
+        shown = [mesh for body in self.bodies for mesh in avatar_meshes.meshes_of(body)]
+        return [*(self.effects[k] for k in self.awake), *self.bodies, *shown]
 
     @property
     def unit_m(self) -> float:
@@ -263,7 +276,8 @@ def describe(
     states = dict(zip(found.effects, found.activations, strict=True))
 
     def work(effect: bpy.types.Object) -> EffectDescription:
-        if effect.hfx.kind == "VOLUME" and is_steady(effect):  # a bad mesh is told at once
+        is_volume = effect.hfx.kind == "VOLUME" and effect not in found.dormant
+        if is_volume and is_steady(effect):  # a bad mesh is told at once
             shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         return _describe_effect(effect, states[effect], found, ids)
 
@@ -276,7 +290,9 @@ def describe(
     posed = {
         each.model_id
         for effect, each in described.items()
-        if (each.kind == "volume" or always_posed) and states[effect].may_be_on(frames).any()
+        if effect not in found.dormant
+        and (each.kind == "volume" or always_posed)
+        and states[effect].may_be_on(frames).any()
     }
     posed |= {effect.model_id for effect in more}
     bindings, unbound = soundness.sorted_out(
@@ -330,7 +346,9 @@ def _describe_effect(
 ) -> EffectDescription:
     hfx = effect.hfx
     area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
-    if hfx.kind == "PAINTED":
+    if effect in found.dormant and hfx.kind in IN_SCENE:
+        area = HapticVolume(effect_values.falloff(hfx))  # it answers nothing, and has no relief
+    elif hfx.kind == "PAINTED":
         area = _painted_area(effect, found, ids)
     elif hfx.kind == "SURFACE":
         evaluated = effect.evaluated_get(found.layer.depsgraph)

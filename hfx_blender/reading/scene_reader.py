@@ -24,12 +24,12 @@ from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
 from ..report import shortened
-from . import instances, linked_files, play_space, scene_description, stepping, visibility
+from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
 from .effect_values import Shapes
 from .reading_plan import Pass, Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
-from .simulation import Simulation, moves_particles, simulated
+from .simulation import Simulation, goes_on_by_itself
 from .stepped_reading import SteppedReading
 
 BLOCK_SIZE = 32
@@ -103,6 +103,9 @@ class SceneReader:
     with_velocities : bool
         The same, exactly, and the time before each stretch, so that its first sample has a
         velocity.
+    with_shapes : bool
+        Read the meshes of volumes also where they are near no skin; else only their boxes are
+        told then.
     is_probed : bool
         Compare a few times with what Blender evaluates, which sets the scene's frame.
 
@@ -121,6 +124,7 @@ class SceneReader:
         tolerance: Tolerance = EXACT,
         with_positions: bool = False,
         with_velocities: bool = False,
+        with_shapes: bool = False,
         is_probed: bool = True,
     ) -> None:
         self.tolerance = tolerance
@@ -130,9 +134,11 @@ class SceneReader:
             layer = bpy.context.view_layer
         self._shapes = Shapes()
         self._with_velocities = with_velocities
+        self._with_shapes = with_shapes
         found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
-        found = replace(found, simulation=_simulation(scene, self.time))
+        found = replace(found, dormant=_dormant(found, self.time))
+        found = replace(found, simulation=_simulation(found, self.time, self._shapes))
         faults: dict[str, set[int]] = {}
         self._instances = instances.Instances(found, self.time, self._shapes, faults)
         more = self._instances.descriptions
@@ -178,7 +184,15 @@ class SceneReader:
         """What was mended, or is likely to be meant otherwise, and a user should know."""
         surfaces = (effect for effect in self._found.effects if effect.hfx.kind == "SURFACE")
         told = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
-        return (*self._shapes.notes, *(text for text, s in told.items() if s.warning))
+        told = {text: s for text, s in told.items() if s.warning}
+        asleep = self._found.dormant.items()
+        # That an effect is muted is told as a warning.
+        unfelt = (
+            f"effect '{effect.name}' {why}: nothing of it was read"
+            for effect, why in asleep
+            if why != dormant.MUTED
+        )
+        return (*self._shapes.notes, *told, *unfelt)
 
     def play_space_setting(self) -> dict[str, Any]:
         """Where devices of the room stand at all samples, as a track keeps it; or nothing."""
@@ -282,6 +296,7 @@ class SceneReader:
             stretch_of=self._stretch_of,
             stack=stack,
             is_spotty=is_spotty,
+            with_shapes=self._with_shapes,
         )
 
     def _has_history(self, index: int) -> bool:
@@ -339,9 +354,15 @@ class SceneReader:
         )
 
     def _truth(self, probes: list[int]) -> list[Row]:
-        everything = range(len(self._found.effects)), range(len(self._found.bodies))
+        everything = self._found.awake, range(len(self._found.bodies))
         found = self._found
-        with stepping.own_scene(found.scene, found.layer, found.simulation) as stepper:
+        stepped = stepping.own_scene(found.scene, found.layer, found.simulation)
+        if found.simulation is None and goes_on_by_itself(found.scene):
+            # What was not played through must not be disturbed, and nothing of it is felt.
+            stepped = stepping.scratch_scene(found.scene, found.read)
+        # What is compared are places and values, which no mesh has to be made for.
+        self._reading.far = frozenset(self._found.awake)
+        with stepped as stepper:
             return [self._reading.read(index, stepper, *everything) for index in probes]
 
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
@@ -350,10 +371,24 @@ class SceneReader:
             return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 
-def _simulation(scene: bpy.types.Scene, time: TimeBase) -> Simulation | None:
-    """What has to be played through before a scene is read; None: nothing goes on by itself."""
-    moves = simulated(scene) is not None
-    if not moves and not (instances.sources_of(scene) and moves_particles(scene)):
+def _dormant(found: scene_description.HapticObjects, time: TimeBase) -> dict[bpy.types.Object, str]:
+    """Effects that cannot be felt at any time that is read, and why."""
+    frames = dormant.frames_read(found.scene, time)
+    pairs = zip(found.effects, found.activations, strict=True)
+    reasons = ((effect, dormant.why_dormant(effect, state, frames)) for effect, state in pairs)
+    return {effect: why for effect, why in reasons if why is not None}
+
+
+def _simulation(
+    found: scene_description.HapticObjects, time: TimeBase, shapes: Shapes
+) -> Simulation | None:
+    """What has to be played through before a scene is read; None: the own scene is not stepped,
+    or nothing in it goes on by itself."""
+    scene = found.scene
+    if not goes_on_by_itself(scene):
+        return None
+    is_scratch = stepping.foreign_handler() is None and stepping.why_own_scene(found.read) is None
+    if is_scratch and not instances.Sources(found, shapes, time=time).objects:
         return None
     last = animation_frames(scene, np.array([time.frame_last + 1.0]))
     return Simulation(scene, int(np.ceil(last[0])))
@@ -361,7 +396,8 @@ def _simulation(scene: bpy.types.Scene, time: TimeBase) -> Simulation | None:
 
 def _same(row: Row, block: AnimationBlock) -> bool:
     """Whether a block of one time holds what was read at that time."""
-    for k, effect in enumerate(block.effects):
+    for k, read_effect in row.effects.items():
+        effect = block.effects[k]
         matrix = None if effect.matrices is None else effect.matrices[0]
         controls = None if effect.response is None else effect.response[0]
         other = EffectRow(
@@ -373,7 +409,7 @@ def _same(row: Row, block: AnimationBlock) -> bool:
             place=None if effect.place is None else effect.place[0],
             drive=None if effect.drive is None else effect.drive[0],
         )
-        if not effects_agree(row.effects[k], other):
+        if not effects_agree(read_effect, other):
             return False
     for k, pose in enumerate(block.poses):
         if not pose.valid[0]:

@@ -8,7 +8,7 @@ frames, and Blender interpolates between them. Baked ones are left as they are.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import bpy
 
@@ -61,11 +61,16 @@ class Simulation:
         self._is_played = True
 
 
-def simulated(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """An object that physics moves or deforms, in a scene or in what it shows instances of."""
+def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
+    """An object that physics moves or deforms, of some objects and of what they reach."""
     if not any(map(_is_simulated, bpy.data.objects)):
         return None
-    return next(filter(_is_simulated, _shown(scene)), None)
+    return next(filter(_is_simulated, _by_name(reached_from(start))), None)
+
+
+def goes_on_by_itself(scene: bpy.types.Scene) -> bool:
+    """Whether a scene shows anything that goes on from the frame before, felt or not."""
+    return simulated(scene.objects) is not None or moves_particles(scene)
 
 
 def moves_particles(scene: bpy.types.Scene) -> bool:
@@ -79,7 +84,7 @@ def moves_particles(scene: bpy.types.Scene) -> bool:
 
 def to_bake(scene: bpy.types.Scene) -> list[str]:
     """Warnings of simulations that playing does not give, but baking does."""
-    if simulated(scene) is None:
+    if simulated(scene.objects) is None:
         return []
     remapped = scene.render.frame_map_old != scene.render.frame_map_new
     found = []
@@ -99,7 +104,11 @@ def to_bake(scene: bpy.types.Scene) -> list[str]:
 
 def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Objects of a scene, and those that it reaches by way of them, by name."""
-    return sorted(reached_from(scene.objects), key=lambda obj: obj.name_full)
+    return _by_name(reached_from(scene.objects))
+
+
+def _by_name(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    return sorted(objects, key=lambda obj: obj.name_full)
 
 
 def _is_simulated(obj: bpy.types.Object) -> bool:

@@ -34,6 +34,7 @@ class _Settings:
     shape: Shape | None
     scale: npt.NDArray[np.float64] | None  # of a volume: shape space to local space, (3,)
     is_wind: bool
+    is_mesh: bool  # whose shape is read each time
 
 
 class SteppedReading:
@@ -68,6 +69,8 @@ class SteppedReading:
         self._settings: dict[int, _Settings] = {}
         self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
         self.times_stepped = 0
+        self.far: frozenset[int] = frozenset()
+        """Volumes with the shape of a mesh of which only the box is read: they are near no skin."""
         self.faults: dict[str, set[int]] = {} if faults is None else faults
         """Meshes that stopped to be volumes: what is wrong, and the samples at which it was."""
 
@@ -92,8 +95,8 @@ class SteppedReading:
         if not evaluated.is_evaluated or evaluated.hide_viewport:
             return EffectRow()
         known = self._settings.get(which)
-        if known is not None:
-            return self._moved(known, evaluated)
+        if known is not None and (which in self.far or not known.is_mesh):
+            return self._moved(known, evaluated, effect)
         hfx = evaluated.hfx
         values = EffectRow()
         if state.source is activation.Source.OFF:
@@ -114,7 +117,7 @@ class SteppedReading:
             if hfx.shape == "MESH" and _shows_only_instances(evaluated):
                 return EffectRow()
             try:
-                values.shape = self._shapes.shape_of(effect, evaluated)
+                values.shape = self._shape(which, evaluated)
             except InputError as error:
                 self.faults.setdefault(str(error), set()).add(index)
                 values.shape = self._shapes.last_of(effect)
@@ -127,9 +130,17 @@ class SteppedReading:
             self._keep(which, values, hfx)
         return values
 
+    def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
+        effect = self._found.effects[which]
+        box = None
+        if which in self.far and evaluated.hfx.shape == "MESH":
+            box = self._shapes.box_of(effect, evaluated)
+        return self._shapes.shape_of(effect, evaluated) if box is None else box
+
     def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
         """Remember the settings of an effect, if what was read of it holds nothing else."""
-        if hfx.kind == "SURFACE" or hfx.shape == "MESH" or row.response is not None:
+        is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH"
+        if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
             return
         is_volume, is_wind = hfx.kind == "VOLUME", hfx.modality == "wind"
         assert row.parameters is not None
@@ -141,9 +152,12 @@ class SteppedReading:
             row.shape,
             volumes.shape_scale(hfx) if is_volume else None,
             is_wind,
+            is_mesh,
         )
 
-    def _moved(self, known: _Settings, evaluated: bpy.types.Object) -> EffectRow:
+    def _moved(
+        self, known: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
+    ) -> EffectRow:
         """An effect of known settings, where it is now."""
         row = EffectRow(known.level, known.parameters, place=known.place, drive=known.drive)
         if known.scale is None and not known.is_wind:
@@ -155,6 +169,8 @@ class SteppedReading:
             world[:3] *= self._unit_m
             world[:3, :3] *= known.scale
             row.matrix, row.shape = world, known.shape
+            if known.is_mesh:
+                row.shape = self._shapes.box_of(effect, evaluated)
         return row
 
     def _response(

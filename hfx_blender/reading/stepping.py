@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from . import simulation as simulations
+from .reached import data_reached_from
 
 if TYPE_CHECKING:
     from .fed_rig import FedRig
@@ -146,12 +147,19 @@ def foreign_handler() -> str | None:
     return None
 
 
-def why_own_scene(scene: bpy.types.Scene) -> str | None:
-    """What a scratch scene could not reproduce; None if nothing of the kind is there."""
-    mover = simulations.simulated(scene)
+def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
+    """What a scratch scene of these objects could not reproduce; None: nothing of the kind.
+
+    What they do not reach, over any number of steps, does not matter.
+    """
+    mover = simulations.simulated(objects)
     if mover is not None:
         return f"physics moves '{mover.name}'"
-    for owner in _driven():
+    driven = list(_driven())
+    reached = data_reached_from(objects) if driven else set()
+    for owner in driven:
+        if owner not in reached:
+            continue
         for curve in owner.animation_data.drivers:
             for variable in curve.driver.variables:
                 if variable.type == "CONTEXT_PROP" or any(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,14 @@ _AROUND: Final = 1 / 16  # of the extent: beyond it the distance to the box is e
 _NEARLY: Final = 0.4  # of a distance is found ten times faster, and tells nearly as much
 _UNSURE: Final = 1e-9  # of the extent: nearer to the boundary a point may count for either side
 _FLATTEST: Final = 1e-12  # least extent over largest
+_BOX_CORNERS: Final = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
+_BOX_TRIANGLES: Final = np.array(
+    [
+        *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),
+        *((2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
+    ],
+    np.int32,
+)
 _SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as uniform
 
 
@@ -87,6 +95,17 @@ class MeshVolume:
         object.__setattr__(self, "_vertices", vertices)
         object.__setattr__(self, "_triangles", triangles)
         object.__setattr__(self, "note", note)
+
+    @classmethod
+    def box(cls, bounds: F64, name: str) -> Self:
+        """The box (2, 3) around a mesh, in its place where nothing comes near. It may be flat."""
+        made = object.__new__(cls)
+        corners = bounds[_BOX_CORNERS, np.arange(3)]
+        values = {"vertices": corners, "triangles": _BOX_TRIANGLES, "name": name, "note": ""}
+        values |= {"_vertices": corners, "_triangles": _BOX_TRIANGLES}
+        for key, value in values.items():
+            object.__setattr__(made, key, value)
+        return made
 
     def __getstate__(self) -> dict[str, Any]:
         """Only what is not made when it is asked for: that may be of this process's memory."""

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Effects that nobody can feel at any time that is read: nothing of theirs has to be read.
+
+They keep their place in the scene's description and in the track, and the report names them.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from .. import compat
+from ..engine.scene import TimeBase
+from ..stored_values import limited
+from . import activation, stepping
+from .adaptive_reading import grid_step
+from .animation_time import animation_frames
+from .scene_description import sample_frames
+
+F64 = npt.NDArray[np.float64]
+
+MUTED = "is muted"
+
+_INTENSITY = "hfx.intensity"
+
+
+def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
+    """Frames of the animation at all samples, and at those beside them that motion is read at.
+
+    With the part of the grid of :mod:`.adaptive_reading` that goes over either end, what is felt
+    at a sample does not depend on the range that is read.
+    """
+    beside = grid_step(time.rate_hz)
+    indices = np.arange(-beside, time.sample_count + beside)
+    return animation_frames(scene, sample_frames(time, indices))
+
+
+def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:
+    """Why an effect is not felt at any of these frames of the animation; None: it may be.
+
+    The text goes on after the effect's name.
+    """
+    if state is activation.SILENCED:
+        return MUTED
+    if state.source is activation.Source.OFF:
+        return "has clips, all of them muted"
+    if not state.may_be_on(frames).any():
+        return "is not on at any exported time"
+    if _is_powerless(effect, frames):
+        return "has intensity 0"
+    return None
+
+
+def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:
+    """Whether an effect's intensity is 0 at all of these frames, whatever happens."""
+    if stepping.foreign_handler() is not None:
+        return False  # it may set anything
+    spans = activation.spans_of_value(effect, _INTENSITY)
+    if spans is not None:
+        return not any(((frames >= a) & (frames <= b)).any() for a, b in spans)
+    return not _is_animated(effect) and limited(effect.hfx, "intensity") <= 0.0
+
+
+def _is_animated(effect: bpy.types.Object) -> bool:
+    data = effect.animation_data
+    if data is None:
+        return False
+    curves = [curve for each in compat.curve_collections(effect) for curve in each]
+    return any(curve.data_path == _INTENSITY for curve in (*curves, *data.drivers))
