@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import subprocess
 import sys
@@ -46,7 +47,12 @@ def test_a_pipeline_script_runs_and_ends(folder: Path, end: str) -> None:
     _, example = code("python")
     (folder / "script.py").write_text(example + end, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "script.py"], cwd=folder, capture_output=True, text=True, timeout=120
+        [sys.executable, "script.py"],
+        cwd=folder,
+        env={**os.environ, "PWD": str(folder)},  # as a shell there; Blender looks at it
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert done.returncode == 0, done.stderr
     written = done.stdout.splitlines()[-1]
