@@ -79,21 +79,31 @@ PIXELS: Final = Limit(float(1 << 26), "pixels")
 """Of one picture: 8192 x 8192."""
 
 UNPACKED: Final = Limit(float(1 << 28), "bytes")
-"""Of a packed file that are allowed however small it is; :func:`check_unpacked` is the rule."""
+"""That any file may become, however small it is; :func:`check_unfolded` is the rule."""
 
 PACKING: Final = 200.0
-"""How many times its own size a packed file may unfold to: recorded values pack 2 to 100 times."""
+"""How many times its own size a file may become: recorded values pack 2 to 100 times."""
 
 
-def check_unpacked(unpacked: float, packed: float, name: str) -> None:
-    """Refuse a small file that unfolds to a huge one, and what is too large anyhow.
+def check_unfolded(unfolded: float, size: float, name: str) -> None:
+    """Refuse a small file, of ``size`` bytes, that becomes a huge one.
 
     Raises
     ------
     TooLargeError
     """
-    if unpacked > PACKING * packed * _times.get():
-        UNPACKED.check(unpacked, name, f"{_shown(packed)} packed bytes would be")
+    if unfolded > PACKING * size * _times.get():
+        UNPACKED.check(unfolded, name, f"{_shown(size)} bytes would become")
+
+
+def check_unpacked(unpacked: float, packed: float, name: str) -> None:
+    """Refuse a small packed file that becomes a huge one, and what is too large anyhow.
+
+    Raises
+    ------
+    TooLargeError
+    """
+    check_unfolded(unpacked, packed, name)
     MEMORY.check(unpacked, name, "its arrays would take")
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -21,19 +21,17 @@ from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
 from ..stage_folders import stage_folder
 from ..stepwise import finish
-from . import csv_raster, npz_raster, raster_rules
+from . import csv_raster, npz_raster, raster_rules, wav
 from .curves import CurveTolerance
 from .files import format_of, read_signals, validate
 from .hjif import from_actuators
 from .registry import DEVICE_FORMATS, TRACK_FORMATS, DeviceFormat, TrackFormat, write
-from .signal_raster import raster_of
-from .signals import DEFAULT_TOLERANCE, distinct
-from .wav import SIDECAR_SUFFIX
-from .wav import SUFFIX as WAV_SUFFIX
+from .signal_raster import RATE_HZ, raster_of
+from .signals import DEFAULT_TOLERANCE, Signal, distinct
 from .written import Written, beside
 
 _READ_AGAIN: Final = 64 << 20  # bytes
-_BY_ROWS: Final = (csv_raster.SUFFIX, npz_raster.SUFFIX, WAV_SUFFIX)
+_BY_ROWS: Final = (csv_raster.SUFFIX, npz_raster.SUFFIX, wav.SUFFIX)
 
 
 def convert(
@@ -155,6 +153,7 @@ def _converted(
     told = tuple(note for each in signals for note in each.left_out)
     if all(each.is_silent for each in signals):
         raise InputError(f"{source}: holds no vibration.")
+    _refuse_unfolding(signals, found_device, kind, source)
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
         write_raster = from_actuators.write if kind == "hjif" else partial(write, kind)
@@ -177,10 +176,10 @@ def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
     Tables and sound are as large as their time: beyond ``_READ_AGAIN`` bytes the rules of their
     rows, kept before they are written, must do, and that they are no larger than what is read.
     """
-    if made.name.endswith(SIDECAR_SUFFIX):
+    if made.name.endswith(wav.SIDECAR_SUFFIX):
         return
     size = made.stat().st_size
-    if not made.name.endswith(WAV_SUFFIX):  # of which only the head is read
+    if not made.name.endswith(wav.SUFFIX):  # of which only the head is read
         file_limits.MEMORY.check(size, str(final), "it would have")
     if size > _READ_AGAIN and made.name.endswith(_BY_ROWS):
         return
@@ -192,6 +191,19 @@ def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
             f"{source}: cannot be converted to {final.name}, which would not be valid: "
             f"{place}{errors[0].message} [{errors[0].code}]."
         )
+
+
+def _refuse_unfolding(
+    signals: Sequence[Signal], device: DeviceConfig | None, kind: str, source: Path
+) -> None:
+    """Refuse a small file of envelopes that would become a huge table or sound."""
+    if device is None:
+        return  # envelopes again
+    lasts_s = max(each.duration_s for each in signals)
+    columns = sum(len(each.type.controls) for each in device.actuators)
+    is_sound = kind == "wav"
+    per_s = 2.0 * wav.RATE_HZ * len(device.actuators) if is_sound else 8.0 * RATE_HZ * columns
+    file_limits.check_unfolded(lasts_s * per_s, source.stat().st_size, str(source))
 
 
 def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:

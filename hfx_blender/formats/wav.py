@@ -35,6 +35,7 @@ from ..engine.rendering.waveform import (
 from ..errors import InputError
 
 SUFFIX: Final = ".wav"
+RATE_HZ: Final = 48_000
 SIDECAR_SUFFIX: Final = ".channels.json"
 
 SampleFormat = Literal["int16", "int24", "float32"]
@@ -73,7 +74,7 @@ def write(
     path: Path,
     *,
     sample_format: SampleFormat = "int16",
-    rate_hz: int = 48_000,
+    rate_hz: int = RATE_HZ,
 ) -> None:
     """Write a raster as WAV, and beside it which channel is which actuator.
 

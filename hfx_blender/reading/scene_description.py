@@ -95,13 +95,19 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     InputError
         There is no body or no effect, or one of them cannot be evaluated.
     """
+    # Evaluated copies may hold datablocks that were removed since; reading those would crash.
+    layer.update()
     # Blender does not notice by itself that a script has set a property of ``hfx``. Nothing
     # else is tagged: that would empty the caches of simulations.
-    graph = layer.depsgraph  # None: nothing of this layer was evaluated yet
-    for obj in (*effects.effects_of(scene), *effects.bodies_of(scene)) if graph else ():
-        if compat.properties(obj) != compat.properties(obj.evaluated_get(graph)):
-            obj.update_tag()
-    layer.update()
+    changed = [
+        obj
+        for obj in (*effects.effects_of(scene), *effects.bodies_of(scene))
+        if compat.properties(obj) != compat.properties(obj.evaluated_get(layer.depsgraph))
+    ]
+    for obj in changed:
+        obj.update_tag()
+    if changed:
+        layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(layer.layer_collection)
     bodies, told, left_out = _find_bodies(scene, layer, enabled)

@@ -544,7 +544,7 @@ def test_a_script_is_asked_about_before_it_runs(
 
 
 def test_an_approval_on_the_list_is_withdrawn_also_where_its_files_are_gone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from hfx_blender.devices.live import approval
 

@@ -193,7 +193,9 @@ def test_an_archive_is_not_unpacked_before_its_shapes_fit(tmp_path, key):
     lying = archive(raster, tmp_path, **{key: array((1 << 40, 16), 56 << 20)})
     refused(lambda: npz_raster.decode(lying, "x"), "an array of the wrong size")
     with file_limits.raised(0.2):
-        refused(lambda: npz_raster.decode(wrong, "x"), "bytes would be 5.* allowed are 53,687,091")
+        refused(
+            lambda: npz_raster.decode(wrong, "x"), "bytes would become 5.* allowed are 53,687,091"
+        )
 
 
 @pytest.mark.parametrize(
@@ -411,3 +413,12 @@ def test_a_point_of_a_curve_does_not_name_its_parameter(name):
     document = {"Version": 1.0, "Pattern": [{"ParameterCurve": curve}]}
     found = files.FILE_FORMATS["ahap"].validate(json.dumps(document).encode(), "a.ahap")
     assert any("HapticIntensityControl is 2" in each.message for each in found)
+
+
+@pytest.mark.parametrize("target", ["x.wav", "x.csv", "x.raster.npz"])
+def test_a_few_bytes_do_not_become_a_day_of_values(tmp_path, target):
+    """A stranger's find: within a day, and eight gigabytes of sound."""
+    (tmp_path / "long.haptic").write_text(json.dumps(haptic(86_399.0)))
+    with pytest.raises(TooLargeError, match=r"would become .* allowed are 268,435,456 bytes"):
+        convert(tmp_path / "long.haptic", tmp_path / target, device="phone_lra")
+    assert [path.name for path in tmp_path.iterdir()] == ["long.haptic"]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import Actuator, DeviceConfig
 from ...engine.samples import SampleRun
-from .messages import Array, MessageError, pack, unpack
+from .messages import Array, MessageError, as_row, pack, unpack
 
 F64 = npt.NDArray[np.float64]
 
@@ -175,11 +175,11 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
         return haptics.neutral
     columns = haptics.columns
     if not isinstance(answer, Mapping):
-        values = np.asarray(answer, np.float64)
+        values = as_row(answer)
         if values.shape != (len(columns),):
             raise ValueError(
-                f"the script returned values of shape {values.shape}, "
-                f"expected ({len(columns)},): one for each control of each actuator"
+                f"the script returned values of shape {np.shape(answer)}, expected "
+                f"({len(columns)},): one number for each control of each actuator"
             )
         return values
     place = {column: k for k, column in enumerate(columns)}

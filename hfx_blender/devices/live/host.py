@@ -41,6 +41,7 @@ from .messages import (
     read_message,
     values_from,
 )
+from .output import Output
 from .outputs import open_output
 from .render_process import Questions, RenderProcess
 from .script_process import ScriptProcess
@@ -220,10 +221,16 @@ class Host:
             self._report("lost", number, text=str(error))
             return
         output = wish.get("output")
+
+        def opened() -> Output:
+            if before is not None:
+                before.wait_closed()  # it may have the same port
+            return open_output(device, output if isinstance(output, dict) else {})
+
         lane = Lane(
             number,
             device,
-            partial(open_output, device, output if isinstance(output, dict) else {}),
+            opened,
             self._report,
             offset_s=_offset_s(wish),
             clock=self._clock,

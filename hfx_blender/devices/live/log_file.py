@@ -16,8 +16,8 @@ from typing import Final
 
 from .output import OutputLostError
 
-HEAD_BYTES: Final = 1 << 20
-"""So much of a file is read to know whose it is."""
+MOST_BYTES: Final = 1 << 28
+"""A larger file is no log of ours, which begin anew long before."""
 
 _FLAGS: Final = (
     getattr(os, "O_NONBLOCK", 0)
@@ -35,7 +35,7 @@ def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
     ----------
     path : Path
     is_ours : callable, optional
-        Tells from its beginning whether an old file may be overwritten; None: none may. An
+        Tells from all that an old file holds whether it may be overwritten; None: none may. An
         empty one may.
 
     Raises
@@ -59,8 +59,10 @@ def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
     descriptor = os.open(path, os.O_RDWR | _FLAGS)
     try:
         _require_regular(path, os.fstat(descriptor))
-        head = os.read(descriptor, HEAD_BYTES)
-        if head and not is_ours(head):
+        size = os.fstat(descriptor).st_size
+        with os.fdopen(os.dup(descriptor), "rb") as file:
+            is_known = size <= MOST_BYTES and (not size or is_ours(file.read(MOST_BYTES)))
+        if not is_known:
             raise OutputLostError(
                 f"{path} is no log of this output; it is not overwritten: name another file."
             )
@@ -75,6 +77,8 @@ def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
 
 def _require_regular(path: Path, found: os.stat_result) -> None:
     if stat.S_ISREG(found.st_mode):
+        if found.st_nlink > 1:
+            raise OutputLostError(f"{path} has another name, too; a log is a file of its own.")
         return
     kinds = {stat.S_IFLNK: "a link", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe"}
     kind = kinds.get(stat.S_IFMT(found.st_mode), "no regular file")

@@ -105,8 +105,18 @@ def read_message(stream: IO[bytes]) -> Message | None:
 
 
 def values_to(values: npt.ArrayLike) -> bytes:
-    """Values (columns,) as a body."""
-    return np.ascontiguousarray(values, "<f8").tobytes()
+    """Values (columns,) as a body; what is no row of numbers is no value, which is a fault."""
+    return as_row(values).astype("<f8").tobytes()
+
+
+def as_row(values: Any) -> F64:
+    """A row of numbers; empty if it is anything else, such as texts, truths or a table."""
+    try:
+        found = np.asarray(values)
+        is_row = found.ndim == 1 and found.dtype.kind in "fiu"
+        return found.astype(np.float64) if is_row else np.zeros(0)
+    except (TypeError, ValueError, OverflowError):
+        return np.zeros(0)
 
 
 def values_from(body: bytes) -> F64:

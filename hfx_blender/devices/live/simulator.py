@@ -68,12 +68,20 @@ class Simulator:
             raise OutputLostError(f"the simulator's file cannot be written ({error})") from None
 
 
-def _is_log(head: bytes) -> bool:
-    """Whether a file begins with a line of a simulator's."""
-    line, end, _ = head.partition(b"\n")
+def _is_log(content: bytes) -> bool:
+    """Whether a simulator wrote all lines of a file; the last may have been cut off."""
+    *lines, rest = content.split(b"\n")
+    return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
+
+
+_START: Final = b'{"time_s": '
+
+
+def _is_line(line: bytes) -> bool:
+    if not line.startswith(_START):
+        return False
     try:
         found = json.loads(line)
     except (ValueError, RecursionError):
         return False
-    keys = set(found) if isinstance(found, dict) else set()
-    return bool(end) and keys in ({"time_s", "values"}, {"time_s", "stop"})
+    return set(found) in ({"time_s", "values"}, {"time_s", "stop"})

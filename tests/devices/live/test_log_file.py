@@ -39,6 +39,15 @@ def opened(kind: str, path: Path):
     return found[0]
 
 
+def test_a_log_that_has_another_name_stays_as_it_is(tmp_path):
+    log = b'{"time_s": 1.0, "stop": true}\n'
+    (tmp_path / "thesis.txt").write_bytes(log)
+    os.link(tmp_path / "thesis.txt", tmp_path / "log.jsonl")
+    with pytest.raises(OutputLostError, match="another name"):
+        opened("simulator", tmp_path / "log.jsonl")
+    assert (tmp_path / "thesis.txt").read_bytes() == log
+
+
 @pytest.mark.parametrize("kind", ["simulator", "csv"])
 @pytest.mark.parametrize(
     "content",
@@ -48,6 +57,9 @@ def opened(kind: str, path: Path):
         b"[1]\n",
         b'{"time_s": 1, "values": [1], "mine": 2}\n',
         b'{"time_s": 1.0, "values": [1.0]}',  # a line that has no end may be anything's beginning
+        b'{"time_s": 1.0, "stop": true}\nand notes of my own\n',
+        b'{"time_s": 1.0, "stop": true}\n{"mine": 1}\n',
+        b'{"time_s": 1.0, "stop": true}\nnotes without an end',
         b"\x00" * 10,
         b"[" * 100_000,
         b"a,b\n1,2\n",

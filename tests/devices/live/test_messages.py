@@ -81,6 +81,25 @@ def test_values_that_are_not_whole_numbers_of_bytes_are_no_values():
     assert values_from(b"1234567").shape == (0,)
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "hello",
+        ["5"] * 16,
+        [True] * 16,
+        [1j],
+        [[1.0, 2.0]] * 8,
+        {"a": 1},
+        [10**400],
+        [object()],
+        3.0,
+    ],
+)
+def test_what_is_no_row_of_numbers_is_no_value(wrong):
+    """A device that gets none has a fault, and is silent."""
+    assert not len(values_from(values_to(wrong)))
+
+
 def test_arrays_keep_their_names_types_and_shapes():
     arrays = {
         "a": np.arange(6, dtype=np.int32).reshape(2, 3),
