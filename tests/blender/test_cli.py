@@ -326,6 +326,11 @@ def test_one_bad_scene_costs_the_others_nothing(
 # Stopping it
 
 
+def _ends_at_hang_up() -> None:
+    """Undo what ``nohup`` asks for, under which these tests may run."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 @pytest.fixture
 def long_export(blend: Path, tmp_path: Path) -> Any:
     """An export of minutes that has begun to write; ended with the test."""
@@ -344,6 +349,7 @@ def long_export(blend: Path, tmp_path: Path) -> Any:
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
+            preexec_fn=_ends_at_hang_up if hasattr(signal, "SIGHUP") else None,
         )
         running.append(started)
         until = time.monotonic() + 60
