@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 import bpy
 from bpy_extras import anim_utils
+
+TELLS_OWNERS_OF_PATHS = hasattr(bpy.types.BlendData, "file_path_map")
 
 
 def fcurves(owner: bpy.types.ID) -> list[bpy.types.FCurve]:
@@ -131,3 +134,29 @@ def _plain(value: Any) -> object:
     if hasattr(value, "to_list"):
         return value.to_list()
     return [_plain(each) for each in value] if isinstance(value, list) else value
+
+
+def file_path_map() -> Mapping[bpy.types.ID, set[str]]:
+    """Paths of external files, by the datablocks that they are stored in.
+
+    Before 4.4 Blender tells the paths, but not whose they are: those of what has a path of its
+    own are found, all others (of modifiers and particles) stand with the first of the objects.
+    """
+    if TELLS_OWNERS_OF_PATHS:
+        return bpy.data.file_path_map()
+    owners = chain(
+        *(bpy.data.libraries, bpy.data.images, bpy.data.sounds, bpy.data.movieclips),
+        *(bpy.data.cache_files, bpy.data.volumes, bpy.data.fonts, bpy.data.texts),
+    )
+    found = {each: {each.filepath} for each in owners if each.filepath not in ("", "<builtin>")}
+    known = {
+        bpy.path.abspath(raw, library=owner.library)
+        for owner, paths in found.items()
+        for raw in paths
+    }
+    for path in bpy.utils.blend_paths(absolute=True, packed=True):
+        if path not in known and bpy.data.objects:
+            raw = bpy.path.relpath(path) if bpy.data.filepath else path
+            is_below = raw.startswith("//") and not raw.startswith("//..")
+            found.setdefault(bpy.data.objects[0], set()).add(raw if is_below else path)
+    return found

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import bpy
 
+from .. import compat
 from ..file_hash import FRAMES
 
 
@@ -70,12 +71,16 @@ def _is_gone(each: LinkedFile) -> bool:
 
 def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
     """Whose path it is, the path as it is stored, and whether something must be there."""
-    for owner, paths in bpy.data.file_path_map().items():
+    folders = {
+        bpy.path.abspath(raw, library=obj.library)
+        for obj in bpy.data.objects
+        for raw in _folders_of(obj)
+    }
+    for owner, paths in compat.file_path_map().items():
         if isinstance(owner, bpy.types.Text) or _is_packed(owner):
             continue  # the .blend holds them
-        own = _folders_of(owner) if isinstance(owner, bpy.types.Object) else set()
         for raw in paths:
-            yield owner, raw, raw not in own
+            yield owner, raw, bpy.path.abspath(raw, library=owner.library) not in folders
     for obj in bpy.data.objects:
         for raw in _folders_of(obj):
             yield obj, raw, False

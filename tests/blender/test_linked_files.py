@@ -13,7 +13,7 @@ from typing import Any
 import hfx_scenes
 import pytest
 
-from hfx_blender import cli, file_hash
+from hfx_blender import cli, compat, file_hash
 from hfx_blender.errors import InputError
 from hfx_blender.reading.linked_files import linked_files
 
@@ -130,13 +130,22 @@ REACHES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("reach", REACHES, ids=lambda each: each.__name__[1:])
+@pytest.mark.parametrize(
+    ("reach", "tells_owners"),
+    [(each, True) for each in REACHES]
+    + [(each, False) for each in (_mesh_cache, _row, _baked, _external_cache)],
+    ids=lambda each: each.__name__[1:] if callable(each) else "" if each else "before 4.4",
+)
 def test_what_a_scene_reaches_counts(
     base: Path,
     tmp_path: Path,
     is_left_out: IsLeftOut,
     reach: Callable[[Any, Path], list[Path]],
+    tells_owners: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if not tells_owners:
+        monkeypatch.setattr(compat, "TELLS_OWNERS_OF_PATHS", False)
     folder = tmp_path / "here"
     folder.mkdir()
     other = _user(base, folder, "user")
