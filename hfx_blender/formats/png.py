@@ -68,8 +68,9 @@ def read(path: Path) -> tuple[Grey, bool]:
     """
     try:
         content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    except (OSError, ValueError) as error:  # ValueError: no system has a file of such a name
+        told = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({told}).") from error
     try:
         return decode(content, str(path))
     except InputError:

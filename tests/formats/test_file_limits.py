@@ -422,3 +422,10 @@ def test_a_few_bytes_do_not_become_a_day_of_values(tmp_path, target):
     with pytest.raises(TooLargeError, match=r"would become .* allowed are 268,435,456 bytes"):
         convert(tmp_path / "long.haptic", tmp_path / target, device="phone_lra")
     assert [path.name for path in tmp_path.iterdir()] == ["long.haptic"]
+
+
+@pytest.mark.parametrize("name", ["a\ud800.png", "a\0.png"])
+def test_a_name_that_no_file_can_have_is_refused(tmp_path, name):
+    """A fuzzer's find: such a name stands in the JSON of a haptic map."""
+    with pytest.raises(InputError, match="cannot be read"):
+        png.read(tmp_path / name)
