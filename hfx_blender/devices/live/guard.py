@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.limits import DeviceLimits
+from .messages import as_row
 from .time_on import Account, TimeOn
 
 F64 = npt.NDArray[np.float64]
@@ -87,13 +88,8 @@ class Guard:
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
     """Values (count,); not a number wherever something else was handed over."""
-    try:
-        values = np.asarray(wanted)
-    except (TypeError, ValueError):
-        values = np.zeros(0)
-    if values.shape != (count,) or values.dtype.kind not in "fiu":  # no texts, no truths
-        return np.full(count, np.nan)
-    return values.astype(np.float64)
+    values = as_row(wanted)
+    return values if values.shape == (count,) else np.full(count, np.nan)
 
 
 def _slewed(given: F64, wanted: F64, silent: F64, rise: F64) -> F64:
