@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.body.model import PerceptualModel, load_model
-from ..engine.body.skinned_model import SkinnedModel
 from ..engine.samples import SampleRun, Stream
 from ..engine.scene import SkinBinding
+from ..engine.skin.skinned_model import SkinnedModel
 from ..engine.tolerance import Tolerance
 from ..engine.volume.placement import inverse_placement
 from . import trade_errors

@@ -349,7 +349,7 @@ def _write_report(path: Path, results: list[dict[str, Any]]) -> None:
 def _check(options: argparse.Namespace) -> None:
     """Refuse what no scene could be exported with, before any of them is opened."""
     from ..devices.configuration import load_device
-    from ..engine.on_demand import ON_DEMAND
+    from ..engine.areas.on_demand import ON_DEMAND
     from ..formats.registry import FORMATS
 
     unknown = [name for name in options.formats or () if name not in FORMATS]

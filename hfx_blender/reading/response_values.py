@@ -10,8 +10,8 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import responses
 from ..authoring.response_animation import PATH
-from ..engine.response.controls import WIDTH, Filter, Kind
-from ..engine.response.envelope import longest_s
+from ..engine.response_filters.controls import WIDTH, Filter, Kind
+from ..engine.response_filters.envelope import longest_s
 from ..engine.scene import TimeBase
 from ..stored_values import limited
 from .animation_time import animation_frames

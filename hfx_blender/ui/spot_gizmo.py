@@ -71,7 +71,7 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
     """Where a point is on its body as that stands, the skin's normal along Z; None: nowhere."""
     import numpy as np
 
-    from ..engine.spot import places_on
+    from ..engine.areas.spot import places_on
 
     try:
         depsgraph = context.evaluated_depsgraph_get()

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from hfx_blender.engine.body.building import skeleton, source
 from hfx_blender.engine.body.model import Avatar, PerceptualModel, SkinWeights, load_avatar
-from hfx_blender.engine.body.retargeting.target import TargetAvatar
+from hfx_blender.engine.retargeting.target import TargetAvatar
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -17,13 +17,13 @@ from typing import Final
 import numpy as np
 
 from ....errors import InputError
+from ...retargeting.joints import skeletons_of
+from ...retargeting.pose import matrices, posed
+from ...retargeting.shapes import SHAPES_FILE, ShapeFields, save
+from ...retargeting.target import TargetAvatar
+from ...retargeting.turns import apply
 from ..mesh_edit import F64, I64
 from ..model import Avatar
-from ..retargeting.joints import skeletons_of
-from ..retargeting.pose import matrices, posed
-from ..retargeting.shapes import SHAPES_FILE, ShapeFields, save
-from ..retargeting.target import TargetAvatar
-from ..retargeting.turns import apply
 from ..rigs.mapping import BoneMapping, RigBone, map_bones
 from . import skeleton
 from . import source as source_data
