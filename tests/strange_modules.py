@@ -15,7 +15,7 @@ NOT_OURS = {"encodings"}
 
 CHILDREN = (
     "batch.worker",
-    "demo.pictures",
+    "maintenance.demo.pictures",
     "devices.live.host",
     "devices.live.render_worker",
     "devices.live.script_worker",
