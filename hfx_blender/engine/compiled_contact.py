@@ -37,7 +37,7 @@ Found = tuple[I64, I64, I64, I32, gathering.Weights]
 
 
 def is_possible(effect: EffectBlock, skin: BodySkin) -> bool:
-    """Whether the library is there and knows this volume and what moves the body."""
+    """Test that the library is there and supports this volume and this body's binding."""
     return isinstance(skin.surface, SkinnedModel) and is_known(effect.shapes)
 
 
@@ -110,7 +110,7 @@ def begin(
 
 
 def _posing(skin: BodySkin, reached: reach.Reached) -> native.Posing:
-    """How places come about; skin that is covered or followed is filled in."""
+    """Source of positions for the library; fills in skin that is covered or followed."""
     assert isinstance(skin.surface, SkinnedModel)
     if len(reached.wide):
         skin.skin.table.need(reached.wide)

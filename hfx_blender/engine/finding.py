@@ -36,7 +36,7 @@ _AT_ONCE: Final = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What has been found so far, at rows and vertices of all clusters that are needed."""
+    """Contact accumulator: results so far, at rows and vertices of all clusters that are needed."""
 
     placed: Placed
     counters: Counters
@@ -50,7 +50,7 @@ class Found:
     def none_yet(
         cls, placed: Placed, needed: Bool, counters: Counters, with_details: bool
     ) -> Found:
-        """Nothing, of the rows and clusters ``needed`` (n, clusters)."""
+        """Empty accumulator for the rows and clusters ``needed`` (n, clusters)."""
         is_column = needed.any(axis=0)[placed.skin.cluster_of]
         columns = np.flatnonzero(is_column).astype(np.int32)
         shape = len(placed.rows), len(columns)
@@ -117,7 +117,7 @@ class Found:
             self._follow(skin, followed[row, pair])
 
     def _look_natively(self, pairs: reach.Pairs, some: I64) -> None:
-        """The same by the library."""
+        """:meth:`look_at_skin` by the library."""
         placed, table = self.placed, self.placed.skin.skin.table
         surface, target = placed.skin.surface, placed.target
         posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
@@ -146,7 +146,7 @@ class Found:
         )
 
     def _allowed_m(self, some: I64, clusters: I64, rows: I64) -> F64:
-        """How far skin of pairs of ``some`` clusters may be from its samples, metres (pairs,)."""
+        """Accepted distance of the skin of cluster-row pairs from its samples, metres (pairs,)."""
         placed, distance_m = self.placed, self.placed.skin.skin.tolerance.distance_m
         if not math.isfinite(distance_m):
             return np.full(len(clusters), distance_m)

@@ -13,14 +13,14 @@ I64 = npt.NDArray[np.int64]
 
 
 def ramp(counts: I64) -> tuple[I64, I64]:
-    """For counts 2, 3: steps 0 1 0 1 2 and owners 0 0 1 1 1."""
+    """Steps and owners of counts: for 2, 3 they are 0 1 0 1 2 and 0 0 1 1 1."""
     owners = np.repeat(np.arange(len(counts)), counts)
     steps = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     return steps, owners
 
 
 def lacking(is_there: npt.NDArray[np.bool_], wanted: I64) -> I64:
-    """Those of some numbers for which nothing is there, each once, ascending."""
+    """Numbers in ``wanted`` for which nothing is there, each once, ascending."""
     known = is_there[wanted]
     return np.zeros(0, np.int64) if known.all() else np.unique(wanted[~known])
 

@@ -25,7 +25,7 @@ _ENTRIES: Final = (
 
 
 def joined(blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]) -> list[SampleRun]:
-    """One run for each stream of some blocks of time, which follow each other.
+    """Join the runs of successive blocks into one run for each stream.
 
     Parameters
     ----------

@@ -20,13 +20,13 @@ ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotatio
 
 
 def rotation_channel(mode: str) -> str:
-    """The channel that turns a bone or an object in one of Blender's rotation modes."""
+    """Name of the rotation channel of a bone or an object in one of Blender's rotation modes."""
     return ROTATION_CHANNELS.get(mode, "rotation_euler")
 
 
 @dataclass(frozen=True, eq=False)
 class KeyedRig:
-    """What does not change over time about B bones, as plain data.
+    """Constant data of B bones that follow their keyed channels.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ Danieau et al. 2018, section 4.1), so one neutral temperature cannot serve both.
 
 @dataclass(frozen=True)
 class Parameter:
-    """One physical parameter of a modality."""
+    """Physical parameter of a modality."""
 
     name: str
     unit: str

@@ -48,7 +48,7 @@ class RunMaker:
 
     @property
     def wants_motion(self) -> bool:
-        """Whether samples carry positions or velocities."""
+        """Test for recorded positions or velocities."""
         return bool(self.record & {"positions", "velocities"})
 
     def run(

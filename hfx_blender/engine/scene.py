@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The door in: a scene as plain data, free of Blender.
+"""Engine input: immutable scene description, independent of Blender.
 
 A :class:`SceneDescription` says what there is and does not change over time; blocks of
 :class:`AnimationBlock` say what is where at which time. Spaces: *world* is the scene's, metres;
@@ -31,7 +31,7 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TimeBase:
-    """When samples are taken.
+    """Times of the samples.
 
     Sample ``i`` is taken ``i / rate_hz`` after ``frame_first``, at a sub-frame if it falls
     between frames. Time zero is the scene's own first frame, whatever range is exported.
@@ -72,7 +72,7 @@ class TimeBase:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceAnchors:
-    """Where one model's vertices lie on an avatar's surface."""
+    """Anchors of one model's vertices on an avatar's surface."""
 
     corners: I32  # (V, 3) vertices of the avatar's mesh
     weights: F64  # (V, 3) barycentric, sum 1
@@ -91,7 +91,7 @@ class FittedModel:
     anchors: SurfaceAnchors  # offsets in the unit of the vertices
 
     def of(self, model: PerceptualModel) -> PerceptualModel:
-        """The model as it stands on this body."""
+        """Copy of the model with this body's places and bones."""
         return replace(
             model, vertices=self.vertices, bone_names=self.bone_names, weights=self.weights
         )
@@ -115,7 +115,7 @@ class SurfaceBinding:
 
 @dataclass(frozen=True, eq=False)
 class BodyDescription:
-    """One haptic body."""
+    """Haptic body of the scene."""
 
     id: str
     name: str
@@ -190,7 +190,7 @@ Kind = Literal["painted", "volume", "spot", "actuators"]
 
 @dataclass(frozen=True, eq=False)
 class EffectDescription:
-    """One effect of the scene, of one modality."""
+    """Effect of the scene, of one modality."""
 
     id: str
     name: str
@@ -202,7 +202,9 @@ class EffectDescription:
 
     @property
     def kind(self) -> Kind:
-        """Where it is at home: on the body, in the scene (volumes and surfaces), on a device."""
+        """Kind of the effect's area: on the body, in the scene (volumes and surfaces), on
+        a device.
+        """
         if isinstance(self.area, PaintedArea):
             return "painted"
         if isinstance(self.area, SpotArea):
@@ -212,7 +214,7 @@ class EffectDescription:
 
 @dataclass(frozen=True, eq=False)
 class SceneDescription:
-    """Everything of a scene that does not change over time."""
+    """Description of a scene: everything that does not change over time."""
 
     time: TimeBase
     bodies: tuple[BodyDescription, ...]
@@ -223,7 +225,7 @@ class SceneDescription:
 
 @dataclass(frozen=True, eq=False)
 class EffectBlock:
-    """One effect over the times of a block.
+    """Animated values of one effect over a block.
 
     Rows where ``levels`` is 0 may hold anything else.
     """
@@ -239,7 +241,7 @@ class EffectBlock:
     drive: F64 | None = None  # (T, A) actuators only; strength of each, 0..1
 
     def shapes_at(self, rows: I64) -> I64:
-        """Which of the shapes a volume has at some rows."""
+        """Index of the volume's shape at some rows, (k,)."""
         if self.shape_index is None:
             return np.zeros(len(rows), np.int64)
         return self.shape_index[rows].astype(np.int64)
@@ -247,7 +249,7 @@ class EffectBlock:
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:
-    """One body over the times of a block. Rows where ``valid`` is False were not read."""
+    """Animated pose of one body over a block. Rows where ``valid`` is False were not read."""
 
     valid: Bool  # (T,)
     to_world: F64  # (T, 4, 4) armature (or avatar, for a surface binding) to world
@@ -257,7 +259,7 @@ class PoseBlock:
 
 @dataclass(frozen=True, eq=False)
 class AnimationBlock:
-    """What is where, at some times of the time base.
+    """Animated state of a scene at some times of the time base.
 
     ``indices`` ascend and may have gaps (times at which nothing can be felt are left out).
     The first ``history`` rows were evaluated before; they are only there so that velocities

@@ -19,7 +19,7 @@ _BULGE_LIMIT: Final = 0.25  # of a triangle's size; more is a crease, not a curv
 
 
 def closeness(areas_m2: npt.NDArray[np.float32]) -> F64:
-    """One over the spacing of vertices that have these areas, but for a factor."""
+    """Reciprocal spacing of vertices with these areas, up to a constant factor."""
     return (1.0 / np.sqrt(np.maximum(areas_m2, 1e-12))).astype(np.float64)
 
 

@@ -29,14 +29,16 @@ SETTING: Final = "surface_drive"
 
 @dataclass(frozen=True)
 class SurfaceDrive:
-    """What a surface was sampled with, where a device's own c_v may take its place."""
+    """Sampled drive of a surface, where a device's own c_v may take its place."""
 
     drive_per_m: float
     full_m_s2: float  # amplitude of a drive of 1
 
     @classmethod
     def of(cls, texture: SurfaceTexture) -> SurfaceDrive | None:
-        """None where c_v is none of the device: micro-collisions, or stated for the object."""
+        """Drive of a texture; None where c_v is not the device's: micro-collisions, or set for the
+        object.
+        """
         by_heights = texture.renderer is not Renderer.MCHA
         if not (by_heights and texture.is_calibrated and texture.drive_per_m > 0.0):
             return None

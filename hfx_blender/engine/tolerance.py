@@ -17,7 +17,7 @@ from ..errors import UsageError
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The error that is acceptable, in space, in time and in strength.
+    """Accepted error in space, in time and in strength.
 
     ``spacing_share`` and ``distance_m`` both bound where the edge of a contact may be found:
     the smaller of the share of the local spacing of vertices, as they are posed, and the distance,
@@ -41,11 +41,11 @@ class Tolerance:
 
     @property
     def is_bounded(self) -> bool:
-        """Whether it bounds where the edge of a contact may be found."""
+        """Test for a bound on the edge of a contact."""
         return math.isfinite(min(self.spacing_share, self.distance_m))
 
     def edge_m(self, spacing_m: float) -> float:
-        """How far off the edge of a contact may be where vertices are ``spacing_m`` apart."""
+        """Largest error of a contact's edge where vertices are ``spacing_m`` apart, metres."""
         return min(self.spacing_share * spacing_m, self.distance_m)
 
 

@@ -23,7 +23,7 @@ I64 = npt.NDArray[np.int64]
 def driven(
     name: str, area: ActuatorArea, animated: EffectBlock, rows: I64, counters: Counters
 ) -> tuple[I64, Drive]:
-    """Those of some rows of a block at which any actuator is driven, and how strongly."""
+    """Rows of a block at which any actuator is driven, and their drive."""
     assert animated.drive is not None
     values = animated.drive[rows]
     is_known = np.isfinite(values).all(axis=1)
@@ -38,7 +38,7 @@ def driven(
 
 
 def gains_of(drive: Drive, device_id: str, actuators: Sequence[str]) -> F64:
-    """How strongly A actuators of a device are driven, (n, A); 0 for any other device."""
+    """Gains of A actuators of a device, (n, A); 0 for any other device."""
     gains = np.zeros((len(drive.values), len(actuators)))
     if drive.device_id == device_id:
         place = {actuator: k for k, actuator in enumerate(drive.actuators)}

@@ -26,7 +26,7 @@ _CLOSEST: Final = 3  # vertices that one between them takes its weight from
 
 @lru_cache(maxsize=8)
 def _links(model: PerceptualModel) -> tuple[I64, I64]:
-    """Each edge once in each direction: from, to."""
+    """Directed edges of a model's mesh: from and to, (2 E,) each, both directions of every edge."""
     triangles = model.triangles.astype(np.int64)
     ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     ends = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
@@ -34,7 +34,7 @@ def _links(model: PerceptualModel) -> tuple[I64, I64]:
 
 
 def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Each vertex takes the strongest weight among itself and its neighbours, ``steps`` times."""
+    """Dilate an area: each vertex takes the largest weight around it, ``steps`` times."""
     one, other = _links(model)
     for _ in range(steps):
         grown = weights.copy()
@@ -44,12 +44,12 @@ def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def shrink(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Each vertex takes the weakest weight among itself and its neighbours, ``steps`` times."""
+    """Erode an area: each vertex takes the smallest weight around it, ``steps`` times."""
     return 1.0 - grow(model, 1.0 - weights, steps)
 
 
 def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Each vertex moves half way to the mean of its neighbours, ``steps`` times."""
+    """Smooth an area: each vertex moves half way to the mean of its neighbours, ``steps`` times."""
     one, other = _links(model)
     count = np.maximum(np.bincount(one, minlength=len(weights)), 1)
     for _ in range(steps):

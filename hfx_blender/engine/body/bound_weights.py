@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The weights of a model that is bound to the bones of a body."""
+"""Skin weights of a perceptual model, bound to the bones of one body."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ I64 = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class BoundWeights:
-    """How much each of a body's bones moves each vertex; in each vertex that is 1 together."""
+    """Skin weights of each vertex, which sum to 1, as indices of the body's bones."""
 
     offsets: I64  # (V + 1,) each vertex's first weight
     bones: I64  # (E,)
@@ -32,7 +32,7 @@ class BoundWeights:
 
     @classmethod
     def of(cls, model: PerceptualModel, bone_names: tuple[str, ...]) -> BoundWeights:
-        """Those of a model, which must not change, on a body with these bones.
+        """Return the weights of a model, which must not change, on a body with these bones; cached.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class BoneBoxes:
 
     @classmethod
     def of(cls, weights: BoundWeights, clusters: list[I32]) -> Self:
-        """Of some clusters, none of which is empty."""
+        """Boxes of the clusters, none of which may be empty."""
         if native.is_there():
             return cls(*weights.clusters(clusters).bone_boxes())
         members = np.concatenate(clusters)
@@ -134,13 +134,13 @@ class BoneBoxes:
 
     @cached_property
     def centres(self) -> F64:
-        """Of the boxes, (P, 3)."""
+        """Centres of the boxes, (P, 3)."""
         centres: F64 = (self.low + self.high) / 2
         return centres
 
     @cached_property
     def halves(self) -> F64:
-        """Of their edges, (P, 3)."""
+        """Half edge lengths of the boxes, (P, 3)."""
         halves: F64 = (self.high - self.low) / 2
         return halves
 
@@ -156,7 +156,7 @@ class BoneBoxes:
 
     @property
     def slots(self) -> I64:
-        """Which of these each pair has."""
+        """Index into ``used`` of the bone of each pair."""
         return self._used[1]
 
     @cached_property

@@ -26,7 +26,7 @@ CELLS_FILE: Final = "cells.npz"
 
 
 def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
-    """The geodesic cell that each place of the skin lies in.
+    """Geodesic cell that contains each place of the skin.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ LEVELS_FILE: Final = "{modality}-levels.npz"
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Which vertices of a model stay, and which of them stands for each of all."""
+    """Vertices kept of a model, and the kept vertex that stands for each of its vertices."""
 
     vertices: I32  # (C,) ascending ids of the model
     triangles: I32  # (F, 3) of the level's own ids
@@ -86,7 +86,7 @@ def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
 
 
 def level_count(model: PerceptualModel) -> int:
-    """How many coarser levels a model has; none if it is coarse enough by itself."""
+    """Number of coarser levels of a model; 0 if it is coarse enough by itself."""
     return len(_levels_of(model))
 
 

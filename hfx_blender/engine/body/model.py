@@ -133,7 +133,7 @@ class Avatar:
 
 @dataclass(frozen=True, eq=False)
 class WalkCycle:
-    """One cycle of walking in place for the canonical skeleton, to be repeated."""
+    """Cycle of walking in place for the canonical skeleton, to be repeated."""
 
     rate_hz: float
     stride_m: float  # way covered in one cycle
@@ -282,7 +282,7 @@ def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) ->
 
 
 def _taken(arrays: dict[str, Any], part: str) -> dict[str, Any]:
-    """The arrays of a part, which are no longer among the others."""
+    """Remove the arrays of a part from the others, and return them."""
     mine = [name for name in arrays if name.startswith(f"{part}.")]
     return {name.partition(".")[2]: arrays.pop(name) for name in mine}
 
@@ -354,7 +354,7 @@ def load_model(model_id: str) -> PerceptualModel:
 
 @lru_cache(maxsize=4)
 def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
-    """The shipped avatar, or that of an installed variant.
+    """Load the shipped avatar, or that of an installed variant.
 
     Raises
     ------
@@ -366,7 +366,7 @@ def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
 
 @lru_cache(maxsize=1)
 def load_skeleton() -> Skeleton:
-    """The canonical skeleton: that of the shipped avatar, of which nothing else is read."""
+    """Load the canonical skeleton: that of the shipped avatar, of which nothing else is read."""
     meta, arrays = _read(Avatar, library.find(AVATAR_ID, "avatar").path, "skeleton.")
     return _skeleton(meta, _taken(arrays, "skeleton"))
 

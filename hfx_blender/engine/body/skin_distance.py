@@ -63,7 +63,7 @@ class _Patch:
     above_m: F64  # (3 T,) ... and beside it
 
     def taken(self, entries: I64) -> _Patch:
-        """The same with some of its entries only."""
+        """Copy of the patch with only some of its entries."""
         return replace(
             self,
             apex=self.apex[entries],
@@ -91,7 +91,7 @@ class SkinDistances:
         self._patch: _Patch | None = None
 
     def nearest(self, point: F64) -> SkinPlace:
-        """The place of the surface that is nearest to a point (3,)."""
+        """Find the place of the surface that is nearest to a point (3,)."""
         point = np.asarray(point, np.float64)
         patch = self._around(point, 0.0)
         offsets = patch.points - point
@@ -123,7 +123,7 @@ class SkinDistances:
         return patch.ids[within], distances[within]
 
     def _around(self, point: F64, reach_m: float) -> _Patch:
-        """A patch that holds all skin within reach; kept as long as the point stays in it."""
+        """Patch that holds all skin within reach; cached as long as the point stays in it."""
         known = self._patch
         if known is not None:
             moved = float(np.linalg.norm(point - known.centre))

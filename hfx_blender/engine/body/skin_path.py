@@ -95,7 +95,7 @@ class SkinPaths:
         return self._projected(np.concatenate([smooth[0][:1], *(part[1:] for part in smooth)]))
 
     def traced(self, places: F64) -> tuple[F64, F64]:
-        """What a hand has traced, and at which share of its length each place (n,) is."""
+        """Path traced by hand, and the fraction of its length at each place, (n,)."""
         path, where = [places[0]], [0]
         for a, b in _pairs(places, closed=False):
             length = float(np.linalg.norm(b - a))
@@ -128,7 +128,7 @@ class SkinPaths:
         return found
 
     def _shortest(self, a: F64, b: F64) -> F64:
-        """From one place on the skin to another: over edges first, then pulled tight."""
+        """Find the shortest path between two places on the skin: over edges, then tightened."""
         if np.linalg.norm(b - a) <= _SAME_PLACE_M:
             return np.stack([a, b])
         path = self._over_edges(a, b)
@@ -145,7 +145,7 @@ class SkinPaths:
 
     @staticmethod
     def _tightened(path: F64, near: SurfaceLocator) -> F64:
-        """Each point but the ends in the middle of its neighbours, on the skin."""
+        """Tighten a path: move each point to the middle of its neighbours until it settles."""
         path = path.copy()
         path[1:-1] = near.locate(path[1:-1])[2]
         for _ in range(_MOST_ROUNDS):
@@ -206,7 +206,7 @@ def _length(path: F64) -> float:
 
 
 def _distinct(knots: F64) -> F64:
-    """Without places that come twice in a row."""
+    """Drop places that repeat the one before."""
     kept = np.concatenate([[True], _steps(knots) > _SAME_PLACE_M])
     found: F64 = knots[kept]
     return found

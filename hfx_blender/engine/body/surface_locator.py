@@ -19,7 +19,7 @@ _TRIES: Final = 4
 
 
 class SurfaceLocator:
-    """The same as :func:`~hfx_blender.engine.body.nearest.locate`, made ready once.
+    """Prepared search of :func:`~hfx_blender.engine.body.nearest.locate` on one mesh.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From pairs of clusters and rows to lists of contacts; ``gather.c``."""
+"""Compaction of weights of cluster-row pairs into lists of contacts; ``gather.c``."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
 def gathered(
     weights: Weights, columns: I32, heard: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
-    """What is felt, row by row; see :class:`..contact.Contacts`.
+    """Gather contacts row by row; see :class:`..contact.Contacts`.
 
     Returns
     -------

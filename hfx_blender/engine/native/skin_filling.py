@@ -62,7 +62,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_there() -> bool:
-    """Whether these functions can be called."""
+    """Test for the compiled functions."""
     return _calls() is not None
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The skin of a model where the library finds it; ``skin.h``."""
+"""Skin of a model as the library reads it; ``skin.h``."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The C sources that lie beside this file, and their digest; needs nothing but Python's own."""
+"""C sources beside this file, and their digest; uses the standard library only."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ of a wheel is named after both."""
 
 
 def files(folder: Path = FOLDER) -> list[Path]:
-    """All that a library is made of, sorted: sources, headers, the compiler's options."""
+    """Files that a library is built from, sorted: sources, headers, the compiler's options."""
     return sorted(path for end in ("*.c", "*.h", "flags.txt") for path in folder.glob(end))
 
 

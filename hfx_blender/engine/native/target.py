@@ -43,7 +43,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_known(shapes: Sequence[Shape]) -> bool:
-    """Whether the library is there and knows all of some volumes."""
+    """Test that the library is there and knows the formulas of all given volumes."""
     return all(type(shape) in _KINDS for shape in shapes) and _calls() is not None
 
 

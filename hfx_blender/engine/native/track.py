@@ -74,7 +74,7 @@ def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | Non
 
 
 def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | None:
-    """Whether each of m sets has the vertices and weights of the one before; the first has not.
+    """Sets that repeat the set before, as a mask; the first never does.
 
     Parameters
     ----------

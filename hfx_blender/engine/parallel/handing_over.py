@@ -56,7 +56,7 @@ def packed(value: object, meshes: Mapping[MeshVolume, int] | None = None) -> byt
 
 
 def unpacked(body: bytes, meshes: Mapping[int, MeshVolume] | None = None) -> Any:
-    """The value that bytes are of; meshes by their numbers.
+    """Restore a value from :func:`packed` bytes; meshes by their numbers.
 
     Raises
     ------

@@ -29,11 +29,11 @@ _LOOK_S: Final = 0.05
 
 
 class _StoppedError(Exception):
-    """Nobody wants the rest."""
+    """Raised where nobody wants the rest of the work."""
 
 
 class _Worker(Generic[Made, Done]):
-    """The thread, and what goes into it and comes out."""
+    """Worker thread with its input and output queues."""
 
     def __init__(self, work: Callable[[Iterator[Made]], Generator[Done, None, None]]) -> None:
         self._work = work
@@ -77,14 +77,14 @@ class _Worker(Generic[Made, Done]):
                 continue
 
     def taken_out(self) -> list[Done]:
-        """What has been done since this was asked last."""
+        """Results since the last call."""
         found = []
         while not self._done.empty():
             found.append(self._done.get())
         return found
 
     def is_over(self) -> bool:
-        """Whether it has come to its end, after waiting a little."""
+        """Wait a little, and test for the end of the work."""
         self._thread.join(_LOOK_S)
         if self._thread.is_alive():
             return False
@@ -108,7 +108,7 @@ class _Worker(Generic[Made, Done]):
 def overlapped(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
-    """What a generator ``work`` gives that takes a source, as lists of what came meanwhile.
+    """Run a generator ``work`` in a thread on what ``source`` yields; yields lists of its results.
 
     ``source`` is asked in this thread, ``work`` runs in another one, a little behind. After each
     thing that the source gave there is a list, perhaps an empty one, and at the end one now and
@@ -140,7 +140,7 @@ def in_turn(
 
 @contextmanager
 def short_turns() -> Iterator[None]:
-    """While threads wait for each other, they take turns more often."""
+    """Context in which threads switch more often, for threads that wait for each other."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _TURN_S))
     try:

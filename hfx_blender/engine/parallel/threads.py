@@ -13,7 +13,7 @@ Done = TypeVar("Done")
 
 
 class Threads:
-    """Some threads, and how long they have been at work.
+    """Thread pool that measures its working time.
 
     Parameters
     ----------

@@ -48,18 +48,18 @@ def proximity_value(distances_m: F64, controls: F64) -> F64:
 
 
 def sine_value(turns: F64, controls: F64) -> F64:
-    """Between 1 - depth and 1; 1 - depth / 2 at whole turns; controls (..., WIDTH)."""
+    """Sine between 1 - depth and 1, 1 - depth / 2 at whole turns; controls (..., WIDTH)."""
     wave = np.sin(2.0 * np.pi * (turns + controls[..., 3]))
     return np.asarray(1.0 - 0.5 * controls[..., 2] * (1.0 - wave))
 
 
 def mixed(value: F64, influence: F64) -> F64:
-    """A factor that an influence of 0 leaves out."""
+    """Blend a factor with 1 by its influence; an influence of 0 leaves it out."""
     return np.asarray(1.0 + influence * (value - 1.0))
 
 
 def folded(filters: tuple[Filter, ...], start: F64, values: F64, influences: F64) -> F64:
-    """What a stack yields, from top to bottom, in 0..1.
+    """Evaluate a stack from top to bottom, in 0..1.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Layout:
 
     @property
     def is_flat(self) -> bool:
-        """Whether all loudspeakers stand at the height of the ears."""
+        """Test that all loudspeakers stand at the height of the ears."""
         return not any(self.elevations_deg)
 
     @property

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One independent reverberator for each loudspeaker, so that the wet sound comes from nowhere.
+"""Reverberation with one independent reverberator for each loudspeaker, which gives diffuse wet
+sound.
 
 Noise that dies away evenly, another for each channel: the plainest late reverberation there is
 (Moorer 1979). Convolution goes block by block; only a tail is carried on.

@@ -158,7 +158,7 @@ class ContactFollower:
         self._last, self._last_ids = _none_yet(), np.zeros(0, np.int64)
 
     def _chosen(self, found: Nearest, time: I64, ids: I64) -> Nearest:
-        """No more contacts at a time than are allowed."""
+        """Drop contacts beyond the allowed number at each time, the farthest first."""
         if len(found.point) <= self._max_contacts:
             return found
         counts = np.bincount(time[found.point])
@@ -191,7 +191,7 @@ class ContactFollower:
         return _joined([_none_yet(), *parts]), world
 
     def _turns(self, matrices: F64, vertices: F64) -> F64 | None:
-        """From the space of the grid to the world's directions; None where there is no grid."""
+        """Linear parts from grid to world space, (n, 3, 3); None where there is no grid."""
         if len(vertices) > 1:
             return None
         linear = matrices[:, :3, :3]
@@ -213,7 +213,9 @@ class ContactFollower:
         return turns
 
     def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> Nearest:
-        """At one time of a mesh that deforms: a grid of what is near the points only."""
+        """Nearest places at one time of a deforming mesh: a grid of the triangles near the points
+        only.
+        """
         mine = np.flatnonzero(time == k)
         triangles = self._mesh.triangles
         low = points[mine].min(axis=0) - self._reach_m
@@ -313,7 +315,7 @@ class ContactFollower:
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """The mesh as it was first placed: what holds for as long as it only moves and turns."""
+    """First placement of a mesh, cached: valid for as long as the mesh only moves and turns."""
 
     local: F64  # (V, 3)
     inverse: F64  # (3, 3) of the linear part of its placing
@@ -360,7 +362,7 @@ def _joined(parts: list[Nearest]) -> Nearest:
 
 
 def _charts(corners: F64, coordinates_m: F64) -> F64:
-    """What takes ways in space to ways in surface coordinates, in each triangle, (n, 2, 3)."""
+    """Linear maps from space to surface coordinates, one for each triangle, (n, 2, 3)."""
     edges = corners[:, 1:] - corners[:, :1]
     gram = edges @ edges.transpose(0, 2, 1)
     det = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What contacts feel at one sample of the engine: amplitude and frequency of each.
+"""Renders contacts at one sample of the engine: amplitude and frequency of each.
 
 The same three renderers as for strokes. Micro-collisions need nothing but the way since the
 sample before; the others need the heights of one window, which are kept for each contact.
@@ -80,7 +80,7 @@ class ContactRenderer:
         return drive, frequency
 
     def _collide(self, paths: ContactPaths, felt: I64, drive: F64, frequency: F64) -> None:
-        """The strongest texel that each contact crossed."""
+        """Render the strongest texel that each contact crossed."""
         map_ = self._texture.map
         assert map_ is not None
         starts, ends = paths.ends_m[0].take(felt, axis=1), paths.ends_m[3].take(felt, axis=1)
@@ -123,7 +123,7 @@ class ContactRenderer:
         return windows.reshape(len(felt), blocks * steps)[:, -self._window :]
 
     def _at_once(self, new: F64, paths: ContactPaths, felt: I64) -> F64:
-        """The same where there is one time only."""
+        """:meth:`_heights` for a single time."""
         before = paths.before[paths.carried :]
         fresh = (before < 0).nonzero()[0]
         kept = np.zeros((len(new), self._blocks, self._steps))
@@ -169,7 +169,7 @@ class ContactRenderer:
 
 @lru_cache(maxsize=64)
 def _shares(count: int) -> F64:
-    """Where on a way the middles of its parts are."""
+    """Middles of equal parts of a path, as shares of its length, (count,)."""
     shares: F64 = (np.arange(count) + 0.5) / count
     return shares
 

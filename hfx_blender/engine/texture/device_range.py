@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a vibration device can play of a surface: a fact of the device, never of the surface."""
+"""Playable range of a vibration device: a property of the device, never of the surface."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class DeviceRange:
 
 @dataclass(frozen=True)
 class NoticeableSteps:
-    """Just-noticeable differences: finer levels cannot be told apart.
+    """Just-noticeable differences: people cannot tell finer levels apart.
 
     Defaults: Liu and Gu (2025, section 3.4.1): silence and six levels up to 1.2 g, and five
     frequencies from 80 to 240 Hz.

@@ -90,5 +90,5 @@ class HapticMap:
         )
 
     def on(self, device: DeviceRange) -> HapticMap:
-        """The same map for another device: the shares stay, what they mean changes."""
+        """Copy of the map for another device: the shares stay, their physical values change."""
         return replace(self, device=device)

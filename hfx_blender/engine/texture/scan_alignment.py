@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scan turned so that it is seen from above, whichever way its scanner looked."""
+"""Turns a scan so that it is seen from above, in whichever direction its scanner looked."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a stroke feels like: amplitude and frequency over time, and the waveform of both."""
+"""Vibration signals: amplitude and frequency over time, and the waveform of both."""
 
 from __future__ import annotations
 

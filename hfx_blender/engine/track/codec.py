@@ -76,7 +76,7 @@ def weights_from_bytes(stored: npt.NDArray[np.uint8]) -> F32:
 
 
 def encode(section: Section) -> bytes:
-    """The section as the bytes that :func:`decode` reads."""
+    """Encode a section into the bytes that :func:`decode` reads."""
     flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
     flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
     counts, gaps, weights, channels = _set_columns(section)
@@ -116,7 +116,7 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
 
 
 class Cursor:
-    """A place in a chunk's bytes that never leaves them."""
+    """Read position in a chunk's bytes that never leaves them."""
 
     def __init__(self, content: bytes, name: str = "a track") -> None:
         self._content = content
@@ -138,7 +138,7 @@ class Cursor:
 
     @property
     def at_end(self) -> bool:
-        """Whether everything has been read."""
+        """End of the bytes: everything has been read."""
         return self._at == len(self._content)
 
     def take(self, size: int) -> bytes:
@@ -301,7 +301,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
 
 
 def _group_starts(sorted_values: npt.NDArray[Any]) -> I64:
-    """Where each group of equal values begins."""
+    """Start of each group of equal values, (groups,)."""
     is_start = np.ones(len(sorted_values), np.bool_)
     is_start[1:] = sorted_values[1:] != sorted_values[:-1]
     return np.flatnonzero(is_start)

@@ -254,7 +254,9 @@ class _SectionBuilder:
         vertices: npt.NDArray[np.int32],
         weights: npt.NDArray[Any],
     ) -> npt.NDArray[np.bool_]:
-        """Which sets are the same as the one before, the first as the last that is held."""
+        """Sets that repeat the one before, as a mask; the first is compared with the last
+        one held.
+        """
         found = native.repeats(offsets, vertices, weights)
         if found is None:
             parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
@@ -286,7 +288,9 @@ class _SectionBuilder:
             self._weights.append(weights)
 
     def encoded(self, stream: int, start: int) -> bytes:
-        """What was collected, as the section of a chunk that starts at sample ``start``."""
+        """Encode the collected samples as the section of a chunk that starts at sample
+        ``start``.
+        """
         if self._entries > MAX_ENTRIES:
             raise OutputError(
                 f"Samples {self._indices[0][0]} to {self._indices[-1][-1]} of stream {stream} have "
@@ -310,7 +314,7 @@ class _SectionBuilder:
 
 
 def as_kept(run: SampleRun, *, full_precision: bool) -> SampleRun:
-    """A run with the weights that reading it from a track will give."""
+    """Copy of a run with the weights that reading it from a track will give."""
     if full_precision:
         return run
     return replace(run, weights=weights_from_bytes(weights_to_bytes(run.weights)))

@@ -108,7 +108,7 @@ class MeshVolume:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        """Only what is not made when it is asked for: that may be of this process's memory."""
+        """State to pickle: the fields only; cached members may point into this process's memory."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
@@ -172,7 +172,7 @@ class MeshVolume:
         return clear
 
     def crossings(self, starts: F64, ends: F64) -> tuple[F64, F64]:
-        """When points that move straight cross the surface, see :func:`mesh_crossing.crossings`."""
+        """First and last crossings of straight paths, see :func:`mesh_crossing.crossings`."""
         return crossings(self._tree, self._middle, starts, ends)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which voxels the triangles of a mesh touch, column by column."""
+"""Rasterizes the triangles of a mesh into voxels, column by column."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where points that move straight cross the surface of a mesh."""
+"""Crossings of straight paths with the surface of a mesh."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PAIRS_AT_ONCE: Final = 1 << 18
 
 
 def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[F64, F64]:
-    """When points that move straight, at an even speed, first and last cross the surface.
+    """First and last time at which points in straight, even motion cross the surface.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _cross(
 
 
 def _hits(starts: F64, way: F64, corners: F64) -> tuple[F64, Bool]:
-    """Where ways (3, n) meet the planes of triangles (3 corners, 3, n), and whether within these.
+    """Intersections of paths (3, n) with triangles' planes: times (n,), and a mask of real hits.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """

@@ -90,7 +90,7 @@ def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
 
 
 def _balance(edge: I64, up: Bool) -> F64:
-    """How much more often each edge is used upwards than downwards."""
+    """Uses of each edge upwards minus its uses downwards, (edges,)."""
     return np.bincount(edge, np.where(up, 1.0, -1.0)).astype(np.float64)
 
 
@@ -147,7 +147,7 @@ def _area(vertices: F64, triangles: I32) -> float:
 
 
 def _turns(count: int, edge: I64, uses: I64, up: Bool) -> Bool:
-    """Which triangles to turn so that neighbours agree, the fewest of each connected piece."""
+    """Triangles to turn so that neighbours agree, as a mask; the fewest of each connected piece."""
     corners = np.argsort(edge, kind="stable")
     corners = corners[uses[edge[corners]] == 2].reshape(-1, 2)
     disagree = up[corners[:, 0]] == up[corners[:, 1]]

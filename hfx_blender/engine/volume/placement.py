@@ -74,7 +74,7 @@ def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
 @lru_cache(maxsize=1024)
 def _inverse_of_still(matrix: bytes) -> tuple[F64, Bool]:
-    """Of one matrix: live, most volumes are where they were."""
+    """Cached inverse of one matrix: in live playback most volumes do not move."""
     return _inverse_placement(np.frombuffer(matrix).reshape(1, 4, 4))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the left half of a mesh to a whole perceptual model, every field of it."""
+"""Assembles a whole perceptual model, with all its fields, from the left half of its mesh."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ keeping only four a vertex costs 13-19 mm in deep bends."""
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """Both halves of a mesh, vertices in canonical order."""
+    """Whole mesh, both halves, vertices in canonical order."""
 
     points: F64  # (V, 3)
     triangles: I64  # (F, 3)

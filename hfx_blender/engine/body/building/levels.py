@@ -70,7 +70,7 @@ def coarser(model: PerceptualModel, vertices: int) -> Level:
 
 
 def _nearest_members(points: F64, places: F64, coarse_of: I64) -> I64:
-    """For each coarse place the nearest of the points that were merged into it."""
+    """Nearest of the points that were merged into each coarse place, (C,)."""
     distance = np.linalg.norm(points - places[coarse_of], axis=1)
     order = np.lexsort((distance, coarse_of))
     first = np.flatnonzero(np.diff(coarse_of[order], prepend=-1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh held against the skin that it stands for: largest gap and mean error of each part."""
+"""Measures a mesh against the skin that it approximates: largest gap, mean error by part."""
 
 from __future__ import annotations
 

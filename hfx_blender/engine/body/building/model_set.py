@@ -41,7 +41,7 @@ def prepare(folder: Path, wanted: str | None) -> None:
 
 
 def avatar_entry(avatar: Avatar) -> dict[str, Any]:
-    """What the manifest says of an avatar."""
+    """Entry of the manifest for an avatar."""
     return {
         "id": avatar.id,
         "file": AVATAR_FILE,
@@ -53,7 +53,7 @@ def avatar_entry(avatar: Avatar) -> dict[str, Any]:
 
 
 def model_entry(model: PerceptualModel) -> dict[str, Any]:
-    """What the manifest says of a perceptual model."""
+    """Entry of the manifest for a perceptual model."""
     return {
         "file": f"{model.modality}.npz",
         "hash": model.content_hash,

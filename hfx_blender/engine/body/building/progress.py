@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a build is."""
+"""Progress reports of a build."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ class Remesher:
         self._find_owners(3)
 
     def _find_owners(self, rounds: int) -> None:
-        """Let each sample go to a neighbour of its owner that is nearer, in the same part."""
+        """Move each sample to a neighbour of its owner that is nearer, in the same part."""
         edges = mesh_edit.edges_of(self.triangles, len(self.points))
         same = self.part[edges.ends[:, 0]] == self.part[edges.ends[:, 1]]
         inner = mesh_edit.Edges(
@@ -210,7 +210,7 @@ class Remesher:
         self.points[owner], self.normals[owner] = place, normal
 
     def result(self) -> Half:
-        """The mesh as it is."""
+        """Current state of the mesh."""
         return Half(self.points, self.triangles, self.part, self.is_midline)
 
     def areas_m2(self) -> F64:

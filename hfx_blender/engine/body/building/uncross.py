@@ -78,7 +78,7 @@ class _State:
 
 
 class _Patch:
-    """What may change around a crossing, and all that it must not run through."""
+    """Surroundings of a crossing: triangles that may change, and those not to be crossed."""
 
     def __init__(self, mesh: Remesher, cluster: I64, may_move: Bool) -> None:
         from scipy.spatial import cKDTree
@@ -170,7 +170,7 @@ class _Patch:
         return np.concatenate(found)
 
     def _flipped(self, state: _State, rng: np.random.Generator) -> _State | None:
-        """Another diagonal in one pair of triangles; None where that would tear a part apart."""
+        """Flip one diagonal, chosen at random; None where that would tear a part apart."""
         edges = mesh_edit.edges_of(state.triangles, len(state.points))
         inner = np.flatnonzero(self.own[edges.triangle].all(axis=1) & ~edges.is_border)
         edge = rng.choice(inner)
@@ -191,7 +191,7 @@ class _Patch:
         return replace(state, triangles=triangles)
 
     def _moved(self, state: _State, rng: np.random.Generator) -> _State | None:
-        """One vertex a little way along the skin; None where that leaves its part."""
+        """Move one random vertex a little along the skin; None where it would leave its part."""
         vertex = rng.choice(self.movable)
         place = state.points[vertex] + rng.normal(0.0, rng.choice(_MOVES_M), 3)
         nearest = int(self.tree.query(place)[1])

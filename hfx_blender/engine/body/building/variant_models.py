@@ -27,7 +27,7 @@ from .variant import Variant, target_shares
 
 @dataclass(frozen=True, eq=False)
 class Original:
-    """The average adult, that every variant is shaped from."""
+    """The average adult, from which every variant is shaped."""
 
     folder: Path
     skins: Skins
@@ -47,7 +47,7 @@ class Person:
 
 
 def original(source: Path | None) -> Original:
-    """The skin that the canonical models were made on.
+    """Read the skin that the canonical models were made on.
 
     Parameters
     ----------

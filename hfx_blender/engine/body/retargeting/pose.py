@@ -61,7 +61,7 @@ def posed(avatar: Avatar, matrices: F64) -> F64:
 
 
 def matrices(avatar: Avatar, bodies: Skeletons) -> F64:
-    """What brings each vertex of the canonical avatar into the target's rest pose, (V, 3, 4).
+    """Matrices (V, 3, 4) from the canonical avatar's vertices into the target's rest pose.
 
     Raises
     ------
@@ -220,7 +220,7 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist])
 
     def _finger(self, bone: str) -> F64:
-        """A phalanx; one that the rig does not have moves with the one before it."""
+        """Matrix of a phalanx; one that the rig does not have moves with the one before it."""
         if bone not in self._made:
             stem, _, side = bone.partition(".")
             finger, phalanx = stem[:-2], int(stem[-1])

@@ -34,7 +34,7 @@ _IS_FINGER: Final = np.array([region.startswith("finger") for region in REGIONS]
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What one mesh covers."""
+    """Coverage of the body by one mesh."""
 
     cover: F64  # (R,) area in each region, as a share of the canonical body's
     bone_distance: float  # median distance of the vertices from the bones of their regions

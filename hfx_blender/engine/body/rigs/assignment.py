@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From understood bone names to the canonical bones that they are counterparts of."""
+"""Assigns canonical bones to a rig's bones, from the names that were understood."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _canonical_names(names: Iterable[str]) -> dict[str, str]:
 
 
 class _Assignment(Digits):
-    """The steps share what was read, and what is found so far."""
+    """Steps of the assignment, which share the names read and the counterparts found so far."""
 
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig)
@@ -166,7 +166,7 @@ class _Assignment(Digits):
             self._put(f"{second}.{side}", sorted(close, key=misses.__getitem__))
 
     def _begins_before(self, twist: str, main: str, following: str) -> bool:
-        """Whether a twist bone is nearer to a limb's beginning than the limb's named bone."""
+        """Test a twist bone: is it nearer to a limb's beginning than the limb's named bone?"""
         end = self.rig.head(following)
         length, own = (float(np.linalg.norm(self.rig.head(n) - end)) for n in (twist, main))
         return length > (1.0 + 2.0 * _SPLIT_TOLERANCE) * own
@@ -263,7 +263,7 @@ def _chain(
 
 
 def _fraction(start: F64, end: F64, point: F64) -> float:
-    """Where a point lies between two others, along the line through them."""
+    """Position of a point along the line from one point (0) to another (1)."""
     line = end - start
     length_squared = float(line @ line)
     return float((point - start) @ line) / length_squared if length_squared > 0 else 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the joints of a rest pose tell: its left, back and up; a human by hierarchy alone."""
+"""Geometry of a rest pose: its left, back and up; a human recognised by hierarchy alone."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def named_left(heads: Mapping[str, F64]) -> F64 | None:
 
 
 def geometric_left(heads: Mapping[str, F64]) -> F64 | None:
-    """The body's left as its feet point; None without toes or if the feet disagree."""
+    """Direction of the body's left, from its feet; None without toes or if the feet disagree."""
     up = _up(heads)
     if up is None:
         return None
@@ -148,7 +148,7 @@ def _swap(found: dict[str, str], limb: Sequence[str]) -> None:
 
 
 def _apart(heads: Mapping[str, F64], left: F64) -> bool:
-    """Whether both pairs lie mainly across the body: not, say, a table or a centipede."""
+    """Test the limbs: do both pairs lie mainly across the body (not, say, in a table)?"""
     trunk = _high(heads) - _low(heads)
     for bone in ("upperleg01", "upperarm01"):
         across = heads[f"{bone}.L"] - heads[f"{bone}.R"]
