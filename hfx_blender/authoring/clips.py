@@ -87,7 +87,7 @@ def add_heartbeat(
     fade_in: float = 0.0,
     fade_out: float = 0.0,
 ) -> bpy.types.NlaStrip:
-    """A clip that beats: two short pulses, the second weaker, once a beat."""
+    """Add a clip with a heartbeat: two short pulses, the second weaker, once a beat."""
     scene = bpy.context.scene
     fps = scene.render.fps / scene.render.fps_base
     beat = fps / beats_per_second

@@ -33,7 +33,7 @@ _STEP_M = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class EarlierModel:
-    """What is kept of an edition: enough to carry an area over from it."""
+    """Earlier edition of a model: enough to carry an area over from it."""
 
     vertices: F64  # (V, 3) metres, canonical rest space
     part: npt.NDArray[np.int64]  # (V,)
@@ -56,7 +56,7 @@ def load(model_id: str, content_hash: str) -> EarlierModel | None:
 
 @lru_cache(maxsize=1)
 def known() -> frozenset[str]:
-    """The editions that are kept, as ``MODEL_ID.HASH``."""
+    """Editions that are stored, as ``MODEL_ID.HASH``."""
     path = resources.body_models() / _FILE
     if not path.is_file():
         return frozenset()

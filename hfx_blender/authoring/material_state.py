@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an object's materials are now, as a short text: it changes where an edit may be felt."""
+"""Fingerprint of an object's materials: a short text that changes with edits that may be felt."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def state_of(obj: bpy.types.Object) -> str:
 
 
 def images_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
-    """The images that the object's materials read."""
+    """Images that the object's materials read."""
     trees = [material.node_tree for material in _materials(obj) if material is not None]
     return {
         node.image

@@ -52,7 +52,7 @@ def load(path: Path) -> PathRecipe:
 
 
 def recipe_of(document: Node) -> PathRecipe:
-    """The same of a document that was read."""
+    """Read a path from a parsed document."""
     top = document.members(
         required=("schema", "version", "name", "kind", "points_m"),
         optional=("description", "closed", "motion"),

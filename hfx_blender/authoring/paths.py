@@ -46,7 +46,7 @@ _kept: SkinPaths | None = None
 
 
 def skin() -> SkinPaths:
-    """The skin that paths are drawn on."""
+    """Skin that paths are drawn on; cached."""
     from ..engine.body.model import load_model
     from ..engine.body.skin_path import SkinPaths
 
@@ -96,14 +96,14 @@ def path_of(effect: bpy.types.Object) -> F64:
 
 
 def own_path(effect: bpy.types.Object) -> F64:
-    """The path without the way to where its point is only until the frame changes, (n, 3)."""
+    """Path without the extension to the point's temporary place, (n, 3)."""
     path = path_of(effect)
     own = effect.get(OWN, 0)
     return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
 
 
 def knots_of(effect: bpy.types.Object) -> F64:
-    """The points that the path was drawn through, (k, 3) metres; its own if none are stored."""
+    """Points that the path was drawn through, (k, 3) metres; the path's own if none are stored."""
     found = _points(effect, KNOTS)
     return found if len(found) else path_of(effect)
 
@@ -271,7 +271,7 @@ def curve_of(effect: bpy.types.Object, data_path: str) -> bpy.types.FCurve | Non
 
 
 def reverse(effect: bpy.types.Object) -> None:
-    """Let the path lead the other way; the keyframes stay, so the point goes backwards."""
+    """Reverse the path; the keyframes stay, so the point goes backwards."""
     set_path(effect, path_of(effect)[::-1], knots_of(effect)[::-1])
 
 

@@ -44,7 +44,7 @@ class Anchors:
 
     @classmethod
     def of(cls, places: F64) -> Anchors:
-        """Of places (n, 3), rest space of the canonical body."""
+        """Anchor places (n, 3), rest space of the canonical body."""
         locator = _locator()
         found, weights, _ = locator.locate(places)
         return cls(locator.triangles[found], weights)
@@ -62,7 +62,7 @@ class Anchors:
 
 
 def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64) -> tuple[F64, F64]:
-    """Where some vertices of the skin's model are on a body by its bones, and their normals.
+    """Positions and normals of some vertices of the skin's model on a body, posed by its bones.
 
     Blender's units, world space, (n, 3) each.
 
@@ -123,7 +123,7 @@ class Picker:
         self._tree = BVHTree.FromPolygons(self._posed.tolist(), model.triangles.tolist())
 
     def hit(self, origin: Vector, direction: Vector) -> F64 | None:
-        """The canonical place (3,) where a ray of the world first meets the skin."""
+        """Canonical place (3,) where a ray of the world first meets the skin."""
         import numpy as np
 
         place, _, triangle, _ = self._tree.ray_cast(origin, direction)

@@ -110,7 +110,7 @@ def emitters(
 
 
 def volumes_of(emitter: bpy.types.Object) -> list[bpy.types.Object]:
-    """The haptic volumes that an object's particles are."""
+    """Haptic volumes among an object's particles."""
     found = [obj for system in emitter.particle_systems for obj in _instanced(system.settings)]
     is_volume = {obj: obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME" for obj in found}
     return [obj for obj, ours in is_volume.items() if ours]
@@ -127,7 +127,7 @@ def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
 def swarm_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> SwarmRecipe | None:
-    """What makes particles of a volume; None where nothing does. Of several, the first."""
+    """Recipe of the first particle system that emits a volume; None without any."""
     found = emitters(scene, effect)
     if not found:
         return None

@@ -34,7 +34,7 @@ _NEAR_M: Final = 0.01
 
 
 def place_of(effect: bpy.types.Object) -> F64 | None:
-    """Where a point is now (3,), metres, rest space; None: nowhere yet."""
+    """Current place of a point (3,), metres, rest space; None if it has none yet."""
     path = paths.path_of(effect)
     return places_on(path, np.array([effect.hfx.path_position]))[0] if len(path) else None
 
@@ -57,7 +57,7 @@ def check_free(effect: bpy.types.Object, data_path: str, what: str) -> None:
 
 
 def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_path: str) -> bool:
-    """Whether Auto Keying, as it is set, keys a property of an effect at this frame."""
+    """Test that Auto Keying, as it is set, keys a property of an effect at this frame."""
     tools, edit = context.tool_settings, context.preferences.edit
     if not tools.use_keyframe_insert_auto:
         return False
@@ -232,7 +232,9 @@ def settle(effect: bpy.types.Object) -> None:
 
 
 def _hold(effect: bpy.types.Object, place: F64) -> None:
-    """Let a keyed point be elsewhere until the frame changes: at the end of a way that is added."""
+    """Hold a keyed point elsewhere until the frame changes: at the end of an added stretch
+    of path.
+    """
     path = paths.path_of(effect)
     if np.linalg.norm(place - path[-1]) < _SAME_PLACE_M:
         effect.hfx.path_position = 1.0

@@ -41,7 +41,7 @@ def request(obj: bpy.types.Object) -> None:
 
 
 def shown(obj: bpy.types.Object) -> None:
-    """An object's maps are being drawn."""
+    """Note that an object's maps are being drawn."""
     _shown[obj.name] = time.monotonic()
     if obj.hfx.surface.is_outdated and not bpy.app.timers.is_registered(_check):
         if may_bake(obj):
@@ -49,7 +49,7 @@ def shown(obj: bpy.types.Object) -> None:
 
 
 def may_bake(obj: bpy.types.Object) -> bool:
-    """Whether its material may be baked without being asked for."""
+    """Test that an object's material may be baked without a request."""
     from . import material_state
 
     is_shown = time.monotonic() - _shown.get(obj.name, -_SHOWN_S) < _SHOWN_S
@@ -68,7 +68,7 @@ def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
 
 
 def is_of_matter(graph: bpy.types.Depsgraph) -> bool:
-    """Whether a material or an image was edited."""
+    """Test an update for an edited material or image."""
     return any(graph.id_type_updated(kind) for kind in ("MATERIAL", "NODETREE", "IMAGE"))
 
 

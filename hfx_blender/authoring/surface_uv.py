@@ -36,7 +36,7 @@ class Charts:
 
     @property
     def leaves_unit_square(self) -> bool:
-        """Whether UVs repeat the map beyond 0 to 1."""
+        """Test for UVs outside of 0 to 1, which repeat the map."""
         return bool((self.uv < -_OUTSIDE).any() or (self.uv > 1.0 + _OUTSIDE).any())
 
     @property

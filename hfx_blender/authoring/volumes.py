@@ -32,7 +32,7 @@ _Edge = tuple[int, int]
 
 
 def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
-    """The unit shape of an effect that is not a mesh; its size is in the matrix."""
+    """Unit shape of an effect that is not a mesh; its size is in the matrix."""
     from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 
     if hfx.shape == "CUBOID":
@@ -46,7 +46,7 @@ def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
 
 
 def modality_colour(modality: str) -> tuple[float, float, float, float]:
-    """Of the wires in the viewport: that of what is felt."""
+    """Colour of a volume's wires in the viewport, by modality."""
     from ..engine.colouring import COLOURS
 
     red, green, blue = COLOURS[modality]

@@ -104,7 +104,7 @@ def add_body(
 
 
 def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """The meshes that a body is fitted to: the selected ones, or those that form the skin.
+    """Meshes to fit a body to: the selected ones, or those that form the skin.
 
     Without a selection these are, of the visible meshes that the armature deforms or carries,
     the fewest that cover the body: hair, and clothes over skin, are left out. For a body that

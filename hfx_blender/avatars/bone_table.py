@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table in which a user sees and corrects which bone of an avatar stands for which joint.
+"""Table in which a user sees and corrects the mapping from joints to an avatar's bones.
 
 It is kept on the armature object (``hfx.bone_map``, one row for each canonical bone) and used by
 the next fit; it can be saved as JSON and loaded for another avatar with the same bones.
@@ -33,12 +33,12 @@ _is_filling = False
 
 
 def is_corrected(armature: bpy.types.Object) -> bool:
-    """Whether a user changed the table."""
+    """Test for a table that the user changed."""
     return any(row.bone != row.found for row in armature.hfx.bone_map)
 
 
 def automatic(armature: bpy.types.Object) -> BoneMapping:
-    """The mapping that is found from an armature's bones.
+    """Mapping that is found from an armature's bones.
 
     Raises
     ------

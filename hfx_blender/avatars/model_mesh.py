@@ -84,7 +84,7 @@ def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> b
 
 
 def shown(body: bpy.types.Object) -> list[bpy.types.Object]:
-    """The meshes that show models of a body."""
+    """Meshes that show models of a body."""
     return [obj for obj in bpy.data.objects if obj.get(SHOWN) == body]
 
 

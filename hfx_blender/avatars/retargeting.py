@@ -64,7 +64,7 @@ class Fit:
 
 
 def model_ids() -> list[str]:
-    """The perceptual models that the modalities are felt on."""
+    """Ids of the perceptual models that the modalities are felt on."""
     return sorted({f"hfx-{modality.model}-1" for modality in MODALITIES.values()})
 
 
@@ -152,7 +152,7 @@ def _stored_quality(quality: Quality) -> dict[str, object]:
 
 
 def quality_of(armature: bpy.types.Object) -> list[Quality]:
-    """How well each model fits, as it was judged when it was fitted; empty without a fit."""
+    """Quality of each model's fit, as judged when it was fitted; empty without a fit."""
     fit = _stored_fit(armature)
     if fit is None:
         return []
@@ -168,7 +168,7 @@ def quality_of(armature: bpy.types.Object) -> list[Quality]:
 
 
 def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
-    """Each body part as it is on the model on which it fits worst, the worst part first."""
+    """Quality of each body part on the model that fits it worst, the worst part first."""
     worst: dict[str, PartQuality] = {}
     for part in (part for quality in qualities for part in quality.parts):
         if part.part not in worst or _badness(part) > _badness(worst[part.part]):
@@ -293,7 +293,7 @@ def _rest_of(armature: bpy.types.Object) -> F64:
 
 
 def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
-    """Whether bones were added, renamed or moved since a fit was stored."""
+    """Test for bones that were added, renamed or moved since a fit was stored."""
     if fit["all_bones"] != _names_of(armature):
         return True
     before, now = np.array(fit["rest"], np.float64), _rest_of(armature)

@@ -19,7 +19,7 @@ Tell = Callable[[Unit, Outcome], None]
 
 @dataclass(eq=False)
 class _Scene:
-    """Where one scene of the batch stands."""
+    """State of one scene of the batch."""
 
     unit: Unit
     outcome: Outcome | None = None
@@ -41,7 +41,7 @@ def run(
     progress: Progress = lambda share: None,
     tell: Tell = lambda unit, outcome: None,
 ) -> list[Outcome]:
-    """Do a batch of scenes; one that fails does not stop the others.
+    """Process a batch of scenes; one that fails does not stop the others.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is asked of an export, as plain data that any worker understands."""
+"""Options of an export, as plain data that any worker understands."""
 
 from __future__ import annotations
 

@@ -29,12 +29,12 @@ _RECORD = re.compile(r"([1-9]\d*)-of-([1-9]\d*)\.json")
 
 
 def pieces_folder(folder: Path, stem: str) -> Path:
-    """Where the pieces of a scene lie whose results come to ``folder/stem.*``."""
+    """Folder of the pieces of a scene whose results go to ``folder/stem.*``."""
     return folder / f"{stem}.pieces"
 
 
 def folder_of(unit: Unit) -> Path:
-    """Where the pieces of a unit's scene lie."""
+    """Folder of the pieces of a unit's scene."""
     return pieces_folder(Path(unit.folder), unit.stem)
 
 
@@ -96,7 +96,7 @@ def keep(
 
 
 def finished(unit: Unit) -> dict[str, Any] | None:
-    """The record of a piece that was recorded before, if nothing has changed since."""
+    """Record of a piece that was recorded before, if nothing has changed since."""
     assert unit.piece is not None
     record = _record(folder_of(unit), unit.piece)
     return record if record and inputs.is_still(record["made_from"], unit) else None

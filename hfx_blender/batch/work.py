@@ -48,7 +48,7 @@ _state = _State()
 
 
 def done_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
-    """Do a unit; a fault, even one of ours, is an outcome: the others are not to suffer."""
+    """Do a unit; any fault, even one of ours, becomes its outcome, so that other units go on."""
     try:
         return done(unit, progress)
     except HfxError as error:
@@ -183,7 +183,7 @@ def _settings(options: ExportOptions, devices: tuple[DeviceConfig, ...]) -> Expo
 
 
 def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
-    """The parts that a scene is long enough for."""
+    """Parts of a scene that is long enough to be cut."""
     time = reader.time
     if unit.part_frames is not None:
         size = ceil(unit.part_frames * time.rate_hz / time.fps)

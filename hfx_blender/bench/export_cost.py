@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What exporting costs, against stepping the same scene without the add-on.
+"""Cost of an export, against stepping the same scene without the add-on.
 
 One scene, read in each of the three ways: the demo's garage and its walker, with five volumes
 on three models that go along with him and are felt all the time, by about 900 vertices; one
@@ -62,7 +62,7 @@ os._exit(0)
 
 @dataclass(frozen=True)
 class Kind:
-    """A scene that is read in one of the ways, and the ratio to reach."""
+    """Variant of the scene, read in one of the ways, with its target ratio."""
 
     name: str
     title: str

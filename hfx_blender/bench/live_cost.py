@@ -55,7 +55,7 @@ Progress = Callable[[float], None]
 def measure(
     *, short: bool = False, frames: int = 1000, progress: Progress = lambda share: None
 ) -> dict[str, Any]:
-    """Over at least ``frames`` frames each; plain data.
+    """Measure the live output over at least ``frames`` frames each; plain data.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _row(times_s: list[float], of: str = "", limit_ms: float = 0.0) -> dict[str,
 
 
 class _Receiver:
-    """A port on this computer that notes when which strength arrived first."""
+    """Port on this computer that notes the arrival time of each strength."""
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

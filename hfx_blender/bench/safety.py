@@ -127,7 +127,7 @@ def _row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
 
 
 def is_within(row: dict[str, Any]) -> bool:
-    """Whether a figure keeps its limit."""
+    """Test a figure against its limit."""
     if "faults" in row:
         return not row["faults"]
     return (

@@ -148,7 +148,7 @@ class _Several(WithClient):
 
 
 class _Offsets(_Several):
-    """From what is silent, and the offset, to silence at the port.
+    """Times from silent input, and the device's offset, to silence at the port.
 
     The offset is changed while the device plays.
     """
@@ -175,7 +175,7 @@ class _Offsets(_Several):
 
 
 def _end_of_loud(log: Log, since_s: float) -> float:
-    """When what can be felt was replaced last."""
+    """Time at which the last perceptible values were replaced."""
     rows = log.read()
     loud = [k for k, row in enumerate(rows) if is_loud_row(row)]
     if not loud or "stop" in rows[min(loud[-1] + 1, len(rows) - 1)]:

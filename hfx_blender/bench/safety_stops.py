@@ -71,7 +71,7 @@ class NotSilentError(Exception):
 
 @dataclass(eq=False)
 class Trials:
-    """What came of the rounds of one kind."""
+    """Results of the rounds of one kind."""
 
     times_s: list[float] = field(default_factory=list)
     never_silent: int = 0
@@ -177,7 +177,7 @@ def playing() -> list[float]:
 
 
 class Log:
-    """What a simulator writes, read as it grows."""
+    """Log of a simulator, read as it grows."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -185,7 +185,7 @@ class Log:
         self.rows: list[dict[str, Any]] = []
 
     def read(self) -> list[dict[str, Any]]:
-        """All lines so far; one in the making is left out."""
+        """Read all complete lines so far."""
         if self._path.exists():
             with open(self._path, "rb") as file:
                 file.seek(self._place)
@@ -196,12 +196,12 @@ class Log:
         return self.rows
 
     def forget(self) -> None:
-        """What was read so far does not matter any more."""
+        """Discard what was read so far."""
         self.read()
         self.rows.clear()
 
     def is_loud(self) -> bool:
-        """Whether the last line can be felt."""
+        """Test the last line for perceptible values."""
         rows = self.read()
         return bool(rows) and is_loud_row(rows[-1])
 
@@ -228,7 +228,7 @@ class Log:
 
 
 def is_loud_row(row: dict[str, Any]) -> bool:
-    """Whether what a simulator was given can be felt."""
+    """Test values sent to a simulator for perceptible ones."""
     return any(row.get("values", ())[::2])
 
 
@@ -249,7 +249,7 @@ class Rounds:
         raise NotImplementedError
 
     def several(self) -> list[float]:
-        """The same for all that one round tells."""
+        """Seconds from fault to silence, for each device of one round."""
         return [self.round()]
 
     def recover(self) -> None:
@@ -344,7 +344,7 @@ class _OperatorStops(WithClient):
 
 
 class _ScriptFails(WithClient):
-    """From the moment at which the script fails, as it writes down itself."""
+    """Times from a script's failure, which it logs itself, to silence."""
 
     name = "scripted"
 
@@ -400,7 +400,7 @@ class _BlenderFails(Rounds):
 
 
 def gaps(folder: Path, seconds: float) -> Trials:
-    """Between what a healthy device is sent, beside three hostile scripts that come again.
+    """Times between the values of a healthy device, beside three hostile scripts that come again.
 
     A stop because this process did not come to its heartbeat is no gap: it is counted, and the
     device plays again.
@@ -461,7 +461,7 @@ def gaps_of(rows: list[dict[str, Any]]) -> Trials:
 
 
 def scripted(folder: Path, name: str, source: str) -> dict[str, str]:
-    """A device of that name with a script, in a folder of its own."""
+    """Make a device of that name with a script, in a folder of its own."""
     text = (resources.device_configs() / "forearm_band.json").read_text(encoding="utf-8")
     configuration = folder / f"{name}.json"
     configuration.write_text(text.replace('"id": "forearm_band"', f'"id": "{name}"'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What must never happen: a value out of range behind the limiter, code run from a file."""
+"""Forbidden events, measured: a value out of range behind the limiter, code run from a file."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def limiter(count: int) -> dict[str, Any]:
 
 
 def _large_device() -> DeviceConfig:
-    """As many actuators as a device may have, all of whose strengths rise slowly."""
+    """Make a device with the largest number of actuators, all with a limited rise of strength."""
     actuators = []
     for name in ("forearm_band_left", "pressure_vest", "fan_heater", "peltier_sleeve_left"):
         for actuator in load_device(name).actuators:

@@ -24,12 +24,12 @@ _Vector = tuple[float, float, float]
 
 
 def names() -> tuple[str, ...]:
-    """The scenes that there are."""
+    """Names of the scenes."""
     return tuple(_BUILDERS)
 
 
 def about(name: str) -> str:
-    """What is in a scene, in one line."""
+    """Description of a scene, one line."""
     return _BUILDERS[name][1]
 
 
@@ -66,7 +66,7 @@ def _volume(modality: str, shape: str, place: _Vector, **settings: Any) -> Any:
 
 
 def _move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
-    """Straight from place to place."""
+    """Key a straight motion from place to place."""
     action = bpy.data.actions.new(obj.name)
     obj.animation_data_create().action = action
     for axis in range(3):

@@ -32,7 +32,7 @@ _FRAMES: Final = 4  # followed together, as the engine does with 100 contacts
 
 
 def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
-    """All of it, as plain data."""
+    """Measure everything; plain data."""
     rough = correlation(1 if short else 20, progress=lambda share: progress(0.3 * share))
     result: dict[str, Any] = {"roughness": rough}
     progress(0.3)
@@ -88,7 +88,7 @@ RECIPES: Final = {"dealt": dealt_surfaces, "drawn": drawn_surfaces}
 def correlation(
     rounds: int, texels: int = 512, progress: Callable[[float], None] = lambda _: None
 ) -> dict[str, Any]:
-    """How the textile renderer's output goes with measured roughness, over woven surfaces.
+    """Correlation of the textile renderer's output with measured roughness, over woven surfaces.
 
     The first set of the first recipe gives the surfaces that are listed; all others, ``rounds``
     of each recipe, tell how far that was luck.
@@ -211,7 +211,7 @@ def salience(short: bool) -> list[dict[str, Any]]:
 
 
 def _first_come(found: Collisions, gap_s: float) -> Collisions:
-    """What a device plays that takes each collision when it comes and is busy then."""
+    """Collisions played by a device that takes each one as it comes and is busy afterwards."""
     kept, free_at = [], -np.inf
     for k, t in enumerate(found.times_s.tolist()):
         if t >= free_at:
@@ -252,7 +252,7 @@ def windows() -> list[dict[str, Any]]:
 
 
 def maps(sizes: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
-    """How long a map takes, and how far a coarser one is from the finest."""
+    """Time to make a map, and the error of coarser maps against the finest."""
     rows = []
     rng = np.random.default_rng(0)
     for size in sizes:

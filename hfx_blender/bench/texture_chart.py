@@ -21,7 +21,7 @@ PAPER_R: Final = (0.92, 0.93, 0.95)
 
 
 def svg(result: dict[str, Any]) -> str:
-    """The chart of what :func:`texture.correlation` found."""
+    """Chart of the results of :func:`texture.correlation`."""
     width = _LEFT + len(PARAMETERS) * (_SIZE + _GAP)
     height = _TOP + _SIZE + 64 + _strip_height(result)
     title = (

@@ -162,7 +162,7 @@ front."""
 
 
 def _beats(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether a setting is faster than another and at least as exact in every way."""
+    """Test a setting for being faster than another and at least as exact in every way."""
     faster = one["ms_per_frame"] * NOISE < other["ms_per_frame"]
     return faster and all(one[name] <= other[name] + 1e-9 for name in ERRORS)
 
@@ -170,6 +170,6 @@ def _beats(one: dict[str, Any], other: dict[str, Any]) -> bool:
 def _onsets(
     scene: bpy.types.Scene, frames: tuple[int, int] | None, rate_hz: Fraction
 ) -> dict[Stream, F64]:
-    """When each stream's contacts truly begin and end."""
+    """Exact begin and end of each stream's contacts."""
     recording, _ = record(scene, EXACT, (), frames, rate_hz=rate_hz)
     return events(recording.runs, float(rate_hz))

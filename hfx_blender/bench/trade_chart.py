@@ -26,7 +26,7 @@ _OTHER: Final = "#5d6d7e"
 
 
 def svg(result: dict[str, Any]) -> str:
-    """The chart of what :func:`trade.measure` found."""
+    """Chart of the results of :func:`trade.measure`."""
     width = _LEFT + len(_PANELS) * (_WIDTH + _GAP)
     height = _TOP + _HEIGHT + 58
     parts = [
@@ -43,7 +43,7 @@ def svg(result: dict[str, Any]) -> str:
 
 
 def front(points: list[tuple[float, float]]) -> list[int]:
-    """Which points (cost, error) no other beats in both, by rising cost."""
+    """Indices of the Pareto front of points (cost, error), by rising cost."""
     order = sorted(range(len(points)), key=lambda k: points[k])
     kept: list[int] = []
     for k in order:
@@ -53,7 +53,9 @@ def front(points: list[tuple[float, float]]) -> list[int]:
 
 
 def on_front(points: list[tuple[float, float]], noise: float = NOISE) -> list[int]:
-    """Which points (cost, error) no other surely beats: cheaper by more than noise, no worse."""
+    """Indices of points (cost, error) that no other surely beats: cheaper by more than noise, no
+    worse.
+    """
     return [
         k
         for k, (cost, error) in enumerate(points)
@@ -161,7 +163,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def _nice(value: float) -> float:
-    """A round number that is no less, so that quarters of it can be read."""
+    """Round number that is no less, so that quarters of it can be read."""
     if value <= 0.0:
         return 1.0
     unit = 10.0 ** floor(log10(value))

@@ -169,7 +169,9 @@ def _mesh(
 def _asked_more(
     volume: MeshVolume, points: F64, rounds: int, rng: np.random.Generator
 ) -> dict[str, float]:
-    """What else skin asks of a mesh, once its tree is made; the best of some rounds."""
+    """Measure the other queries of skin to a mesh, with its tree already made; the best of some
+    rounds.
+    """
     reach = NEAR * float(np.ptp(points, axis=1).max())
     ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
     questions: dict[str, Callable[[], Any]] = {
@@ -275,7 +277,7 @@ def _whole(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[s
 
 
 def _whole_way(name: str, top: I64, bottom: int) -> tuple[I64, float]:
-    """How far past the boundary, negative inside, and the number that is once the size."""
+    """Signed distance past the boundary, negative inside, and the number that is the size."""
     x, y, z = top
     if name == "cuboid":
         return np.max(top, axis=0) - bottom, float(bottom)

@@ -176,7 +176,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _stage_folder(options: argparse.Namespace) -> Path:
-    """Where the folder for what is not finished is made.
+    """Folder in which the one for unfinished files is made.
 
     That of a job of a farm, which may be killed, goes away with the pieces.
     """
@@ -188,7 +188,7 @@ def _stage_folder(options: argparse.Namespace) -> Path:
 
 
 def _in_process(options: argparse.Namespace) -> bool:
-    """Whether this process is the worker: one scene gains nothing from another."""
+    """Test that this process does the work itself: one scene gains nothing from another process."""
     if blender_session.inside_blender():
         return True
     asked = options.jobs > 1 or options.time_limit is not None or options.scheduler is not None
@@ -235,7 +235,7 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
 
 
 def _cores_of_each(options: argparse.Namespace) -> int:
-    """How many cores each worker may use; one of another machine: its own."""
+    """Number of cores for each worker; a worker on another machine uses its own."""
     if options.scheduler is not None:
         return 1
     return max((options.cores or cores()) // (1 if _in_process(options) else options.jobs), 1)
@@ -271,13 +271,13 @@ class _Teller:
         self._failed = 0
 
     def fully(self, unit: Unit, outcome: Outcome) -> None:
-        """For one scene."""
+        """Report one scene in full."""
         self._note(unit, outcome)
         if "text" in outcome:
             self._console.say(self._as_given(outcome["text"]), several_lines=True)
 
     def brief(self, unit: Unit, outcome: Outcome) -> None:
-        """For one of many."""
+        """Report one of many scenes."""
         self._note(unit, outcome)
         if "report" in outcome and "unchanged" not in outcome:
             report = outcome["report"]

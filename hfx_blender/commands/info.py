@@ -91,7 +91,7 @@ def _blend(path: Path) -> dict[str, Any]:
 
 
 def _where(effect: Any) -> dict[str, Any]:
-    """What there is to say about where an effect is felt."""
+    """Facts about the place of an effect."""
     from ..authoring import paths
     from ..authoring.effects import area
 

@@ -15,7 +15,7 @@ _LISTS: Final = ("files", "felt", "unrendered", "warnings", "notes")
 
 
 def is_report(path: Path) -> bool:
-    """Whether a file is called as an export calls its reports."""
+    """Test a file's name for that of an export's report."""
     return path.name.endswith(SUFFIX)
 
 

@@ -29,7 +29,7 @@ def add_parser(commands: Any) -> None:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """How a scene is heard."""
+    """Add the options of sound."""
     parser.add_argument(
         "--loudspeakers",
         default="stereo",
@@ -57,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(options: argparse.Namespace) -> Any:
-    """The settings that options ask for.
+    """Settings of the sound from the options.
 
     Raises
     ------

@@ -158,7 +158,7 @@ def _friction(name: str) -> bpy.types.Sound:
 
 
 def _material(name: str) -> bpy.types.Material:
-    """A look that fits: the relief as bump, once for each square."""
+    """Make a material to match: the relief as bump, once for each square."""
     kind = MATERIALS[name].kind
     material = bpy.data.materials.new(MATERIALS[name].title)
     material.diffuse_color = (*_COLOURS[kind], 1.0)
@@ -193,7 +193,7 @@ def _material(name: str) -> bpy.types.Material:
 
 
 def _add_cover(collection: bpy.types.Collection, board: bpy.types.Object) -> None:
-    """What hides the squares from who is to tell them apart by touch; off at first."""
+    """Add a cover that hides the squares for tests of touch alone; off at first."""
     half = SQUARE_M * SQUARES / 2.0
     mesh = bpy.data.meshes.new("Cover")
     corners = [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)]

@@ -126,7 +126,7 @@ def _colour(avatar: bpy.types.Object, samples: list[Sample], header: TrackHeader
 
 
 def _spread(avatar: np.ndarray, model: np.ndarray, count: int = 3) -> Spread:
-    """How a model's vertices colour an avatar's: by the nearest few."""
+    """Interpolation from a model's vertices to an avatar's, by the nearest few."""
     tree = KDTree(len(model))
     for index, vertex in enumerate(model.tolist()):
         tree.insert(vertex, index)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A demo's scene as a file that the user can open, change and export again."""
+"""Demo scenes as files that the user can open, change and export again."""
 
 from __future__ import annotations
 

@@ -168,7 +168,7 @@ class HfxPlace(bpy.types.PropertyGroup):
 
 
 class HFX_OT_add_walk(HfxOperator):
-    """Let the active haptic body walk from place to place at an even speed"""
+    """Make the active haptic body walk from place to place at an even speed"""
 
     bl_idname = "hfx.add_walk"
     bl_label = "Walk"

@@ -27,7 +27,7 @@ _SHORTCUTS = {"G", "S", "I"}
 
 
 def is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
-    """Whether a key means Blender's own operator: something beside the point is selected."""
+    """Test a key for Blender's own operator: something beside the point is selected."""
     effect = active_spot(context)
     others = any(other != effect for other in context.selected_objects)
     return event.type in _SHORTCUTS and (others or not effect.select_get())
@@ -129,7 +129,7 @@ class HeldSpotOperator(PathOperator):
         context.workspace.status_text_set(keys)
 
     def _window_place(self, context: bpy.types.Context, place: F64) -> Vector | None:
-        """Where a canonical place is seen, in the window's pixels; None: behind the viewer."""
+        """Place of a canonical point in the window's pixels; None if it is behind the viewer."""
         region = view_region(context)
         world = on_body(context, active_spot(context), place)
         seen = view3d_utils.location_3d_to_region_2d(region, context.space_data.region_3d, world)
@@ -149,5 +149,5 @@ class HeldSpotOperator(PathOperator):
         return False
 
     def _words(self, context: bpy.types.Context) -> tuple[str, str]:
-        """What the header says, and what other keys do."""
+        """Texts of the header and of the other keys."""
         raise NotImplementedError

@@ -167,7 +167,7 @@ class HFX_OT_live_disconnect(_OfDevice):
 
 
 class HFX_OT_live_play(_LiveOperator):
-    """Let connected devices play again after a stop, from silence"""
+    """Resume the output to connected devices after a stop, from silence"""
 
     bl_idname = "hfx.live_play"
     bl_label = "Play"
@@ -195,7 +195,7 @@ class HFX_OT_live_stop_all(bpy.types.Operator):
 
 
 class HFX_OT_live_pulse(_OfDevice):
-    """Let one actuator be felt for a moment, softly"""
+    """Play one actuator for a moment, softly"""
 
     bl_idname = "hfx.live_pulse"
     bl_label = "Test Pulse"

@@ -62,7 +62,7 @@ class HFX_OT_live_find(HfxOperator):
 
 
 def _look() -> list[str]:
-    """What is there now; names of all serial ports."""
+    """Look for devices; returns the names of all serial ports."""
     from ..devices.configuration import list_devices, load_device
     from ..devices.live.discovery import found_devices, serial_ports
 

@@ -73,7 +73,7 @@ class HFX_OT_paint_end(HfxOperator):
 
 
 def _pixels(context: bpy.types.Context, canvas: bpy.types.Object, length: float) -> float:
-    """How long a length at the middle of a mesh is seen in the 3D viewport; brushes ask that."""
+    """Length in the 3D viewport, pixels, of a length at the middle of a mesh; brushes need it."""
     area = context.area
     if area is None or area.type != "VIEW_3D":
         return _BRUSH_PIXELS

@@ -40,7 +40,7 @@ INTERPOLATIONS = (
 
 
 def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active effect, if it is a point on the skin."""
+    """Active effect, if it is a point on the skin."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "SPOT" else None
 
@@ -134,7 +134,7 @@ class HFX_OT_add_spot(_OnBody):
 
 
 class HFX_OT_reverse_path(PathOperator):
-    """Let the path lead the other way; keyframes stay, so the point moves backwards"""
+    """Reverse the path; keyframes stay, so the point moves backwards"""
 
     bl_idname = "hfx.reverse_path"
     bl_label = "Reverse Path"

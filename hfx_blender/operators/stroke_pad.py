@@ -120,7 +120,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def _feel(self) -> None:
-        """Let what came be heard, and felt on connected devices."""
+        """Play new parts of the stroke as sound, and on connected devices."""
         pad = self._pad
         signal = pad.next_step()
         if signal is None:

@@ -33,7 +33,7 @@ MOST_DISCS = 256
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """What stays of A actuators that go where one thing goes."""
+    """Constant appearance of A actuators that share one carrier."""
 
     colours: F32  # (A, 3) at full strength
     cold: F32  # (A, 3) below neutral
@@ -97,7 +97,7 @@ class _Worn:
 
 
 class ActuatorGlow:
-    """The devices of one scene on its bodies."""
+    """Glow of the devices of one scene on its bodies."""
 
     def __init__(self, live: LiveScene, scene: bpy.types.Scene) -> None:
         self.faults: list[str] = []
@@ -119,7 +119,7 @@ class ActuatorGlow:
         self._known: tuple[OverTime | None, F32 | None] = None, None
 
     def recorded(self, recorded: OverTime, index: int) -> F32:
-        """How far each actuator of each device is from silence at a sample of a record, (A,) -1..1.
+        """Deviation of each device's actuators from silence at a sample of a record, (A,) in -1..1.
 
         That of devices whose values could not be recorded is zero.
         """
@@ -132,7 +132,7 @@ class ActuatorGlow:
         return row
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """How far each actuator of each device is from silence when this is felt, (A,) -1..1."""
+        """Deviation of each device's actuators from silence for these samples, (A,) in -1..1."""
         return np.concatenate([np.zeros(0, np.float32), *(each.now(runs) for each in self._worn)])
 
     def discs(
@@ -163,7 +163,7 @@ def _worn(live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id
 
 
 class _Wearer:
-    """One body with all of the actuators that are on it."""
+    """Body with all of the actuators that are on it."""
 
     def __init__(self, body: bpy.types.Object, worn: Sequence[_Worn]) -> None:
         self._body = body
@@ -195,7 +195,7 @@ class _Wearer:
         palette: Mapping[str, Colour],
         unit_m: float,
     ) -> list[Discs]:
-        """Those that are on skin that is shown, and those in the room."""
+        """Discs of the actuators on displayed skin, and of those in the room."""
         graph, found = live.objects.layer.depsgraph, []
         *on_skin, in_room = self._looks_of(palette, unit_m)
         for (mesh, mine, vertices), looks in zip(self._on, on_skin, strict=True):
@@ -215,7 +215,7 @@ class _Wearer:
         return found
 
     def _looks_of(self, palette: Mapping[str, Colour], unit_m: float) -> list[Looks]:
-        """Of those on each mesh, and of those in the room."""
+        """Appearances: one for the actuators on each mesh, and one for those in the room."""
         known, looks = self._looks
         key = (unit_m, *palette.values())  # a palette of one's own may change
         if known != key:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a device's actuators are on somebody's avatar."""
+"""Finds the places of a device's actuators on an avatar."""
 
 from __future__ import annotations
 
@@ -87,7 +87,9 @@ def _spread_room(points: F64, in_room: npt.NDArray[np.bool_]) -> None:
 
 
 def _on_body(body: bpy.types.Object, model_id: str, points: F64) -> F64:
-    """From the canonical avatar to a body's own rest space: as the model's vertices near it."""
+    """Map points from the canonical avatar to a body's own rest space, by the model's vertices near
+    them.
+    """
     model, own = load_model(model_id), retargeting.model_of(body, model_id)
     before, after = model.vertices.astype(np.float64), own.vertices.astype(np.float64)
     scale = float(np.ptp(after, axis=0).max() / np.ptp(before, axis=0).max())

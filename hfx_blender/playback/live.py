@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live devices: what is felt now is sent to connected devices, while Blender plays, scrubs or
+"""Live devices: sends the current samples to connected devices, while Blender plays, scrubs or
 drags.
 
 Processes of their own do everything slow, rendering for the devices too; here the open scene is
@@ -32,7 +32,7 @@ HOLD_S = 2.0
 
 @dataclass(eq=False)
 class _Connected:
-    """A device that is connected."""
+    """Connected device."""
 
     device: DeviceConfig
     has_script: bool
@@ -59,17 +59,17 @@ class Live:
 
     @property
     def states(self) -> dict[str, DeviceState]:
-        """What is known of each connected device."""
+        """States of the connected devices, by name."""
         return {} if self._client is None else self._client.devices
 
     @property
     def is_armed(self) -> bool:
-        """Whether any device plays."""
+        """Test for any device that plays."""
         return any(each.is_armed for each in self.states.values())
 
     @property
     def ahead(self) -> Ahead:
-        """What comes, for actuators that answer late."""
+        """Lookahead for actuators with latency."""
         if self._ahead is None:
             from .look_ahead import Ahead
 
@@ -78,12 +78,12 @@ class Live:
 
     @property
     def late(self) -> str:
-        """Why what comes cannot be read; empty: it can, or nobody asks."""
+        """Reason why the lookahead cannot be read; empty if it can, or if no device needs it."""
         return "" if self._ahead is None else self._ahead.reason
 
     @property
     def is_busy(self) -> bool:
-        """Whether it wants to be called again soon."""
+        """Test for work left that should be done soon."""
         return self._ahead is not None and self._ahead.has_more
 
     def state(self, name: str) -> DeviceState | None:
@@ -154,7 +154,7 @@ class Live:
                 self.unapproved.add(name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
-        """Silence now; only :meth:`arm` plays again."""
+        """Silence all devices now; only :meth:`arm` plays again."""
         if self._client is not None:
             self._client.stop_all(reason)
 
@@ -166,17 +166,17 @@ class Live:
             live_listening.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Let one actuator be felt for a moment, softly."""
+        """Play one actuator for a moment, softly."""
         if self._client is not None:
             self._client.pulse(name, actuator)
 
     def offset_ms(self, name: str) -> float:
-        """How long a connected device is held back."""
+        """Delay that is added to a connected device, milliseconds."""
         found = self._devices.get(name)
         return 0.0 if found is None else found.offset_ms
 
     def set_offset(self, name: str, offset_ms: float) -> None:
-        """Hold a connected device back for so long from now on."""
+        """Set the delay that is added to a connected device, milliseconds."""
         found = self._devices.get(name)
         if self._client is not None and found is not None:
             found.offset_ms = offset_ms
@@ -185,7 +185,7 @@ class Live:
     def send_vibration(
         self, amplitude_m_s2: float, frequency_hz: float, drive: SurfaceDrive | None = None
     ) -> None:
-        """Let every vibration actuator play this now, within its device's limits.
+        """Play a vibration on every vibration actuator now, within its device's limits.
 
         For what is tried by hand, without a body. A device that a script drives is left alone.
         What a surface drives (``drive``) is as strong as was calibrated for each device.
@@ -211,11 +211,11 @@ class Live:
             client.close()
 
     def touch(self) -> None:
-        """Something moved."""
+        """Note that something moved."""
         evaluation.touch()
 
     def edited(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Something changed but the time."""
+        """Note that something other than the time has changed."""
         if any(each.late_ms for each in self._devices.values()):
             from .look_ahead import changed_by
 
@@ -224,14 +224,14 @@ class Live:
                 self.ahead.edited(changed)
 
     def forget(self) -> None:
-        """The scene may have become another one: nothing of it is kept."""
+        """Drop everything: the scene may have become another one."""
         evaluation.forget()
         if self._ahead is not None:
             self._ahead.forget()
         self._is_described = False
 
     def fail(self, text: str) -> None:
-        """Something is wrong here: everything stops, and the user is told."""
+        """Stop everything and tell the user, after a fault in this process."""
         self.fault = text
         self.stop_all(text)
 
@@ -260,7 +260,7 @@ class Live:
         return bool(news)
 
     def _fade(self) -> None:
-        """Nothing is felt any more; a script decides by itself what that means."""
+        """Send neutral values; a script decides by itself how to fade."""
         import numpy as np  # Blender's start does not wait for it
 
         from ..devices.live.haptics import packed
@@ -275,7 +275,7 @@ class Live:
                 self._client.send(name, neutral)
 
     def _look_ahead(self) -> None:
-        """Read a little more of what comes."""
+        """Read another slice of the lookahead."""
         client, found = self._client, evaluation.scene
         if client is None or found is None or not self._is_described:
             return
@@ -332,7 +332,7 @@ live = Live()
 
 
 def register() -> None:
-    """Nothing to do before a device is connected."""
+    """Do nothing: there is no work before a device is connected."""
 
 
 def unregister() -> None:

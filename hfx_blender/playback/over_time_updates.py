@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When values over time are recorded anew: in short pieces, while nothing is edited or played."""
+"""Records values over time anew, in short pieces, while nothing is edited or played."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Updates:
         self._is_working = False
 
     def forget(self) -> None:
-        """Another file, or an undo."""
+        """Drop everything: another file, or an undo."""
         count = self.count
         self._stop()
         self.__init__()  # type: ignore[misc]
@@ -58,7 +58,7 @@ class Updates:
         self.changed()
 
     def changed(self) -> None:
-        """What was recorded may no longer hold."""
+        """Mark the record as outdated."""
         self.is_fresh = self._is_settled = self.must_step = False
         self._changed_s = time.monotonic()
         self._stop()
@@ -81,11 +81,11 @@ class Updates:
 
     @property
     def wants_time(self) -> bool:
-        """Whether there is something left to do."""
+        """Test for work left."""
         return not self._is_settled
 
     def work(self, scene: bpy.types.Scene) -> float:
-        """Do one piece of what is left; seconds until the next one."""
+        """Do one piece of the work; returns the seconds until the next one."""
         quiet_s = time.monotonic() - self._changed_s
         if quiet_s < QUIET_S:
             return QUIET_S - quiet_s + 0.01
@@ -165,7 +165,7 @@ def _key_of(scene: bpy.types.Scene) -> tuple[object, ...]:
 
 
 def is_held(context: bpy.types.Context) -> bool:
-    """Whether nothing must be worked out beside what Blender does now."""
+    """Test that nothing may be computed beside Blender's present job."""
     if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
         return True
     return any(window.screen.is_animation_playing for window in context.window_manager.windows)

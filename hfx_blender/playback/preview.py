@@ -46,7 +46,7 @@ _TALLEST = 0.45  # of the chart, as a share of the viewport
 
 
 def preview() -> Preview:
-    """The one preview; made when it is first needed, for Blender's start not to wait for it."""
+    """Get the only preview; created on first use, so that Blender's start does not wait for it."""
     global _preview
     if _preview is None:
         from .preview_layers import Preview
@@ -56,7 +56,7 @@ def preview() -> Preview:
 
 
 def updates() -> Updates:
-    """What keeps the values over time."""
+    """Get the updates of the values over time; created on first use."""
     global _updates
     if _updates is None:
         from .over_time_updates import Updates
@@ -66,7 +66,7 @@ def updates() -> Updates:
 
 
 def touch() -> None:
-    """Something moved; colours are worked out when they are drawn next."""
+    """Note that something moved; colours are computed at the next drawing."""
     if _preview is not None:
         _preview.touch()
 
@@ -89,7 +89,7 @@ def _is_on() -> bool:
 
 @persistent
 def on_frame(scene: bpy.types.Scene, *_: object) -> None:
-    """The frame changed; almost all is left to the next drawing."""
+    """Note that the frame changed; almost all work is left to the next drawing."""
     if _is_describing or stepping.is_stepping():
         return
     touch()
@@ -147,7 +147,7 @@ def describe() -> None:
 
 
 def _record() -> float | None:
-    """A piece of the values over time; called until they are complete."""
+    """Record a piece of the values over time; called until they are complete."""
     global _is_describing
     from .over_time_updates import QUIET_S, is_held
 
@@ -172,7 +172,7 @@ def _record() -> float | None:
 
 
 def _prepare() -> float | None:
-    """A piece of what shows at each frame of the record; called until it is complete."""
+    """Prepare the preview of one more frame of the record; called until all are complete."""
     from .over_time_updates import QUIET_S, is_held
 
     recorded, scene = _recorded(), bpy.context.scene
@@ -204,7 +204,7 @@ def _switched(_self: object, _context: bpy.types.Context) -> None:
 
 
 def _recorded() -> OverTime | None:
-    """The values over time, if they still hold."""
+    """Values over time, if they are still valid."""
     return updates().result if updates().is_fresh else None
 
 

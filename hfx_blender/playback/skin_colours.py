@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is felt as colours of one mesh: only where there is something to be seen.
+"""Colours of haptic samples on one mesh, restricted to the vertices where they show.
 
 The same colours as ``engine.colouring`` gives, worked out at those vertices alone.
 """

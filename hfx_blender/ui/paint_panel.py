@@ -59,7 +59,7 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
 
 
 def _header(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Always in sight while painting, whatever tab the sidebar shows."""
+    """Draw the end of painting in the header: visible with any tab of the sidebar."""
     if context.object is not None and context.object.get(PAINTED_EFFECT):
         self.layout.operator("hfx.paint_end", icon="CHECKMARK")
 

@@ -29,7 +29,7 @@ _PENDING_COLOUR = (1.0, 0.85, 0.2, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class PathLines:
-    """What is drawn of one point on the skin; world space, Blender's units."""
+    """Lines of one point on the skin; world space, Blender's units."""
 
     path: F32  # (n, 3)
     ring: F32  # (m, 3) the disc's rim where the point is now
@@ -43,7 +43,7 @@ _draw_handle: object | None = None
 
 
 def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = None) -> None:
-    """What is being drawn with the mouse on a body; None: nothing.
+    """Show the path that is being drawn with the mouse on a body; None hides it.
 
     Parameters
     ----------
