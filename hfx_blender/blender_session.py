@@ -54,7 +54,7 @@ def start() -> Any:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Let Ctrl-C, and signals that end the process, wait for the end of the block.
+    """Delay Ctrl-C, and signals that end the process, until the end of the block.
 
     While it starts, and in operators, Blender swallows or wraps what Python raises.
     """
@@ -106,7 +106,7 @@ def end_on_signals() -> None:
 
 
 def inside_blender() -> bool:
-    """Whether this runs in a whole Blender, not in its Python module: a file is open already."""
+    """Test that this runs in a whole Blender, not in its Python module: a file is open already."""
     bpy = sys.modules.get("bpy")
     return bpy is not None and bool(bpy.app.binary_path)  # app.module is not there before 4.5
 

@@ -54,7 +54,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
 
 
 def run(arguments: Sequence[str], prog: str = "hfx") -> int:
-    """Do one command and return its exit code; every fault of the user's is one line."""
+    """Run one command and return its exit code; every fault of the user's becomes one line."""
     console = Console(as_json="--json" in arguments)
     try:
         options = build_parser(prog).parse_args(_joined(arguments))
@@ -85,7 +85,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
 
 
 def _unless_lost(console: Console) -> int:
-    """The exit code of work that is done, by whether its results could be printed."""
+    """Exit code of finished work, by whether its results could be printed."""
     if console.fault is None:
         return 0
     console.warn(f"hfx: standard output: cannot be written ({console.fault.strerror}).")

@@ -45,7 +45,7 @@ def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
 
 
 def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection]:
-    """The F-curves of each action that a datablock has assigned or plays; they can be removed."""
+    """F-curves of each action that a datablock has assigned or plays; they can be removed."""
     data = owner.animation_data
     if data is None:
         return []

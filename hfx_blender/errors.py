@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faults that a user can cause, worded so that they can be shown as they are."""
+"""Errors that a user can cause, worded so that they can be shown as they are."""
 
 from .printable import printable
 
@@ -14,32 +14,34 @@ class HfxError(Exception):
     exit_code = 3
 
     def __str__(self) -> str:
-        """The sentence; names in it cannot steer the terminal that it is shown on."""
+        """Text of the error, with names escaped so that they cannot steer a terminal."""
         return printable(super().__str__())
 
 
 class UsageError(HfxError):
-    """The command or the arguments are wrong; nothing was tried."""
+    """Error in the command or its arguments; nothing was tried."""
 
     exit_code = 2
 
 
 class InputError(HfxError):
-    """A file or a scene cannot be used as it is; nothing was written for it."""
+    """Error in a file or a scene that cannot be used as it is; nothing was written for it."""
 
 
 class OutputError(HfxError):
-    """A result cannot be written (unwritable folder, full disk)."""
+    """Error in writing a result (unwritable folder, full disk)."""
 
 
 class ScriptError(HfxError):
-    """A device's script does not run, or not to its end; nothing was written for its device."""
+    """Error of a device's script, which cannot run to its end; nothing was written for its
+    device.
+    """
 
     exit_code = 5
 
 
 class DeviceError(HfxError):
-    """A device failed while it was driven."""
+    """Error of a device while it was driven."""
 
     exit_code = 4
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a file, a folder or a numbered row of files holds, as a hash."""
+"""Content hashes of files, folders and numbered rows of files."""
 
 from __future__ import annotations
 

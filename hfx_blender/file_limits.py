@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What one file may ask for, checked before any memory is taken for it.
+"""Limits on the memory that one file may ask for, checked before any is taken.
 
 A few bytes can ask for days of values. Every reader and converter asks here first;
 ``hfx ... --largest N``, or :func:`raised` in Python, allows N times as much.
@@ -23,7 +23,7 @@ _COUNTLESS: Final = 1e300  # whole numbers may be larger than any float
 
 
 class TooLargeError(InputError):
-    """A file that may be valid asks for more than is allowed."""
+    """Raised for a file that may be valid but asks for more than is allowed."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Limit:
 
     @property
     def allowed(self) -> float:
-        """The limit that holds now."""
+        """Current limit."""
         return self.default * _times.get()
 
     def check(self, asked: float, name: str, asks: str) -> None:

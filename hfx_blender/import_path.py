@@ -54,7 +54,7 @@ def protect() -> None:
 
 
 def is_own_command(arguments: list[str]) -> bool:
-    """Whether a command line of Python runs ``hfx``: its script, or the module of it."""
+    """Test a Python command line for ``hfx``: its script, or its module."""
     if arguments[1:3] == ["-m", "hfx_blender.cli"]:
         return True
     scripts = [each for each in arguments[1:] if not each.startswith("-")]

@@ -93,14 +93,14 @@ def environment() -> dict[str, str]:
 
 
 def cores() -> int:
-    """How many processor cores this process may use."""
+    """Number of processor cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def read_exactly(stream: IO[bytes], count: int) -> bytes | None:
-    """So many bytes of a pipe, which gives what it has; None if it ends before."""
+    """Read exactly ``count`` bytes of a pipe; None at the end of the stream."""
     parts = []
     while count:
         part = stream.read(count)

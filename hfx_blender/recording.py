@@ -34,7 +34,7 @@ Felt = tuple[AnimationBlock, list[SampleRun]]
 
 @dataclass(frozen=True)
 class Recorded:
-    """What recording told besides the samples; plain data, so that processes can hand it on."""
+    """Facts of a recording besides the samples; plain data, so that processes can hand it on."""
 
     engine: dict[str, Any]  # the engine's counters
     faults: dict[str, list[int]]  # message: samples at which the scene could not be read well
@@ -43,7 +43,7 @@ class Recorded:
 
     @classmethod
     def of(cls, reader: SceneReader, engine: Engine) -> Self:
-        """That of a recording that has just ended."""
+        """Collect the facts of a recording that has just ended."""
         return cls(
             engine.counters.as_dict(),
             {text: sorted(samples) for text, samples in reader.faults.items()},
@@ -61,7 +61,7 @@ class Recorded:
 
     @classmethod
     def merged(cls, parts: Sequence[Self]) -> Self:
-        """What one recording of all parts, given in the order of time, would have told."""
+        """Merge parts, given in the order of time, into the facts of a single recording."""
         counted = Counters()
         faults: dict[str, set[int]] = {}
         for part in parts:
@@ -79,13 +79,13 @@ class Recorded:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What went wrong while samples were read and evaluated, and how often."""
+        """Warnings while samples were read and evaluated, with their counts."""
         counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
         return tuple(f"{text} ({count} times)" for text, count in counts.items())
 
 
 def why_in_one_go(reader: SceneReader) -> str | None:
-    """Why a scene cannot be recorded in parts; None: it can, and that gives the same."""
+    """Reason why a scene cannot be recorded in parts with equal results; None if it can."""
     for effect in reader.description.effects:
         if isinstance(effect.area, HapticSurface):
             return f"what is felt of the surface '{effect.name}' goes on from sample to sample"
@@ -180,7 +180,7 @@ def _header(
 
 
 def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Felt]:
-    """What comes from a sample on; what was counted before it is forgotten."""
+    """Yields blocks from sample ``first`` on; discards the counters of warm-up blocks."""
     for block, felt in found:
         if block.indices[-1] < first:
             counters.clear()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the shipped data lies: in a checkout, in an installed wheel, in an extension."""
+"""Folders of data: in a checkout, in an installed wheel, in an extension."""
 
 import os
 import sys
@@ -88,7 +88,7 @@ def surface_calibration() -> Path:
 
 
 def _user_data() -> Path:
-    """Where the platform wants a user's data of ours."""
+    """Folder for our user data by the platform's convention."""
     if sys.platform == "win32":
         return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming") / "hfx"
     if sys.platform == "darwin":

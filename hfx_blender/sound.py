@@ -37,7 +37,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class SoundSettings:
-    """How a scene is heard."""
+    """Settings of a scene's sound."""
 
     layout: Layout = LAYOUTS["stereo"]
     scheme: Scheme = "vbap"
@@ -108,7 +108,7 @@ class SoundRecorder:
         self.add_felt(runs)
 
     def add_felt(self, runs: Iterable[SampleRun]) -> None:
-        """What is felt, which is heard too."""
+        """Add samples: what is felt is heard, too."""
         body = self._scene.bodies[0].id
         for run in runs:
             found = self._number.get(run.stream.effect_id)
@@ -116,7 +116,7 @@ class SoundRecorder:
                 self._touches[found, run.indices] = run.levels
 
     def sources(self) -> list[Source]:
-        """What sounds, each with a tone of its own."""
+        """Sound sources, each with a tone of its own."""
         made = []
         settings = self._settings
         steps = (0, 2, 4, 7, 9)  # major pentatonic
@@ -162,7 +162,7 @@ class SoundRecorder:
 
 
 def _held(places: F64) -> F64:
-    """Places that are not known are those last known: what fades out does so where it was."""
+    """Places with gaps filled by the last known one: a sound fades out where it was."""
     known = ~np.isnan(places).any(axis=1)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     first = int(np.argmax(known))

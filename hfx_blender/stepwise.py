@@ -15,7 +15,7 @@ _T = TypeVar("_T")
 
 
 def finish(steps: Generator[float, None, _T], progress: Progress = lambda share: None) -> _T:
-    """Do all steps, and give the result."""
+    """Do all steps, and return the result."""
     while True:
         try:
             progress(next(steps))

@@ -23,7 +23,7 @@ _ENDLESS = 3e38
 
 @dataclass(frozen=True)
 class BadValue:
-    """A value that its property does not allow."""
+    """Stored value that its property does not allow."""
 
     path: str  # below Object.hfx or Scene.hfx, such as ``response[2].decay``
     found: str
@@ -62,7 +62,7 @@ def limited_row(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
 
 
 def _stored(owner: bpy.types.ID) -> Mapping[str, Any]:
-    """What Blender stores behind a datablock's registered properties."""
+    """Raw values that Blender stores behind a datablock's registered properties."""
     if hasattr(owner, "bl_system_properties_get"):  # 5.0 and later
         return owner.bl_system_properties_get() or {}
     return owner

@@ -43,7 +43,7 @@ def _remake(self: HfxSurfaceProperties, _context: bpy.types.Context) -> None:
 
 
 def _numbered(name: str) -> int:
-    """What a .blend stores of a material's name: it must not change when others are added."""
+    """Stable number of a material's name for a .blend: it must not change when others are added."""
     return zlib.crc32(name.encode()) >> 1
 
 
@@ -54,7 +54,9 @@ PROCEDURALS = tuple(
 
 
 class HfxSurfaceProperties(bpy.types.PropertyGroup):
-    """How an object's surface is made and felt. Lengths are in mm, as labelled."""
+    """Settings of an object's surface, its maps and its rendering. Lengths are in mm, as
+    labelled.
+    """
 
     source: EnumProperty(
         name="Source", description="What the relief is made of", items=SOURCES, update=_remake

@@ -41,7 +41,7 @@ _BEND_MM: Final = (3.0, 10_000.0)
 
 
 def scheme(node: Node) -> Scheme:
-    """The rendering scheme and its options."""
+    """Rendering scheme and its options."""
     members = node.members(required=("scheme",), optional=("options",))
     name = cast(SchemeName, members["scheme"].choice(get_args(SchemeName)))
     if "options" not in members:
@@ -59,7 +59,7 @@ def scheme(node: Node) -> Scheme:
 
 
 def mount(node: Node) -> Mount:
-    """Where a layout lies on the body; its axes are made orthogonal and of unit length."""
+    """Mount of a layout on the body; its axes are made orthogonal and of unit length."""
     members = node.members(required=("origin_m", "x_axis", "y_axis"), optional=("bend_radius_mm",))
     origin = _triple(members["origin_m"], 3.0, "m")
     x = np.array(_triple(members["x_axis"], 1.0))
@@ -98,7 +98,7 @@ def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
 
 
 def place(node: Node, mount: Mount | None) -> Place:
-    """Where one actuator works."""
+    """Place of one actuator."""
     kinds: dict[str, Callable[[Node], Place]] = {
         "placement": _body_place,
         "vertices": _vertex_place,
@@ -129,7 +129,7 @@ def _body_place(node: Node) -> BodyPlace:
 
 
 def _pad_place(node: Node, mount: Mount | None) -> BodyPlace:
-    """A place in the layout's own millimetres, which the mount puts on the body."""
+    """Place given in the layout's own millimetres, which the mount puts on the body."""
     if mount is None:
         node.fail("a placement, vertices or room: the device has no 'mount' for a pad")
     members = node.members(required=("parts", "at_mm", "radius_m"), optional=("side",))

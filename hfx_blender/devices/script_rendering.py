@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What devices play of a track, their scripts included: the rendering of all that is exported.
+"""Renders devices for an export, their scripts included.
 
 A script is run as live playback runs it, by the same worker, but for each row of the raster, in
 the order of time, from the track's first row to its last. So its state depends on the track
@@ -56,14 +56,14 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Rendered:
-    """What devices play, and what they do not."""
+    """Rendered rasters, and the devices without one."""
 
     played: list[Played]
     silent: Mapping[str, str] = field(default_factory=dict)  # by device: why it plays nothing
     notes: tuple[str, ...] = ()
 
     def without(self, silent: Mapping[str, str]) -> Rendered:
-        """The same, but some devices play nothing."""
+        """Copy in which some devices play nothing."""
         played = [each for each in self.played if each[0].id not in silent]
         return Rendered(played, {**self.silent, **silent}, self.notes)
 
@@ -96,7 +96,7 @@ def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[
 def rendering(
     track: TrackReader, renderers: Sequence[tuple[DeviceConfig, Renderer]]
 ) -> Generator[float, None, Rendered]:
-    """What devices play whose renderers have been given all of a track, in steps.
+    """Render devices, whose renderers have been given all of a track, in steps.
 
     The track is read once more for each script. A device whose script fails on one body plays
     nothing on any.
@@ -127,7 +127,7 @@ def rendering(
 def _answers(
     track: TrackReader, device: DeviceConfig, renderer: Renderer
 ) -> Generator[float, None, F64]:
-    """What a device's script answers to each row, (T, columns).
+    """Answers of a device's script for each row, (T, columns).
 
     Raises
     ------
@@ -204,7 +204,7 @@ def _scene_times_s(header: TrackHeader) -> list[float]:
 
 
 def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[Felt]:
-    """What the wearer feels at each row of a track, and how strongly it reaches each actuator."""
+    """Effects on the wearer at each row of a track, with their gains at each actuator."""
     nothing: Felt = []
     row = 0
     for block in blocks(track.header, track.runs()):
@@ -227,7 +227,7 @@ def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[Felt]:
 
 
 class _FaultError(Exception):
-    """A script has failed; at which row, if it was asked one."""
+    """Fault of a script, with its row if it was asked one."""
 
     def __init__(self, text: str, row: int | None = None) -> None:
         super().__init__(text)
@@ -235,7 +235,7 @@ class _FaultError(Exception):
 
 
 class _Worker:
-    """A script's worker, which is asked row after row; it ends with the ``with`` block.
+    """Worker of a script, which is asked row after row; it ends with the ``with`` block.
 
     One thread writes, as a worker that does not read must keep nobody waiting; one reads.
 

@@ -200,7 +200,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
-    """What of an entry is not played by :func:`decode`."""
+    """Count the parts of an entry that :func:`decode` does not play."""
     event = entry.get("Event")
     if event is not None and event.get("EventType") not in ("HapticTransient", "HapticContinuous"):
         lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1

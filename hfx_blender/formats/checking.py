@@ -31,7 +31,7 @@ Severity = Literal["error", "warning"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault of a file."""
+    """Fault of a file."""
 
     code: str
     place: str
@@ -73,12 +73,12 @@ class Report:
     _kinds: set[tuple[str, Severity]] = field(default_factory=set)
 
     def error(self, code: str, place: Place, message: str) -> None:
-        """Something is wrong."""
+        """Report an error."""
         self._add(code, place, message, "error")
         self.has_errors = True
 
     def warn(self, code: str, place: Place, message: str) -> None:
-        """Something is unusual; readers cope with it."""
+        """Report something unusual, with which readers cope."""
         self._add(code, place, message, "warning")
 
     def _add(self, code: str, place: Place, message: str, severity: Severity) -> None:
@@ -111,12 +111,12 @@ class Text:
 
 @dataclass(frozen=True)
 class Flag:
-    """true or false."""
+    """Shape of true or false."""
 
 
 @dataclass(frozen=True)
 class Anything:
-    """Whatever it is."""
+    """Shape of any value."""
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ def shown(value: Any) -> str:
 
 
 def parse(content: bytes, name: str) -> Any:
-    """A JSON document; numbers are finite, keys are there once.
+    """Parse a JSON document; numbers are finite, keys are there once.
 
     Raises
     ------

@@ -37,7 +37,7 @@ _MODALITIES: Final = {"temperature": 3, "vibration": 4, "pressure": 5, "wind": 5
 
 @dataclass(eq=False)
 class _Volume:
-    """Where one volume was at which samples."""
+    """Recorded motion of one volume."""
 
     effect: EffectDescription
     shape: Shape | None = None
@@ -83,7 +83,7 @@ class VolumeRecorder:
             volume.matrices.append(effect.matrices[rows][finite])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Where the volumes were, as arrays that one process can hand on to another."""
+        """Motion of the volumes, as arrays that one process can hand on to another."""
         found: dict[str, npt.NDArray[Any]] = {}
         for k, volume in self._volumes.items():
             if volume.shape is not None:

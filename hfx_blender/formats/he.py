@@ -254,7 +254,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
-    """Each event with its actuator's index and its time, ms."""
+    """Events with their actuator's index and their time, ms."""
     if "Channels" in found:
         return [
             (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])

@@ -22,7 +22,7 @@ _SAME_SHARE: Final = 1.0  # of a hundred
 
 @dataclass(frozen=True)
 class HeEvent:
-    """One event; a transient has no points."""
+    """Event of a .he file; a transient has no points."""
 
     start_ms: int
     points: tuple[tuple[int, float, int], ...]  # time within it, intensity 0..1, frequency

@@ -197,7 +197,7 @@ def _set(run: SampleRun, k: int) -> tuple[Any, Any]:
 
 
 def _set_line(number: int, vertices: Any, weights: Any) -> bytes:
-    """A set as a line; most of a file, so its numbers are looked up as text, all at once."""
+    """Encode a set as a line, quickly: its numbers are looked up as text, all at once."""
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:

@@ -57,7 +57,7 @@ def write(values: Grey, path: Path) -> None:
 
 
 def read(path: Path) -> tuple[Grey, bool]:
-    """A picture (H, W), top row first, as it is stored; whether it had colours.
+    """Read a picture (H, W), top row first, as it is stored, and whether it had colours.
 
     Of a coloured picture the mean of red, green and blue is taken; transparency is left out.
 
@@ -155,7 +155,7 @@ def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
 
 
 def _by_diagonals(kinds: U8, lines: U8, unit: int) -> U8:
-    """As above for filters that look left and up: all pixels of a diagonal are independent."""
+    """Undo filters that look left and up: all pixels of a diagonal are independent."""
     rows, width = lines.shape
     pixels = lines.reshape(rows, width // unit, unit)
     columns = pixels.shape[1]

@@ -98,7 +98,7 @@ def write(
 def _simplified(
     write_few: Callable[[tuple[Signal, ...], FrequencyRange, Path], Written], grid: str = ""
 ) -> SignalWriter:
-    """A writer that is given signals of few keyframes."""
+    """Make a writer that is given signals of few keyframes."""
 
     def write_signals(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance

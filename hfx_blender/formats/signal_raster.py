@@ -27,7 +27,7 @@ TICK_S: Final = 0.022
 def raster_of(
     signals: Sequence[Signal], device: DeviceConfig, name: str
 ) -> tuple[Raster, tuple[str, ...], tuple[str, ...]]:
-    """What a device is given to play signals.
+    """Raster of a device that plays signals.
 
     A signal goes to the vibration actuator of its name; if it is the only one and there is no
     such actuator, to all of them. Full scale is the largest amplitude of the actuator itself.

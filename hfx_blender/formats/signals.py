@@ -40,7 +40,7 @@ class Transient:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """What one actuator plays."""
+    """Vibration of one actuator."""
 
     name: str
     amplitude: Curve  # 0..1; its last keyframe is the end
@@ -50,13 +50,13 @@ class Signal:
 
     @property
     def duration_s(self) -> float:
-        """When the last of it is over."""
+        """End of the signal, seconds."""
         ends = [float(self.amplitude.times_s[-1]), *(each.time_s for each in self.transients)]
         return max(ends)
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing of it would be felt."""
+        """Test that nothing of the signal would be felt."""
         return not self.transients and not bool((self.amplitude.values > 0.0).any())
 
 
@@ -76,7 +76,7 @@ def distinct(signals: Iterable[Signal]) -> list[Signal]:
 
 @dataclass(frozen=True)
 class FrequencyRange:
-    """What 0 and 1 mean in formats without hertz: the range of the device's actuators."""
+    """Frequencies of 0 and 1 in formats without hertz: the range of the device's actuators."""
 
     lowest_hz: float
     highest_hz: float
@@ -227,7 +227,7 @@ class Piece:
 def mixed(
     name: str, pieces: Sequence[Piece], transients: Iterable[Transient] = (), end_s: float = 0.0
 ) -> Signal:
-    """One signal of pieces that may overlap: amplitudes add, the strongest gives the pitch.
+    """Mix pieces that may overlap into one signal: amplitudes add, the strongest gives the pitch.
 
     Raises
     ------

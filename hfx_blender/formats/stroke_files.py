@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What one stroke over a surface feels like, as a file: WAV, AHAP, .he, .haptic or CSV."""
+"""Stroke over a surface as a file: WAV, AHAP, .he, .haptic or CSV."""
 
 from __future__ import annotations
 

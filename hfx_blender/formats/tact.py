@@ -175,7 +175,7 @@ def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
 
 
 def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """One signal for each dot that is used, named ``VestFront 0``.
+    """Signals of a file, one for each dot that is used, named ``VestFront 0``.
 
     A point that moves on a path is played by the nearest dot.
 
@@ -221,7 +221,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _count_lost(mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]) -> None:
-    """What of a path cannot be played as it is meant."""
+    """Count the parts of a path that cannot be played as intended."""
     for feedback in mode["pathMode"]["feedback"]:
         if not feedback["pointList"]:
             lost["paths without points, which are silent"] += 1

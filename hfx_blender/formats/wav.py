@@ -56,7 +56,7 @@ I64 = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class _Drive:
-    """What the channels play, at the raster's rows."""
+    """Waves of the channels, at the raster's rows."""
 
     actuators: tuple[str, ...]
     amplitudes: F64  # (T + 1, C) 0..1 of full scale; the last row is the silent end
@@ -273,7 +273,7 @@ def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
 def _head(
     sample_format: SampleFormat, channel_count: int, rate_hz: int, sample_count: int
 ) -> bytes:
-    """Everything before the samples: RIFF, fmt and, for floats, fact (Microsoft, 1994)."""
+    """Head of a WAV file: RIFF, fmt and, for floats, fact (Microsoft, 1994)."""
     bits = _BITS[sample_format]
     frame_bytes = channel_count * bits // 8
     tag = _FLOAT if sample_format == "float32" else _PCM

@@ -155,7 +155,7 @@ class CurveEffect:
 
 
 def is_steady(effect: bpy.types.Object) -> bool:
-    """Whether an effect has the shape of a mesh that is the same at all times, or of none."""
+    """Test that an effect's shape is the same mesh at all times, or no mesh."""
     try:
         if effect.hfx.shape == "MESH":
             _refuse_deformed(effect)

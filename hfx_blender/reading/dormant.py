@@ -37,7 +37,7 @@ def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
 
 
 def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:
-    """Why an effect is not felt at any of these frames of the animation; None: it may be.
+    """Reason why an effect is not felt at any of these frames of the animation; None if it may be.
 
     The text goes on after the effect's name.
     """
@@ -53,7 +53,7 @@ def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: 
 
 
 def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:
-    """Whether an effect's intensity is 0 at all of these frames, whatever happens."""
+    """Test for an intensity that is certainly 0 at all of these frames."""
     if stepping.foreign_handler() is not None:
         return False  # it may set anything
     spans = activation.spans_of_value(effect, _INTENSITY)

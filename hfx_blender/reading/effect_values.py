@@ -39,7 +39,7 @@ def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
 
 
 def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
-    """How an effect's strength falls off to its boundary."""
+    """Falloff of an effect."""
     return Falloff(FalloffKind(hfx.falloff), limited(hfx, "falloff_share"))
 
 
@@ -65,7 +65,7 @@ def to_metres(world: F64, unit_m: float) -> F64:
 
 
 def is_empty(evaluated: bpy.types.Object) -> bool:
-    """Whether the mesh of an object has nothing in it, as where nodes make all of it instances."""
+    """Test for a mesh without vertices, as where nodes turn all of it into instances."""
     return evaluated.type == "MESH" and not evaluated.mode == "EDIT" and not evaluated.data.vertices
 
 
@@ -79,7 +79,7 @@ class Shapes:
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
     ) -> Shape:
-        """The shape of an effect as it is evaluated at a time; instances may have several."""
+        """Shape of an effect as it is evaluated at a time; instances may have several."""
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
         if not evaluated.data.is_editmode:
@@ -109,7 +109,7 @@ class Shapes:
         return known[1]
 
     def box_of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> MeshVolume | None:
-        """The box around a mesh as it is evaluated at a time; None where it may have none."""
+        """Box around a mesh as it is evaluated at a time; None where it may have none."""
         if evaluated.type != "MESH" or evaluated.mode == "EDIT" or is_empty(evaluated):
             return None
         corners = np.array([corner[:] for corner in evaluated.bound_box], np.float64)
@@ -117,6 +117,6 @@ class Shapes:
         return MeshVolume.box(bounds, effect.name) if np.isfinite(bounds).all() else None
 
     def last_of(self, effect: bpy.types.Object, part: int = 0) -> Shape | None:
-        """The last mesh of an effect that could be one; None if there never was any."""
+        """Last valid mesh of an effect; None if there never was any."""
         known = self._meshes.get((effect.name_full, part))
         return known[1] if known else None

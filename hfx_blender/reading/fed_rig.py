@@ -124,7 +124,7 @@ def _moves_a_bone(path: str) -> bool:
 
 
 def _mixed_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """The assigned action, if it moves bones and animates something else, too."""
+    """Assigned action, if it moves bones and animates something else, too."""
     for track in obj.animation_data.nla_tracks:
         for strip in track.strips:
             paths = [_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Many small objects: instances and particles of a haptic volume are volumes themselves.
+"""Instances and particles of haptic volumes, each as a volume of its own.
 
 Which there are is found at whole frames of the user's own scene, which is what simulations and
 geometry nodes can be read at; what each is at a time is read at that very time. Each has an id
@@ -108,7 +108,7 @@ class _Values:
 
 
 class Sources:
-    """The volumes of a scene that may have instances, and how these stand at a time.
+    """Volumes of a scene that may have instances, and the state of these at a time.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class Sources:
         }
 
     def described(self, name: str) -> EffectDescription:
-        """What instances of a source have in common."""
+        """Description shared by the instances of a source."""
         source, hfx = self.objects[name], self.objects[name].hfx
         return EffectDescription(
             id=self._ids[name],
@@ -177,13 +177,13 @@ class Sources:
         )
 
     def keys_now(self, depsgraph: bpy.types.Depsgraph) -> set[Key]:
-        """Which instances there are."""
+        """Keys of the present instances."""
         return {key for key, _, _ in _shown(depsgraph) if key[0] in self.objects}
 
     def rows_now(
         self, depsgraph: bpy.types.Depsgraph, phase: Phase | None = None, index: int = 0
     ) -> dict[Key, EffectRow]:
-        """The instances as they stand now, at a sample."""
+        """Rows of the present instances, at a sample."""
         rows: dict[Key, EffectRow] = {}
         common: dict[str, _Values] = {}
         shapes: dict[tuple[str, int], Shape | None] = {}
@@ -310,7 +310,7 @@ class Instances:
         return stepping.own_scene(found.scene, found.layer, found.simulation)
 
     def may_be_on(self, frames: F64) -> Bool:
-        """Whether any instance can be felt at each played frame, (n,)."""
+        """Test that any instance can be felt at each played frame, (n,)."""
         animation = animation_frames(self._found.scene, frames)
         on = np.zeros(len(frames), np.bool_)
         for name in {name for name, _, _ in self._keys}:

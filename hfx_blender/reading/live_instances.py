@@ -56,7 +56,7 @@ class LiveInstances:
         return dict(sorted(counts.items()))
 
     def rows(self) -> tuple[list[EffectRow], list[bool]]:
-        """Each slot now, and whether it holds what it held when it was asked for last."""
+        """Row of each slot now, and whether the slot still holds the same instance."""
         if not self._slots:
             return [], []
         now = self._sources.rows_now(self._layer.depsgraph)

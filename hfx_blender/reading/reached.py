@@ -9,7 +9,7 @@ import bpy
 
 
 def is_instancer(obj: bpy.types.Object) -> bool:
-    """Whether an object may make instances of others, or of its own geometry."""
+    """Test for an object that may make instances of others, or of its own geometry."""
     return (
         obj.instance_type != "NONE"
         or bool(obj.particle_systems)

@@ -23,7 +23,7 @@ _STEPS_A_FRAME = 4
 
 
 def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
-    """The filters that count, with how long their impacts can ring."""
+    """Active filters, with upper bounds of how long their impacts ring."""
     return tuple(
         responses.described(each, _longest_s(effect, k, each))
         for k, each in responses.active(effect.hfx)
@@ -31,7 +31,7 @@ def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
 
 
 def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGroup) -> float:
-    """No less than an impact of a filter ever rings, seconds; 0 for other kinds."""
+    """Upper bound of how long an impact of a filter rings, seconds; 0 for other kinds."""
     if each.kind != Kind.IMPACT:
         return 0.0
     attack, decay = limited(each, "attack"), limited(each, "decay")
@@ -56,7 +56,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
 
 
 def _bound(curve: bpy.types.FCurve) -> float:
-    """What a curve does not exceed; endless where modifiers or extrapolation make it up."""
+    """Upper bound of a curve; infinite where modifiers or extrapolation continue it."""
     keys = curve.keyframe_points
     plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
     if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
@@ -101,7 +101,7 @@ def with_even_phase(
 
 
 def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
-    """Of a curve from a played frame to others, (T,), by trapezia on a grid that all share."""
+    """Integral of a curve from a played frame to others, (T,), by trapezia on a common grid."""
     last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
     grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
     at = np.array([max(curve.evaluate(f), 0.0) for f in animation_frames(scene, grid).tolist()])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What does not change over time: which objects have a haptic meaning, and what they are.
+"""Describes the constant part of a scene: objects with a haptic meaning, and their settings.
 
 Faults that make an export impossible are told here, before any time is evaluated.
 """
@@ -76,7 +76,7 @@ class HapticObjects:
 
     @property
     def read(self) -> list[bpy.types.Object]:
-        """All that is read of a scene: effects that may be felt, bodies, and what shows these."""
+        """Objects that are read of a scene: effects that may be felt, bodies, and their meshes."""
         shown = [mesh for body in self.bodies for mesh in avatar_meshes.meshes_of(body)]
         return [*(self.effects[k] for k in self.awake), *self.bodies, *shown]
 
@@ -148,7 +148,7 @@ def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
 def _find_bodies(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
-    """The bodies that can be posed, what is told of them, and which were left out."""
+    """Find the bodies that can be posed, warnings about them, and the names of the others."""
     bodies = effects.bodies_of(scene)
     if not bodies:
         inside = _instanced_body(scene)
@@ -185,7 +185,7 @@ def _find_bodies(
 def _instanced_body(
     scene: bpy.types.Scene,
 ) -> tuple[bpy.types.Object, bpy.types.Object] | None:
-    """What instances a collection with a haptic body, and that body."""
+    """Find an instanced collection with a haptic body: the instancer, and that body."""
     for obj in scene.objects:
         collection = obj.instance_collection
         for each in collection.all_objects if collection is not None else ():

@@ -69,12 +69,12 @@ def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
 
 
 def goes_on_by_itself(scene: bpy.types.Scene) -> bool:
-    """Whether a scene shows anything that goes on from the frame before, felt or not."""
+    """Test for simulations in a scene, felt or not."""
     return simulated(scene.objects) is not None or moves_particles(scene)
 
 
 def moves_particles(scene: bpy.types.Scene) -> bool:
-    """Whether particles move in a scene: emitted ones, or hair that swings."""
+    """Test for moving particles in a scene: emitted ones, or hair that swings."""
     return any(
         system.settings.type == "EMITTER" or system.use_hair_dynamics
         for obj in _shown(scene)
@@ -136,7 +136,7 @@ def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
 
 
 def _first_frame(scene: bpy.types.Scene) -> int:
-    """Where the first simulation of a scene begins, if not with the scene itself."""
+    """First frame of the earliest simulation of a scene, or of the scene itself."""
     starts = [start for obj in _shown(scene) for start in _starts(obj)]
     world = scene.rigidbody_world
     if world is not None:

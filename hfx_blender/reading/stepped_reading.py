@@ -25,7 +25,7 @@ from .surface_reading import SurfaceVertices
 
 @dataclass(frozen=True, eq=False)
 class _Settings:
-    """What was read of an effect whose own settings nothing animates: only its place moves."""
+    """Settings of an effect that nothing animates, as they were read: only its place moves."""
 
     level: float
     parameters: list[float]  # in their modality's order; of wind the speed only
@@ -213,7 +213,7 @@ def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
 
 
 def _is_animated(effect: bpy.types.Object) -> bool:
-    """Whether a curve or a driver may change an effect's own settings."""
+    """Test for a curve or a driver that may change an effect's own settings."""
     data = effect.animation_data
     if data is None:
         return False

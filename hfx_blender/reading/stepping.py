@@ -26,7 +26,7 @@ _is_stepping = False
 
 
 class Stepper:
-    """One scene that is set to times and read through its dependency graph.
+    """Scene that is set to times and read through its dependency graph.
 
     Rigs that are ``fed`` are in it as their copies.
     """
@@ -85,7 +85,9 @@ def _restored(scene: bpy.types.Scene) -> Iterator[None]:
 
 
 def is_stepping() -> bool:
-    """Whether time is stepped through now, which is not what the user plays or scrubs."""
+    """Test that the program steps through time now, which is not the user's playback or
+    scrubbing.
+    """
     return _is_stepping
 
 
@@ -137,7 +139,7 @@ _OURS = (__package__ or "").rpartition(".")[0]
 
 
 def foreign_handler() -> str | None:
-    """A handler that may do anything when the frame changes; None if there is only ours."""
+    """Frame handler of others, which may do anything; None if there are only ours."""
     handlers = bpy.app.handlers
     for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
         module = getattr(handler, "__module__", None) or ""
@@ -148,7 +150,7 @@ def foreign_handler() -> str | None:
 
 
 def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
-    """What a scratch scene of these objects could not reproduce; None: nothing of the kind.
+    """Reason why a scratch scene of these objects could not reproduce them; None if it can.
 
     What they do not reach, over any number of steps, does not matter.
     """

@@ -44,7 +44,7 @@ def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: floa
 
 
 class SurfaceVertices:
-    """Where surfaces' vertices are; the same array again as long as nothing deforms."""
+    """Vertices of surfaces; the same array again as long as nothing deforms."""
 
     def __init__(self) -> None:
         self._known: dict[str, F64] = {}
@@ -73,7 +73,7 @@ class SurfaceVertices:
         return before
 
     def last_of(self, effect: bpy.types.Object) -> F64 | None:
-        """What was found last."""
+        """Vertices that were found last."""
         return self._known.get(effect.name)
 
 

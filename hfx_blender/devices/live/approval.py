@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which device scripts may run: shipped ones, and those that the user has approved.
+"""Approval of device scripts: shipped ones, and those that the user has approved, may run.
 
 An approval is for the bytes of script and configuration and for the version of the interface;
 a changed byte asks again. It is not a sandbox: an approved script has its user's rights.
@@ -36,7 +36,7 @@ class DeviceScript:
     is_approved: bool
 
     def as_wish(self) -> dict[str, str]:
-        """What :meth:`LiveClient.connect` takes."""
+        """Entry of :meth:`LiveClient.connect` for the script."""
         return {
             "path": str(self.path),
             "configuration": str(self.configuration),
@@ -69,12 +69,12 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
 
 
 def is_shipped(script: Path) -> bool:
-    """Whether a script is one of the release's, which needs no approval and cannot lose it."""
+    """Test for a script of the release, which needs no approval and cannot lose it."""
     return script.resolve().parent == resources.device_configs().resolve()
 
 
 def fingerprint(script: Path, configuration: Path) -> str:
-    """What an approval is for.
+    """Fingerprint that an approval refers to.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def fingerprint(script: Path, configuration: Path) -> str:
 
 
 def fingerprint_of(script: bytes, configuration: bytes) -> str:
-    """The same, of what has been read already."""
+    """:func:`fingerprint` of content that has been read already."""
     digest = hashlib.sha256(f"hfx-script {API_VERSION}".encode())
     for content in (script, configuration):
         digest.update(len(content).to_bytes(8, "little"))
@@ -159,7 +159,7 @@ def approved() -> dict[str, str]:
 
 
 def fault_of_list() -> str:
-    """Why the list of approvals cannot be read; empty: it can."""
+    """Fault of the list of approvals; empty if it can be read."""
     try:
         _read()
     except InputError as error:
@@ -168,7 +168,7 @@ def fault_of_list() -> str:
 
 
 class Approval:
-    """The approval that a running script began with.
+    """Approval under which a running script was started.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ class Approval:
         self._is_withdrawn = False
 
     def is_withdrawn(self) -> bool:
-        """Whether it was given and is not any more; looks at the list only if that changed."""
+        """Test for a withdrawn approval; reads the list only after it has changed."""
         seen = _stamp()
         if self.was_given and seen != self._seen:
             self._seen, self._is_withdrawn = seen, self._mark not in approved()

@@ -38,7 +38,7 @@ class LiveClient:
 
     @property
     def pid(self) -> int | None:
-        """Of the output process."""
+        """Process id of the output process, or None."""
         return self._pipe.pid
 
     def start(self) -> None:
@@ -118,7 +118,7 @@ class LiveClient:
         self._feed(name, Kind.VALUES, values_to(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
-        """What a device's script is to be told now."""
+        """Send the haptic data for a device's script."""
         self._feed(name, Kind.HAPTICS, haptics)
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
@@ -137,7 +137,7 @@ class LiveClient:
         self._pipe.tell(Kind.SCENE, body=body)
 
     def show(self, moment: Moment) -> None:
-        """What is felt now, for every device; what was not sent yet is replaced.
+        """Send the current samples for every device; replaces what was not sent yet.
 
         It is handed over as it is: nothing of it may be changed any more. A device that is muted
         by it is silent at once.
@@ -151,7 +151,7 @@ class LiveClient:
         self._pipe.replace(EVERY_DEVICE, moment)
 
     def foresee(self, body: bytes, *, is_scene: bool) -> None:
-        """What comes in the scene, for actuators that answer late.
+        """Send upcoming state of the scene, for actuators with latency.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class LiveClient:
         self._pipe.tell(Kind.FUTURE_SCENE if is_scene else Kind.FUTURE_BLOCK, body=body)
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Let one actuator be felt for a moment, softly."""
+        """Play one actuator for a moment, softly."""
         if name in self.devices:
             self._pipe.tell(Kind.PULSE, self.devices[name].number, json_to({"actuator": actuator}))
 
@@ -178,8 +178,8 @@ class LiveClient:
         self._pipe.watch()
 
     def pause(self) -> None:
-        """Before work of several 100 ms: devices are silent until the next values, and no sign
-        of life is missed meanwhile.
+        """Announce work of several 100 ms: devices are silent until the next values, and no
+        heartbeat is missed.
         """
         self._pipe.void()
         self._pipe.tell(Kind.PAUSE)
@@ -206,7 +206,7 @@ class LiveClient:
             self.devices.clear()
 
     def events(self) -> list[Event]:
-        """What has been told since the last call; brings :attr:`devices` up to date."""
+        """Events since the last call; brings :attr:`devices` up to date."""
         found = list(self._pipe.events())
         for event in found:
             for state in self.devices.values():

@@ -10,7 +10,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What tells the time, and waits."""
+    """Interface of a clock that waits."""
 
     def now(self) -> float:
         """Seconds since some moment; never goes back, and counts while the computer sleeps."""

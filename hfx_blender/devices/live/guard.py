@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The guard: what any value must pass before it is made into bytes.
+"""Guard: limits that any value must pass before it is made into bytes.
 
 Order: a real number, finite (else the actuator is silent), range, slew (rises only), time on.
 Whatever a script or an engine asks for, nothing else reaches an actuator.
@@ -43,7 +43,7 @@ class Guard:
 
     @property
     def has_time_limit(self) -> bool:
-        """Whether any actuator may be on for so long only."""
+        """Test for any actuator whose time on is limited."""
         return self._time_on.is_limited
 
     def share(self, accounts: Sequence[Account]) -> None:
@@ -56,11 +56,11 @@ class Guard:
         self._time_on.begin()
 
     def fell_silent(self, played_s: float, now_s: float) -> None:
-        """Nothing is played from now on; what was given last was played ``played_s`` longer."""
+        """Record silence from now on; the last values were played ``played_s`` longer."""
         self._time_on.end(played_s, now_s)
 
     def rested(self, now_s: float) -> None:
-        """Before it begins again: time since the device fell silent was rest."""
+        """Record rest since the device fell silent, before it begins again."""
         self._time_on.rested(now_s)
 
     def passed(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:

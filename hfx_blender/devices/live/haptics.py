@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a device script is told: the haptic data of one moment, and the device's layout.
+"""Input of a device script: the haptic data of one moment, and the device's layout.
 
 ``docs/device-scripts.md`` describes it for those who write scripts.
 """
@@ -26,7 +26,7 @@ API_VERSION: Final = 1
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """One effect that is felt now by the wearer."""
+    """Effect that is felt now by the wearer."""
 
     name: str  # the effect's id
     modality: str
@@ -43,7 +43,7 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Haptics:
-    """Everything of one moment.
+    """Haptic data of one moment.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ def packed(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) ->
 
 
 def unpacked(body: bytes, device: DeviceConfig) -> Haptics:
-    """What :func:`packed` put together.
+    """Restore haptic data from :func:`packed` bytes.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process: it owns every port, and falls silent when anybody fails.
+"""Output process: it owns every port, and falls silent when anybody fails.
 
 Run as ``python -m hfx_blender.devices.live.host``: messages come over standard input, events
 go out as JSON lines over standard output. It needs neither Blender nor a window.
@@ -125,7 +125,7 @@ class Host:
             lane.stop(end)
 
     def hear(self, message: Message) -> None:
-        """A message that was read just now, and so a sign of life."""
+        """Take a message that was read just now, which is also a sign of life."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         is_work = message.kind is Kind.PAUSE and message.device == EVERY_DEVICE
@@ -136,7 +136,7 @@ class Host:
             lane.sign(now)
 
     def take(self, message: Message, read_s: float) -> None:
-        """Do what a message says that was read at a time."""
+        """Execute a message that was read at a given time."""
         kind = message.kind
         if kind is Kind.CONNECT:
             self._connect(message.device, json_from(message.body))
@@ -182,7 +182,7 @@ class Host:
             self._rendering.revive()
 
     def _rendered(self, answer: Message, questions: Questions) -> None:
-        """What a device is to play now, or its script is to be told."""
+        """Forward rendered values to a device, or haptic data to its script."""
         if answer.device == EVERY_DEVICE:
             self._cannot_render(answer.body.decode(errors="replace"))
             return
@@ -284,7 +284,7 @@ class Host:
                 lane.fault("its output does not answer")
 
     def _stop_after_standstill(self, now: float) -> None:
-        """If this process stood still: what it knows, and what waits to be read, is old.
+        """Stop all devices if this process stood still: its state and unread messages are old.
 
         Whichever thread is up first finds it, before anything else is done.
         """
@@ -294,7 +294,7 @@ class Host:
                 lane.stop(f"the computer slept or stood still for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
-        """The end: every device stops and gives its port back."""
+        """Stop every device and give back its port, at the end."""
         lanes = list(self._lanes.values())
         for lane in lanes:
             lane.stop(reason)

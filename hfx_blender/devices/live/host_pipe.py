@@ -28,7 +28,7 @@ STOP_PATIENCE_S: Final = 0.2
 
 
 class HostPipe:
-    """One output process after another. Only its threads wait for it."""
+    """Output processes, one after another. Only its threads wait for them."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -44,7 +44,7 @@ class HostPipe:
 
     @property
     def is_open(self) -> bool:
-        """Whether a process was started and not ended by us; cheaper than asking if it runs."""
+        """Test that a process was started and not ended by us; cheaper than asking if it runs."""
         return self._process is not None
 
     @property
@@ -89,14 +89,14 @@ class HostPipe:
         self._nudge()
 
     def replace(self, device: int, newest: bytes | Moment) -> None:
-        """What a device is to play now, in place of what was not sent yet."""
+        """Set what a device is to play now, in place of what was not sent yet."""
         if self._process is None:
             return
         self._newest[device] = newest
         self._nudge()
 
     def void(self, device: int | None = None) -> None:
-        """Nothing that was to be played and was not sent is sent any more."""
+        """Discard everything that was to be played and was not sent."""
         if device is None:
             self._newest.clear()
         else:
@@ -141,11 +141,11 @@ class HostPipe:
         return True
 
     def events(self) -> Iterator[Event]:
-        """What has been told since it was asked last."""
+        """Events since the last call."""
         return _taken(self._events.popleft)
 
     def _nudge(self) -> None:
-        """There is something to write; who has been told so already is not told again."""
+        """Wake the writer, unless it has been woken already."""
         if self._wake.empty():
             self._wake.put(None)
 
@@ -209,7 +209,7 @@ class HostPipe:
 
 
 def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:
-    """What can be taken until nothing is left; others may add to it meanwhile."""
+    """Yield items until none is left; other threads may add some meanwhile."""
     with suppress(IndexError, KeyError):
         while True:
             yield take()

@@ -85,7 +85,7 @@ class _Kept:
 
 
 class KeptAccounts:
-    """Every account that this process has used.
+    """Accounts that this process has used.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class KeptAccounts:
 
 
 def _state(account: Account) -> tuple[Any, ...]:
-    """How full, whether it rests, whether somebody plays, since when nobody does."""
+    """State of an account: how full, resting, playing, idle since."""
     with account.lock:
         return (
             tuple(account.filled.tolist()),

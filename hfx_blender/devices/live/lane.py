@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One device in the output process: a thread of its own, so that its faults are its own."""
+"""Thread of one device in the output process: its faults are its own."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ Report = Callable[..., None]
 
 
 class Question(NamedTuple):
-    """What a lane's device is to play was asked for; its answer may come late.
+    """Request for the values of a lane's device; its answer may come late.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Question(NamedTuple):
 
 
 class Script(Protocol):
-    """What a lane needs of a device's script."""
+    """Interface of a device's script."""
 
     def start(self) -> None: ...
 
@@ -80,7 +80,7 @@ class Script(Protocol):
 
 
 class Lane:
-    """From a device's newest values to its output.
+    """Thread that carries a device's newest values to its output.
 
     Parameters
     ----------
@@ -152,19 +152,19 @@ class Lane:
 
     @property
     def is_armed(self) -> bool:
-        """Whether it plays."""
+        """Test that the device plays."""
         return self._is_armed
 
     # What the reader calls: none of these waits for hardware longer than a moment.
 
     def question(self, asked_s: float) -> Question:
-        """Something is asked for this device; :meth:`feed` takes its answer."""
+        """Register a request for this device; :meth:`feed` takes its answer."""
         with self._wake:
             self._asked += 1
             return Question(self._generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
-        """The newest frame; older ones that are due do not matter any more.
+        """Take the newest frame; older ones that are due are dropped.
 
         Parameters
         ----------
@@ -197,13 +197,15 @@ class Lane:
             self.fault(fault)
 
     def sign(self, now_s: float) -> None:
-        """Blender lives: what was asked last still holds, unless an answer is awaited."""
+        """Take a sign of life from Blender: the last values still hold, unless an answer is
+        awaited.
+        """
         with self._wake:
             if self._is_armed and self._answered == self._asked:
                 self._sign_s = max(self._sign_s, now_s)
 
     def set_offset(self, offset_s: float) -> None:
-        """Hold back by so long from now on, also what waits already."""
+        """Change the delay of values, also of those that wait already."""
         with self._wake:
             self._offset_s = offset_s
             self._wake.notify()
@@ -220,14 +222,14 @@ class Lane:
                 self._wake.notify()
 
     def _void(self) -> None:
-        """Nothing that was asked before is played."""
+        """Discard everything that was asked before."""
         self._generation += 1
         self._waiting.clear()
         self._pulse = None
         self._answered = self._asked
 
     def pulse(self, actuator: int) -> None:
-        """Let one actuator be felt for a moment, softly."""
+        """Play one actuator for a moment, softly."""
         with self._wake:
             if self._is_armed and 0 <= actuator < len(self.device.actuators):
                 self._pulse = actuator, self._clock.now()
@@ -293,7 +295,7 @@ class Lane:
         self._thread.join(PATIENCE_S)
 
     def is_stuck(self, now_s: float) -> bool:
-        """Whether its output does not answer; then its own thread cannot tell."""
+        """Test for an output that does not answer; its own thread cannot tell."""
         return now_s - self._sending_since > PATIENCE_S
 
     def _silence(self) -> None:
@@ -304,7 +306,7 @@ class Lane:
             self._is_quiet.set()
 
     def _run_stops(self) -> None:
-        """The stop lane: a thread of its own, as a port that stalls may stall a stop as well."""
+        """Run the stop thread: separate, as a stalled port may stall a stop as well."""
         while True:
             self._hush.wait()
             self._hush.clear()
@@ -396,7 +398,7 @@ class Lane:
         return due
 
     def _holds_until_s(self) -> float:
-        """Nobody knows whether what is played still holds from then on."""
+        """Time from which on it is unknown whether the last values still hold."""
         return self._sign_s + self._offset_s + FREEZE_S
 
     def turn(self) -> None:
@@ -492,7 +494,7 @@ class Lane:
         return wanted
 
     def _tell_levels(self, values: F64, now: float) -> None:
-        """How strongly each actuator plays, 0..1, for who watches; a few times a second."""
+        """Report the level of each actuator, 0..1, a few times a second."""
         if now < self._levels_at + _LEVELS_S:
             return
         levels = []

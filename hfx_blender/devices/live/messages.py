@@ -33,7 +33,7 @@ _DTYPES: Final = ("<f8", "<f4", "<i4", "<i8")
 
 
 class Kind(IntEnum):
-    """What a message is about."""
+    """Kind of a message."""
 
     # Blender to the output process
     HEARTBEAT = 0
@@ -58,7 +58,7 @@ class Kind(IntEnum):
 
 
 class Message(NamedTuple):
-    """One message as it was read."""
+    """Message as it was read."""
 
     kind: Kind
     device: int
@@ -66,7 +66,7 @@ class Message(NamedTuple):
 
 
 class MessageError(Exception):
-    """The other side does not speak as it should."""
+    """Raised for input that breaks the protocol."""
 
 
 def message(kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
@@ -156,7 +156,7 @@ def pack(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
 
 
 def unpack(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
-    """What :func:`pack` put together.
+    """Unpack a body made by :func:`pack`.
 
     Raises
     ------

@@ -29,7 +29,7 @@ _PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.val
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What is felt now.
+    """Current samples and settings of the open scene.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Worn:
-    """A device that is rendered."""
+    """Device that is rendered."""
 
     number: int
     configuration: str
@@ -67,7 +67,7 @@ class Worn:
 
 @dataclass(frozen=True, eq=False)
 class SceneMessage:
-    """What is to be known before moments can be rendered."""
+    """Scene data that is needed before moments can be rendered."""
 
     header: TrackHeader
     body_id: str

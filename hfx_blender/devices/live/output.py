@@ -14,7 +14,7 @@ F64 = npt.NDArray[np.float64]
 
 
 class OutputLostError(Exception):
-    """The device cannot be reached any more: unplugged, refused, gone."""
+    """Raised when the device cannot be reached any more: unplugged, refused, gone."""
 
 
 class Output(Protocol):
@@ -37,7 +37,7 @@ class Output(Protocol):
 
 @runtime_checkable
 class SoundingOutput(Output, Protocol):
-    """An output that plays sums of sines at the actuators that take a waveform."""
+    """Output that plays sums of sines at the actuators that take a waveform."""
 
     def send_tones(self, values: F64, tones: Tones) -> None:
         """Hand over values, and what those actuators play instead of theirs.

@@ -16,7 +16,7 @@ SIMULATOR: Final = "simulator"
 
 
 def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
-    """The open output that ``target`` names.
+    """Open the output that ``target`` names.
 
     Parameters
     ----------

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Between Blender's frames: strengths ramp, and no actuator is updated more often than it can."""
+"""Pacing between Blender's frames: strengths ramp, and no actuator is updated more often than it
+can.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ SLOWEST_S: Final = 0.05
 
 
 def tick_s(device: DeviceConfig) -> float:
-    """How often a device is sent values: as its quickest actuator can take them."""
+    """Interval of a device's values, seconds, by its quickest actuator."""
     fastest = min((a.type.update_interval_ms for a in device.actuators), default=20.0) / 1000.0
     return min(max(fastest, FASTEST_S), SLOWEST_S)
 
@@ -98,7 +100,7 @@ class Ramp:
         return self._here.copy()
 
     def next_s(self, due_s: float, now_s: float) -> float:
-        """When to send next: what is due shortly before a frame waits for the frame.
+        """Time of the next send: one that is due shortly before a frame waits for the frame.
 
         It would keep the frame waiting, as the device takes values only so often.
         """
@@ -111,12 +113,12 @@ class Ramp:
 
     @property
     def is_going(self) -> bool:
-        """Whether there was a frame since it began from silence."""
+        """Test for a frame since the start from silence."""
         return bool(np.isfinite(self._began_s))
 
 
 class Pace:
-    """Lets each actuator change only as often as it can.
+    """Limits each actuator to its own update rate.
 
     In between it keeps its values, and then gets the strongest that was asked for meanwhile,
     as an export does; but silence passes at once.
@@ -141,7 +143,7 @@ class Pace:
         self._next_s = [-np.inf] * len(self._slow)
 
     def paced(self, wanted: F64, now_s: float) -> F64:
-        """What of the wanted values (columns,) may be sent now."""
+        """Wanted values (columns,) as far as they may be sent now."""
         given = np.array(wanted, np.float64)
         for k, (columns, interval_s) in enumerate(self._slow):
             first = columns.start

@@ -31,7 +31,7 @@ Questions = Mapping[int, Question]
 
 
 class RenderProcess:
-    """Whoever renders moments for devices.
+    """Process that renders moments for devices.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class RenderProcess:
         self._deadline_s: float | None = None  # while it is busy
 
     def describe(self, scene: bytes) -> None:
-        """Another scene: moments that come from now on are of it."""
+        """Set another scene: later moments belong to it."""
         with self._wake:
             self._known = self._scene = scene
             self._future, self._told = [], 0
@@ -69,13 +69,13 @@ class RenderProcess:
             self._wake.notify()
 
     def show(self, moment: bytes, questions: Questions) -> None:
-        """The newest moment, and what is asked of each device with it."""
+        """Set the newest moment, with the requests of each device."""
         with self._wake:
             self._moment = moment, questions
             self._wake.notify()
 
     def foresee(self, kind: Kind, body: bytes) -> None:
-        """What comes, of the scene that was described last: a new beginning, or more of it."""
+        """Add upcoming state of the last scene: a new beginning, or more of it."""
         with self._wake:
             if kind is Kind.FUTURE_SCENE:
                 self._future, self._told = [], 0
@@ -83,7 +83,7 @@ class RenderProcess:
             self._wake.notify()
 
     def forget(self) -> None:
-        """A moment that waits does not matter any more."""
+        """Discard a moment that waits."""
         with self._wake:
             self._moment = None
 
@@ -96,7 +96,7 @@ class RenderProcess:
                 self._future = future
 
     def is_overdue(self, now_s: float) -> bool:
-        """Whether an answer is late; then it has been ended."""
+        """Test for a late answer; then the process is ended."""
         with self._wake:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
         if is_late:
@@ -126,7 +126,7 @@ class RenderProcess:
             threading.Thread(target=target, args=(process,), daemon=True).start()
 
     def _write(self, process: subprocess.Popen[bytes]) -> None:
-        """A pipe may make it wait; nobody else does."""
+        """Write to the worker's pipe, which may block; only this thread waits."""
         stream = process.stdin
         assert stream is not None
         with suppress(OSError, ValueError):  # the listener tells

@@ -58,7 +58,7 @@ class _Rendered:
     width: int  # actuators that take a waveform
 
     def answer(self, moment: Moment, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
-        """What its lane is told, or its script."""
+        """Message for the device's lane, or for its script."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, later)
@@ -138,7 +138,7 @@ def _fault(number: int, error: Exception) -> bytes:
 
 
 def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None, list[bytes]]:
-    """Do what is asked; who renders from now on, and what is answered.
+    """Execute a message; returns the current renderers, and the answers.
 
     Raises
     ------

@@ -120,7 +120,7 @@ class ScriptProcess:
             self._ask_next()
 
     def is_overdue(self, now_s: float) -> bool:
-        """Whether its answer, or its start, is late."""
+        """Test for a late answer, or a late start."""
         with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
             if is_late:
@@ -159,7 +159,7 @@ class ScriptProcess:
             self._send(message(Kind.HAPTICS, self._number, body))
 
     def _send(self, data: bytes) -> None:
-        """In a thread: a worker that does not read must not make the reader wait."""
+        """Send data in a thread: a worker that does not read must not block the reader."""
         process = self._process
         if process is None or process.stdin is None:
             return

@@ -115,7 +115,7 @@ def _restrain() -> None:
 
 
 def _told(error: BaseException) -> str:
-    """One line: what, and where in the script."""
+    """Describe an error in one line: type, text, and its place in the script."""
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""
     if frames and frames[-1].filename != __file__:

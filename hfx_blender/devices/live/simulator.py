@@ -69,7 +69,7 @@ class Simulator:
 
 
 def _is_log(content: bytes) -> bool:
-    """Whether a simulator wrote all lines of a file; the last may have been cut off."""
+    """Test that a simulator wrote all lines of a file; the last may have been cut off."""
     *lines, rest = content.split(b"\n")
     return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
 

@@ -83,7 +83,7 @@ class Account:
 
 
 class TimeOn:
-    """One connection's use of its device's accounts.
+    """Use of a device's accounts by one connection.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class TimeOn:
                 account.on_begin()
 
     def end(self, played_s: float, now_s: float) -> None:
-        """It is silent from now on, after ``played_s`` more of what was given last."""
+        """Record silence from now on, after ``played_s`` more of the last values."""
         with self._lock:
             for account in self._accounts:
                 with account.lock:
@@ -198,4 +198,4 @@ class TimeOn:
 
 
 def _nothing() -> None:
-    """Nobody wants to know."""
+    """Do nothing: the default of callbacks."""

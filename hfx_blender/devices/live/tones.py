@@ -86,7 +86,7 @@ def frame_of(values: F64, tones: Tones) -> F64:
 
 
 class Sounding:
-    """The W actuators of a device that take a waveform: what they play, within their limits.
+    """Actuators of a device that take a waveform, and their tones within their limits.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Sounding:
         self._from = self._to = self._here = Tones.none(len(self))
 
     def fault_of(self, frame: F64) -> str:
-        """Why it is not a frame of this device; empty: it is one."""
+        """Fault of a frame for this device; empty if it has none."""
         columns, width = self._column_count, 1 + 2 * len(self)
         more = np.size(frame) - columns if np.ndim(frame) == 1 else -1
         is_of_tones = len(self) and 0 < more <= MAX_TONES * width and more % width == 0
@@ -158,7 +158,7 @@ class Sounding:
         return found
 
     def at(self, share: float, wanted: F64, passed: F64) -> Tones:
-        """What is played at a share of the way to the newest frame.
+        """Tones at a share of the way to the newest frame.
 
         Parameters
         ----------

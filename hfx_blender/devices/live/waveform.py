@@ -27,7 +27,7 @@ RAMP_S: Final = 0.005
 
 
 class Oscillators:
-    """One oscillator for each of C channels.
+    """Oscillators, one for each of C channels.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Oscillators:
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing sounds any more."""
+        """Test for complete silence."""
         return self._done >= self._steps and not self._to[0].any()
 
     def aim(self, amplitudes: F64, frequencies_hz: F64) -> None:

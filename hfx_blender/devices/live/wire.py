@@ -34,7 +34,7 @@ _STOPPED: Final = struct.Struct("<B")
 
 
 class Kind(IntEnum):
-    """What a frame says; replies have the highest bit."""
+    """Kind of a frame; replies have the highest bit."""
 
     CONFIGURE = 0x01
     VALUES = 0x02
@@ -44,7 +44,7 @@ class Kind(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a board fell silent."""
+    """Reason why a board fell silent."""
 
     ASKED = 0
     NO_VALUES = 1
@@ -53,7 +53,7 @@ class Reason(IntEnum):
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that arrived whole."""
+    """Frame that arrived whole."""
 
     kind: int
     sequence: int
@@ -74,7 +74,7 @@ def cobs(content: bytes) -> bytes:
 
 
 def uncobs(content: bytes) -> bytes | None:
-    """What :func:`cobs` was given; None: it is not of its making."""
+    """Decode :func:`cobs` content; None if it is not valid."""
     found = bytearray()
     at = 0
     while at < len(content):
@@ -142,7 +142,7 @@ class Receiver:
         self._is_skipping = False
 
     def take(self, content: bytes) -> list[Frame]:
-        """The frames that ``content`` completes."""
+        """Frames that ``content`` completes."""
         found = []
         for byte in content:
             if byte == 0:

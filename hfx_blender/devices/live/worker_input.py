@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a worker of the output process is asked; a worker ends with its owner."""
+"""Input of a worker of the output process; a worker ends with its owner."""
 
 from __future__ import annotations
 

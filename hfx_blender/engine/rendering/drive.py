@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an actuator has to be driven with to vibrate as strongly as it is asked to.
+"""Drive of an actuator for a desired strength of vibration.
 
 An actuator's output is seldom proportional to its drive, and differs over frequency. Where that
 was measured, the curves are inverted here; where not, output is taken to be proportional.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A spot on a device that pans: it is shown where it is, not at the nearest vertices.
+"""Panning of a spot on a device: it is rendered at its own place, not at the nearest vertices.
 
 Schneider et al., UIST 2015: the virtual actuator's own place is rendered, so that it glides.
 """
@@ -47,7 +47,7 @@ class FocusPanning:
         self._side = -1.0 if is_mirrored else 1.0
 
     def gains(self, focus: F32) -> F64:
-        """How strongly each actuator is driven, (n, A) in 0..1.
+        """Gain of each actuator, (n, A) in 0..1.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class FocusPanning:
 def focus_panning(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> FocusPanning | None:
-    """How a device shows a spot between its actuators; None if it does not pan.
+    """Panning of spots between a device's actuators; None if it does not pan.
 
     Raises
     ------

@@ -30,7 +30,7 @@ _ALIKE_HZ: Final = 1.0
 
 
 class StrongestContributor:
-    """Which contributor's frequency each of A actuators plays, from row to row."""
+    """Contributor whose frequency each of A actuators plays, row by row."""
 
     def __init__(self, count: int) -> None:
         self._held = np.full(count, -1, np.int64)
@@ -100,7 +100,7 @@ class StrongestContributor:
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """One effect's share of what W actuators play that take a waveform: a sine each."""
+    """Share of one effect in the output of W actuators that take a waveform: a sine each."""
 
     effect_id: str
     first_row: int

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering one moment: what a device's actuators are to be given now.
+"""Renders one moment: the present values of a device's actuators.
 
 It is the rendering of an export with one row; only the update interval is not held, as there
 is nothing before or after.
@@ -29,7 +29,7 @@ _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, fram
 
 
 def moment_header(scene: SceneDescription, models: ModelLoader = load_model) -> TrackHeader:
-    """What is to be known of a scene to render its moments, as plain data."""
+    """Track header of a scene's moments, as plain data."""
     used = {effect.model_id: models(effect.model_id) for effect in scene.effects}
     return replace(TrackHeader.of(scene, used, settings={}, tools={}), time=_ONE_ROW)
 
@@ -81,7 +81,7 @@ class MomentRenderer:
 
     @property
     def body_id(self) -> str:
-        """Who wears the device."""
+        """Body that wears the device."""
         return self._renderer.body_id
 
     def prepare(self) -> None:
@@ -122,7 +122,7 @@ class MomentRenderer:
         return self._renderer.first_row()
 
     def tones(self) -> list[Partial]:
-        """What the W actuators that take a waveform play of the moment that was rendered last.
+        """Tones of the last moment at the W actuators that take a waveform.
 
         One for each effect, with one row; together within the device's limits.
         """
@@ -151,7 +151,7 @@ class MomentRenderer:
         return values, tones
 
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
-        """What the wearer feels, and how strongly it reaches each actuator (A,), in 0..1."""
+        """Samples on the wearer, with their gains at each actuator (A,), in 0..1."""
         mine = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         return [(run, self._renderer.gains(run)[0]) for run in mine]
 

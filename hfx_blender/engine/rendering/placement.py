@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a device's actuators are on a perceptual model."""
+"""Places of a device's actuators on a perceptual model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ is never this far from one; a place that is, was not written for this body.
 def rows_of(
     device: DeviceConfig, actuators: Iterable[Actuator], model: PerceptualModel
 ) -> list[I32]:
-    """Which vertices of a model each of some actuators reaches, on the side that was written.
+    """Vertices of a model that each of some actuators reaches, on the side that was written.
 
     Raises
     ------

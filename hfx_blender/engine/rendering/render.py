@@ -87,7 +87,7 @@ def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[Samp
 
 @dataclass(eq=False)
 class _Tally:
-    """What happened to the samples of one stream so far."""
+    """Statistics of the samples of one stream so far."""
 
     indices: list[I64] = field(default_factory=list)
     strengths: list[F64] = field(default_factory=list)
@@ -163,7 +163,7 @@ class Renderer:
 
     @property
     def body_id(self) -> str:
-        """Who wears the device."""
+        """Body that wears the device."""
         return self._body_id
 
     @property
@@ -309,7 +309,7 @@ class Renderer:
         return self._limits.joined(self._limits.by_actuator(self._values[0]))
 
     def gains(self, run: SampleRun) -> F64:
-        """How strongly each sample of a run reaches each actuator where it is, (n, A) in 0..1.
+        """Gain of each actuator for each sample of a run, (n, A) in 0..1.
 
         Raises
         ------
@@ -326,7 +326,8 @@ class Renderer:
         return found
 
     def told(self) -> F64:
-        """What a device's script is told to be sent without it, (T, columns), when all is added.
+        """Values for a device's script, (T, columns), as they would be sent without it; after all
+        blocks.
 
         Values look ahead and are within limits, as live; they are held after the script.
         """
@@ -380,7 +381,7 @@ class Renderer:
         )
 
     def _parts(self) -> Iterator[tuple[slice, ActuatorType]]:
-        """Each actuator's columns, and its type."""
+        """Columns and type of each actuator."""
         first = 0
         for actuator in self._device.actuators:
             part = slice(first, first + len(actuator.type.controls))
@@ -404,7 +405,7 @@ class Renderer:
         return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
-        """Of what is felt at each row (T,): whether a script changed it, and whether any plays.
+        """Rows (T,) that a script changed, and rows in which any actuator plays, as two masks.
 
         It is played then, or earlier by an actuator's latency.
         """
@@ -418,7 +419,7 @@ class Renderer:
         return is_changed, is_on
 
     def partials(self) -> tuple[Partial, ...]:
-        """What actuators that take a waveform play of each effect so far, within limits."""
+        """Partials of each effect so far at the actuators that take a waveform, within limits."""
         if not self._sounding:
             return ()
         kinds = [actuator.type for actuator in self._sounding]
@@ -432,7 +433,7 @@ class Renderer:
         )
 
     def _why_not(self, stream: Stream, can: bool) -> Reason:
-        """Why samples of a stream drive no actuator."""
+        """Reason why samples of a stream drive no actuator."""
         effect = self._effects[stream.effect_id]
         if effect.device_id is not None and effect.device_id != self._device.id:
             return "device"
@@ -476,7 +477,7 @@ _UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
 
 
 def _decided(felt: Felt, is_changed: Bool, is_on: Bool) -> Felt:
-    """What was felt, and what of it plays where a script has changed rows (T,)."""
+    """Felt samples, with the rendered part decided anew where a script has changed rows (T,)."""
     changed, on = is_changed[felt.indices], is_on[felt.indices]
     return replace(felt, is_rendered=np.where(changed, on, felt.is_rendered))
 

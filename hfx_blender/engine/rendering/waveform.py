@@ -111,7 +111,7 @@ def _sines(cycles: F64, _steps: F64) -> F64:
 
 
 def _squares(cycles: F64, steps: F64) -> F64:
-    """In phase with sines; an edge takes two samples, on two parabolas.
+    """Square waves in phase with sines; an edge takes two samples, on two parabolas.
 
     This is a square with polynomial band-limited steps (Välimäki and Huovilainen, IEEE Signal
     Processing Magazine 2007): what is mirrored at half the rate is faint, and nothing overshoots,

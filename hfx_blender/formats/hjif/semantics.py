@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rules of HJIF that look at several members at once: ids, limits, profiles and levels.
+"""Rules of HJIF across several members: ids, limits, profiles and levels.
 
 The list is that of the standard's conformance configuration (MPEGGroup, HapticReferenceSoftware).
 """

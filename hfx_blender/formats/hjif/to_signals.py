@@ -24,7 +24,7 @@ _DEEPEST: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """What one channel plays, its gain included."""
+    """Envelope of one channel, its gain included."""
 
     perception: str
     modality: str  # of the standard, such as "Vibrotactile"
@@ -81,7 +81,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
-    """Every channel's envelope: all its bands, references resolved, compositions unfolded.
+    """Envelopes of all channels: all bands, references resolved, compositions unfolded.
 
     Wavelet bands are left out, which each envelope tells. ``name`` is the file's, for messages.
 

@@ -32,7 +32,7 @@ _OTHER_HAND: Final = {
 
 
 class BhapticsOutput:
-    """A device that the bHaptics Player drives.
+    """Output to a device that the bHaptics Player drives.
 
     Parameters
     ----------

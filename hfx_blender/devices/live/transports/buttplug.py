@@ -25,7 +25,7 @@ _LEAST_INTERVAL_S: Final = 0.02
 
 
 class ButtplugOutput:
-    """One device behind a Buttplug server.
+    """Output to one device behind a Buttplug server.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ _BUNDLE: Final = b"#bundle\0" + struct.pack(">Q", 1)  # time tag 1: at once
 
 
 def message(address: str, value: float) -> bytes:
-    """One OSC message with one float32 argument."""
+    """OSC message with one float32 argument."""
     return _padded(address) + _padded(",f") + struct.pack(">f", value)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A serial port that nobody else has and that is never waited for."""
+"""Serial port, opened exclusively and never waited for."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _registry = threading.Lock()
 
 
 def is_port_name(name: str) -> bool:
-    """Whether a text names a serial port, and nothing else."""
+    """Test a text for the name of a serial port, and nothing else."""
     return _PORT.fullmatch(name) is not None
 
 
@@ -115,7 +115,7 @@ class SerialPort:
         self._push()
 
     def read(self) -> bytes:
-        """What has come in, at most 4 KiB.
+        """Received bytes, at most 4 KiB.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class SerialPort:
 
 
 class SerialFrames:
-    """A device on a serial port that takes frames of its own kind.
+    """Output to a device on a serial port that takes frames of its own kind.
 
     Parameters
     ----------

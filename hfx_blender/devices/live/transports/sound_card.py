@@ -150,7 +150,7 @@ class SoundCard:
             self._waves.aim(Tones.none(len(self._amplitude_columns)))
 
     def _play(self, outdata: Any, frames: int, _time: Any, _status: Any) -> None:
-        """In PortAudio's thread."""
+        """Fill PortAudio's buffer; called in its thread."""
         outdata[:] = 0.0
         with self._lock:
             if time.monotonic() - self._values_s > DEAD_MAN_S:
@@ -185,7 +185,7 @@ def _library() -> Any:
 
 
 def _columns(device: DeviceConfig) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Where amplitudes and frequencies of vibration actuators stand among the columns."""
+    """Columns of the amplitudes and frequencies of vibration actuators."""
     amplitudes = []
     first = 0
     for actuator in device.actuators:

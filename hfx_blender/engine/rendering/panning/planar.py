@@ -30,7 +30,8 @@ _TURNS: Final = (0, -1, 1)
 
 
 class PlanarPanning:
-    """Between the actuators of a flat pad; beyond their hull, its nearest place is shown.
+    """Panning between the actuators of a flat pad; beyond their hull, its nearest place is
+    rendered.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ class NearestPanning:
 
 
 class GaussianSplatting:
-    """Each actuator plays exp(-d^2 / (2 sigma^2)) of what is felt at distance d.
+    """Gaussian splatting: each actuator plays exp(-d^2 / (2 sigma^2)) of a sensation at distance d.
 
     After the Gaussian footprints of Westover ("Footprint evaluation for volume rendering",
     SIGGRAPH 1990); no paper on touch is known to us that uses them so.
