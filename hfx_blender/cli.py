@@ -102,7 +102,7 @@ _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:
-    """``--frames -10:20`` as one argument: argparse would take the range for an option."""
+    """Join ``--frames -10:20`` into one argument: argparse would take the range for an option."""
     joined: list[str] = []
     for argument in arguments:
         if joined and joined[-1] in _MAY_BE_NEGATIVE:

@@ -65,7 +65,7 @@ def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection
 
 
 def with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
-    """Strips, and those in meta strips."""
+    """Strips, including those in meta strips."""
     for strip in strips:
         yield strip
         yield from with_grouped(strip.strips)

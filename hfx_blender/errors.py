@@ -5,7 +5,7 @@ from .printable import printable
 
 
 class HfxError(Exception):
-    """Base of every fault that is shown to the user as one sentence.
+    """Base of all errors that are shown to the user as one sentence.
 
     Pure code raises it (or a subclass); operators, the command line and the frame handlers
     catch it. ``exit_code`` is what the command line ends with.
@@ -47,5 +47,5 @@ class DeviceError(HfxError):
 
 
 def fault_of_file(error: OSError) -> InputError:
-    """Word a file that the system refuses, such as one whose name is too long."""
+    """Error message for a file that the system rejects, such as one with too long a name."""
     return InputError(f"{error.filename}: {error.strerror or error}.")

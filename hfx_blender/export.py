@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exporting one scene: record its track, render it for devices, write files, tell what was felt.
+"""Exports one scene: records its track, renders it for devices, writes files and a report.
 
 Everything is written into a folder of its own beside the destination and moved into place when
 all of it is complete.
@@ -89,7 +89,7 @@ class ScenePart:
 
 
 class SceneExport:
-    """The export of one scene of the open file: all at once, or part by part.
+    """Export of one scene of the open file: in one go, or part by part.
 
     Raises
     ------
@@ -408,7 +408,7 @@ def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:
-    """A scene of the open file; the one that was active when it was saved by default."""
+    """Get a scene of the open file; by default the one that was active when it was saved."""
     if name is None:
         return bpy.context.scene
     if name not in bpy.data.scenes:

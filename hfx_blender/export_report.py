@@ -122,7 +122,7 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
 
 
 def read(path: Path) -> dict[str, Any] | None:
-    """A report; None if there is none, or it is no such file."""
+    """Read a report; None if the file is missing or no report."""
     try:
         if path.stat().st_size > _LARGEST_REPORT:
             return None
@@ -133,7 +133,7 @@ def read(path: Path) -> dict[str, Any] | None:
 
 
 def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path, ...]:
-    """Files of devices that an earlier export of this name wrote, and that are as it wrote them.
+    """Unchanged device files that an earlier export of this name wrote.
 
     Parameters
     ----------

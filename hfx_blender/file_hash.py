@@ -37,7 +37,7 @@ def sha256_of(path: Path) -> str:
 
 
 def state_of(path: Path) -> str | None:
-    """SHA-256 of what is at a path: a file, all of a folder, or a numbered row of files.
+    """SHA-256 of a file, of all of a folder, or of a numbered row of files.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class TooLargeError(InputError):
 
 @dataclass(frozen=True)
 class Limit:
-    """The most of one kind of thing that a file may ask for."""
+    """Limit on one kind of quantity that a file may ask for."""
 
     default: float
     unit: str  # as a message says it, behind the number
@@ -39,7 +39,7 @@ class Limit:
         return self.default * _times.get()
 
     def check(self, asked: float, name: str, asks: str) -> None:
-        """Refuse more than is allowed.
+        """Reject more than is allowed.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ PACKING: Final = 200.0
 
 
 def check_unfolded(unfolded: float, size: float, name: str) -> None:
-    """Refuse a small file, of ``size`` bytes, that becomes a huge one.
+    """Reject a small file, of ``size`` bytes, that unfolds to a huge one.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def check_unfolded(unfolded: float, size: float, name: str) -> None:
 
 
 def check_unpacked(unpacked: float, packed: float, name: str) -> None:
-    """Refuse a small packed file that becomes a huge one, and what is too large anyhow.
+    """Reject a small packed file that unpacks to a huge one, and any that is too large.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def check_unpacked(unpacked: float, packed: float, name: str) -> None:
 
 @contextmanager
 def raised(times: float) -> Iterator[None]:
-    """Allow ``times`` as much as usual within the ``with`` block (this thread's only).
+    """Context in which ``times`` as much is allowed, in this thread.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Folders that Python may import from: never the current one, nor one named relative to it.
+"""Import path of Python: without the current folder and folders relative to it.
 
 A stranger's folder may hold a ``numpy.py`` beside a .blend. ``PYTHONPATH=:`` or ``PYTHONPATH=.``
 would have Python run it. This file uses only what every Python has loaded before it looks at
@@ -41,7 +41,7 @@ def absolute(python_path: str) -> list[str]:
 
 
 def protect() -> None:
-    """Take the current folder, and what is named relative to it, out of ``sys.path``.
+    """Remove the current folder, and relative ones, from ``sys.path``.
 
     PYTHONPATH loses the same entries, for processes that are started from here.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preferences of the extension: colours of one's own, folders of one's own, devices in them."""
+"""Preferences of the extension: own colours, own folders, and the devices in them."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class HfxPreferences(bpy.types.AddonPreferences):
 
 
 def _draw_scripts(layout: bpy.types.UILayout) -> None:
-    """The list of approved device scripts, each of which can be withdrawn."""
+    """Draw the list of approved device scripts, with buttons to withdraw them."""
     from .devices.live import approval
 
     column = layout.column()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Recording a scene's track, whole or in parts that others record at the same time."""
+"""Records a scene's track, whole or in parts that others record at the same time."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def why_in_one_go(reader: SceneReader) -> str | None:
 
 
 def lead_in(engine: Engine) -> int:
-    """Samples before a part that must be evaluated for what still rings in it."""
+    """Number of samples before a part that must be evaluated for ringing responses."""
     memory_s = engine.responses.memory_s
     return ceil(memory_s * engine.scene.time.rate_hz) + 1 if memory_s else 0
 
@@ -110,7 +110,7 @@ def record_track(
     part: tuple[int, int] | None = None,
     processes: int = 1,
 ) -> Generator[float, None, list[tuple[DeviceConfig, Renderer]]]:
-    """Evaluate a scene block by block, record it, and have it rendered on the way.
+    """Evaluate a scene block by block, record it, and pass the samples to renderers.
 
     Renderers are returned that have been given all of it, for each device on each body.
 
@@ -189,7 +189,7 @@ def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Fe
 
 
 def _chunks(found: Iterator[Felt]) -> Iterator[list[Felt]]:
-    """The blocks of each chunk of the track together; none as long as it may go on."""
+    """Group blocks by chunk of the track; an empty list while a chunk goes on."""
     some: list[Felt] = []
     for pair in found:
         if some and _chunk(some[-1]) != _chunk(pair):

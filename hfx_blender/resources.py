@@ -68,7 +68,7 @@ def user_effects() -> Path:
 
 
 def approved_scripts() -> Path:
-    """File that remembers which device scripts the user allows; it need not exist."""
+    """File of the approved device scripts; it need not exist."""
     return _user_data() / "approved_scripts.json"
 
 
@@ -83,7 +83,7 @@ def live_settings() -> Path:
 
 
 def surface_calibration() -> Path:
-    """File that remembers how strongly surfaces are felt, per device; it need not exist."""
+    """File of the calibrated strength of surfaces, per device; it need not exist."""
     return _user_data() / "surface_calibration.json"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sound of a scene's haptic volumes: each a source where it is, as its first body hears it.
+"""Spatial sound of a scene's haptic volumes, each a source, for the first body.
 
 A source sounds as strongly as it is felt (its contact envelope), over a quiet tone of its own by
 which it is heard before. It is written in step with the rasters of devices.
@@ -50,7 +50,7 @@ class SoundSettings:
 
 
 class SoundRecorder:
-    """Collects where sources are and how strongly they are felt, block after block.
+    """Recorder of the motion and strength of sources, block after block.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class SoundRecorder:
         self._number = {scene.effects[k].id: n for n, k in enumerate(self._volumes)}
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
-        """Take the next block, and what is felt in it."""
+        """Add the next block, with its samples."""
         rows = np.arange(block.history, len(block.indices))
         pose = block.poses[0]
         rows = rows[pose.valid[rows]]
@@ -177,7 +177,7 @@ def write_sound(
     track: Path | None = None,
     progress: Progress = lambda share: None,
 ) -> int:
-    """Write the sound of a scene of the open file as ``path``; how many sources there are.
+    """Write the sound of a scene of the open file as ``path``; returns the number of sources.
 
     ``track`` holds what is felt of just this scene, if it has been recorded already.
 

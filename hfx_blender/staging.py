@@ -17,7 +17,7 @@ placing = threading.Lock()
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder that results come into, and those above it.
+    """Make the folder of the results, and its parents.
 
     Raises
     ------

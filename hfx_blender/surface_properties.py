@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``Object.hfx.surface``: what a .blend stores of an object that is felt by moving over it."""
+"""``Object.hfx.surface``: settings of an object that is felt by moving over it."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def _show_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> Non
 
 
 class HfxSurfaceCalibration(bpy.types.PropertyGroup):
-    """The slider of the calibration; what it is set to is kept beside the user's data."""
+    """Slider of the calibration; its result is stored in the user's data."""
 
     device: StringProperty(
         name="Device",

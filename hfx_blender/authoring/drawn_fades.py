@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fades drawn as a curve: it goes along with its clip.
+"""Fades drawn as a curve that moves with its clip.
 
 The curve is that of the strip's influence, which Blender leaves where it is in time when the strip
 is dragged, trimmed or scaled. So each effect remembers for which span a curve was drawn.
@@ -67,7 +67,7 @@ def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.
 def set_keys(
     effect: bpy.types.Object, strip: bpy.types.NlaStrip, keys: Sequence[tuple[float, float]]
 ) -> None:
-    """Give a clip fades of (frame, strength), straight between these."""
+    """Set a clip's fades from (frame, strength) keys, linear between them."""
     strip.use_animated_influence = True
     compat.set_keys(curve_of(strip), keys)
     _remember(effect)

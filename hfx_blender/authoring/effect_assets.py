@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensations as assets: what is dragged out of the Asset Browser is an empty that names one.
+"""Sensations as assets: an empty dragged out of the Asset Browser names a sensation.
 
 A drop brings the empty; :func:`take_dropped` puts the sensation in its place: painted effects on
 the body, volumes where it was dropped.
@@ -41,7 +41,7 @@ def is_worn(sensation: Sensation) -> bool:
 
 
 def take_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[bpy.types.Object]:
-    """Put a sensation in the place of what was dropped; the effects that were made.
+    """Replace a dropped object by its sensation; returns the effects that were made.
 
     What was dropped is gone, whether it fits or not.
 

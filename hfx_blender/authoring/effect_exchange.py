@@ -50,7 +50,7 @@ def library() -> dict[str, Path]:
 
 
 def own_library() -> dict[str, Path]:
-    """The user's own sensations, named ``own/STEM``: what was saved into their folder."""
+    """Sensations in the user's own folder, named ``own/STEM``."""
     folder = resources.user_effects()
     return {OWN + path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
 
@@ -63,7 +63,7 @@ def place(
     frame: float,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> list[bpy.types.Object]:
-    """Make a sensation's effects in a scene; nothing is made if one of them does not fit.
+    """Place a sensation's effects in a scene; all of them, or none if one does not fit.
 
     Parameters
     ----------

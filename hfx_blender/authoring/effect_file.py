@@ -105,7 +105,7 @@ class VolumeRecipe:
 
 @dataclass(frozen=True)
 class SpotRecipe:
-    """A point on the skin: its disc, its path, and where on it the point is when."""
+    """Point on the skin: its disc, its path, and its position along the path over time."""
 
     path: PathRecipe
     radius_m: float = 0.03
@@ -177,7 +177,7 @@ def _sensation(node: Node) -> Sensation:
 
 
 def save(sensation: Sensation, path: Path) -> None:
-    """Write a file; what it held before is lost only when all of the new one is there.
+    """Write a file atomically: an existing one is replaced only by a complete one.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A material's nodes as what can be felt: where its relief and its colour come from.
+"""Relief and colour that a material's nodes define.
 
 Displacement and bump are heights, read as they are. Whatever else bends the shading normal (a
 normal map, a group, a mix of shaders) is left to be baked as a normal. It works on copies of

@@ -17,7 +17,7 @@ _OF_A_MATERIAL = ("diffuse_color", "roughness", "metallic")
 
 
 def state_of(obj: bpy.types.Object) -> str:
-    """Changes where a node, a value, a link or an image of the object's materials does.
+    """Fingerprint of an object's materials: changes with any node, value, link or image.
 
     Where nodes are drawn does not count, nor do the pixels of an image (see :func:`images_of`).
     """

@@ -112,7 +112,7 @@ def videos_of(scene: bpy.types.Scene) -> list[bpy.types.Object | bpy.types.World
 
 
 def rate_of(path: Path) -> float:
-    """Frames a second of a video; 0 if it does not tell."""
+    """Frame rate of a video; 0 if it is unknown."""
     clip = bpy.data.movieclips.load(str(path))
     try:
         return float(clip.fps)

@@ -91,7 +91,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Replace the effect's area, and what is shown while it is being painted; its size."""
+    """Replace the effect's area, also while it is being painted; returns its size."""
     import numpy as np
 
     vertices = np.flatnonzero(weights > 0.0)
@@ -122,7 +122,9 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
 
 
 def take_over_all() -> None:
-    """Store what is being painted with its effect, so that a saved file or an export has it."""
+    """Store all areas that are being painted with their effects, so that saved files and exports
+    have them.
+    """
     import numpy as np
 
     for obj in bpy.data.objects:

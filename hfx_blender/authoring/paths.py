@@ -78,7 +78,7 @@ def metres_of(scene: bpy.types.Scene) -> float:
 
 
 def stand_at_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
-    """Put the object, which only stands for the effect, where its path begins on the body."""
+    """Move the object, which only stands for the effect, to the start of its path on the body."""
     body = effect.hfx.body
     if body is not None and effect.parent is None:
         effect.location = Anchors.of(path_of(effect)[:1]).on(body, depsgraph)[0][0].tolist()
@@ -276,7 +276,7 @@ def reverse(effect: bpy.types.Object) -> None:
 
 
 def mirror(effect: bpy.types.Object) -> None:
-    """Take the path to the other side of the body."""
+    """Mirror the path to the other side of the body."""
     import numpy as np
 
     other = np.array([-1.0, 1.0, 1.0])

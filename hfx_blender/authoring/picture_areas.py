@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Areas from what is on the avatar itself: an image on its UV map, or selected vertices."""
+"""Areas from the avatar itself: an image on its UV map, or selected vertices."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places on the canonical skin, where they are on a body as it stands now, and back by a ray."""
+"""Places on the canonical skin mapped to a posed body, and back by a ray."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64)
 
 
 class Picker:
-    """Finds the place on the skin that a ray meets; for one pose of one body.
+    """Ray picker of places on the skin, for one pose of one body.
 
     Raises
     ------

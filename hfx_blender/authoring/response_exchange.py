@@ -100,7 +100,7 @@ def add_response(
 def emitters(
     scene: bpy.types.Scene, effect: bpy.types.Object
 ) -> list[tuple[bpy.types.Object, bpy.types.ParticleSystem]]:
-    """The particle systems of a scene whose particles are this volume."""
+    """Particle systems of a scene that emit this volume."""
     return [
         (obj, system)
         for obj in scene.objects
@@ -169,7 +169,9 @@ def add_swarm(
     fps: float,
     origin: Sequence[float],
 ) -> bpy.types.Object:
-    """Make particles of a new volume, which leaves the scene itself; the emitter."""
+    """Make a particle system of a new volume, which leaves the scene itself; returns the
+    emitter.
+    """
     import bmesh
 
     source = bpy.data.collections.new(effect.name)

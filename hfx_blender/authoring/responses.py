@@ -46,7 +46,7 @@ def described(each: bpy.types.PropertyGroup, rings_s: float = 0.0) -> Filter:
 
 
 def signature(hfx: bpy.types.PropertyGroup) -> tuple[object, ...]:
-    """Changes where the description of a response may."""
+    """Fingerprint of a response's description: changes with every setting that may affect it."""
     return tuple((k, described(each)) for k, each in active(hfx))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Putting a point on the skin somewhere at a frame: what becomes of its path and its keyframes.
+"""Places a point on the skin at a frame, and updates its path and its keyframes.
 
 As with any object of Blender: what rests is moved; what moves is keyed there if Auto Keying is on,
 else it stays only until the frame changes, or until it is keyed by hand.
@@ -40,7 +40,7 @@ def place_of(effect: bpy.types.Object) -> F64 | None:
 
 
 def check_free(effect: bpy.types.Object, data_path: str, what: str) -> None:
-    """Raise InputError if something but the keyframes of its action rules a property."""
+    """Raise InputError if anything but the keyframes of its action controls a property."""
     data = effect.animation_data
     if data is None:
         return
@@ -213,7 +213,7 @@ def between(path: F64, first: float, last: float) -> F64:
 
 
 def settle(effect: bpy.types.Object) -> None:
-    """Forget the way to where a point is only until the frame changes; its keys keep their places.
+    """Remove the extension to a temporary place; the keys keep their places.
 
     The point itself is then at the path's end, until it is put elsewhere.
     """
@@ -313,7 +313,7 @@ def _shortest(first: F64, last: F64) -> F64:
 
 
 def _unroll(curve: bpy.types.FCurve, values: F64, old: F64, scale: float) -> None:
-    """New values of keys that ascend with time, where the old ones went to and fro."""
+    """Recompute keys that ascend with time, where the old values went back and forth."""
     signs = np.sign(np.diff(old))
     into = np.concatenate([[1.0], signs])
     out_of = np.concatenate([signs, [1.0]])

@@ -253,7 +253,9 @@ class _Scratch:
             return self.baked("EMIT")
 
     def normals(self, reliefs: list[Relief]) -> F64:
-        """Shading normals in tangent space, (H, W, 3), without what is known as heights."""
+        """Bake shading normals in tangent space, (H, W, 3), without the relief that is known as
+        heights.
+        """
         with _wired(self.materials, material_relief.matt, reliefs):
             colours = self.baked("NORMAL")[..., :3].astype(np.float64)
         normals = colours * 2.0 - 1.0

@@ -35,7 +35,7 @@ class Relief:
 
 
 def relief_of(obj: bpy.types.Object) -> Relief:
-    """Make the relief that an object's surface asks for.
+    """Make the relief of an object's surface from its chosen source.
 
     Raises
     ------

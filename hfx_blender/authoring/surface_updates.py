@@ -58,7 +58,7 @@ def may_bake(obj: bpy.types.Object) -> bool:
 
 @bpy.app.handlers.persistent
 def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
-    """Something was edited; called at each update of the scene, so it must be quick."""
+    """React to an edit; called at each update of the scene, so it must be quick."""
     if bpy.app.background or not is_of_matter(graph):
         return
     note(graph)
@@ -83,7 +83,7 @@ def note(graph: bpy.types.Depsgraph) -> None:
 
 
 def check() -> list[bpy.types.Object]:
-    """Tell which surfaces are not made of their material or image as it is now; returns those."""
+    """Find the surfaces that are older than their material or image; marks and returns them."""
     from . import material_state, surfaces
 
     painted = {image for image in bpy.data.images if image.name_full in _painted}
@@ -168,7 +168,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Forget what was asked for."""
+    """Discard all requests."""
     from . import material_state
 
     bpy.app.handlers.depsgraph_update_post.remove(on_update)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh's UV map as the map of a haptic surface: how long a UV unit is, what is covered twice."""
+"""UV map of a mesh as the map of a haptic surface: size of a UV unit, area covered twice."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces as Blender objects: making and removing them, their maps, what is felt of them.
+"""Haptic surfaces as Blender objects: their creation, removal, maps and haptic material.
 
 A surface is an effect whose place is an object of the scene itself. Its relief and the layers of
 its haptic map are images in the .blend, so that nothing is lost with a file; they are made anew
@@ -79,7 +79,7 @@ def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
 
 
 def remove_surface(obj: bpy.types.Object) -> None:
-    """Take the surface away again; its maps go with it unless something else uses them."""
+    """Remove the surface; its maps go with it unless something else uses them."""
     settings = obj.hfx.surface
     images = [getattr(settings, name) for name in _IMAGES]
     for name in settings.bl_rna.properties.keys():
@@ -108,7 +108,7 @@ def differs_from_material(obj: bpy.types.Object) -> bool:
 
 
 def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
-    """Make an object's maps and keep them in the .blend; returns what was noted.
+    """Make an object's maps and store them in the .blend; returns notes.
 
     Parameters
     ----------
@@ -367,7 +367,7 @@ def _plain(value: object) -> object:
 
 
 def signature(obj: bpy.types.Object) -> tuple[object, ...]:
-    """Changes where what an object feels like may."""
+    """Fingerprint of an object's haptic material: changes with every setting that may affect it."""
     settings = obj.hfx.surface
     return (
         _relief_key(obj),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic volumes as Blender objects: how they are shown, and where their unit shape stands."""
+"""Haptic volumes as Blender objects: their display, and the placement of their unit shape."""
 
 from __future__ import annotations
 

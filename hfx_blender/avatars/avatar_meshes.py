@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The meshes of somebody's avatar: which they are, and reading them for a fit.
+"""Meshes of a user's avatar: selection, and reading for a fit.
 
 An avatar may be one mesh or several (body, head, hands, clothes). The one that covers most is
 ``hfx.avatar``, the others are ``hfx.avatar_parts``; together they are one surface, whose vertices
@@ -30,7 +30,7 @@ def meshes_of(body: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def keep_meshes(body: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
-    """Make these the meshes that show a haptic body, the main one first."""
+    """Store the meshes that show a haptic body, the main one first."""
     body.hfx.avatar = meshes[0] if meshes else None
     body.hfx.avatar_parts.clear()
     for mesh in meshes[1:]:

@@ -136,7 +136,7 @@ def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def check_armature(armature: bpy.types.Object) -> None:
-    """Refuse what is no armature, or cannot hold anything of ours."""
+    """Reject objects that are no armature, or cannot store our properties."""
     if armature.type != "ARMATURE":
         raise InputError(f"'{armature.name}' is a {armature.type.lower()}, not an armature.")
     if armature.library is not None:

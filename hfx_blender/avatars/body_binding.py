@@ -199,7 +199,7 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
 
 
 def _in_one_space(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
-    """Vertices of several meshes one after the other, in the local space of the first."""
+    """Join the vertices of several meshes in the local space of the first."""
     moved = [vertices[0]]
     for points, matrix in zip(vertices[1:], to_world[1:], strict=True):
         to_first = np.array(to_world[0].inverted_safe() @ matrix, np.float64)

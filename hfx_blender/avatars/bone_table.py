@@ -55,7 +55,7 @@ def automatic(armature: bpy.types.Object) -> BoneMapping:
 
 
 def mapping_of(armature: bpy.types.Object) -> BoneMapping:
-    """The mapping for the next fit: the table if a user corrected it, else found anew.
+    """Mapping for the next fit: the table if a user corrected it, else found anew.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def mapping_of(armature: bpy.types.Object) -> BoneMapping:
 
 
 def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
-    """Fill the table with what is found automatically.
+    """Fill the table with the automatic mapping.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def clear(armature: bpy.types.Object) -> None:
 
 
 def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:
-    """Show the mapping of a fit, without losing what is known to be corrected."""
+    """Show the mapping of a fit, without losing corrections."""
     try:
         found = automatic(armature).bones
     except InputError:
@@ -106,7 +106,7 @@ def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:
 
 
 def refresh(armature: bpy.types.Object) -> None:
-    """Say for each joint without a bone which bone its skin follows."""
+    """Update, for each joint without a bone, the bone that its skin follows."""
     if _is_filling:
         return
     rows = armature.hfx.bone_map
@@ -125,7 +125,7 @@ def save(armature: bpy.types.Object, path: Path) -> int:
 
 
 def load(armature: bpy.types.Object, path: Path) -> list[str]:
-    """Take a saved mapping over into the table; what a user should know.
+    """Load a saved mapping into the table; returns notes for the user.
 
     Raises
     ------

@@ -89,7 +89,7 @@ def shown(body: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def hide(body: bpy.types.Object) -> list[str]:
-    """Remove the meshes that show models of a body; ids of these models."""
+    """Remove the meshes that show models of a body; returns the ids of these models."""
     models = []
     for obj in shown(body):
         models.append(obj[MODEL])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Somebody's own avatar as a haptic body: fitting it, and keeping the fit in the .blend.
+"""Fits body models to a user's own avatar, and stores the fit in the .blend.
 
 The fit is stored on the armature object as typed ID-property arrays, which go wherever the
 object goes (copy, append, link) and are read without a loop: about 3 MB for the three shipped
@@ -110,7 +110,7 @@ def fit_body(
 
 
 def check_scipy() -> None:
-    """Refuse to fit where scipy is missing, with what to do about it."""
+    """Raise an error with instructions if scipy is missing."""
     if find_spec("scipy") is None:
         raise InputError(
             "Fitting the body to an avatar needs the Python package scipy, which this Blender "
@@ -177,7 +177,7 @@ def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
 
 
 def _badness(part: PartQuality) -> float:
-    """1 where a part is just not a fault any more."""
+    """Badness of a body part's fit: 1 is the limit of a fault."""
     spread = abs(np.log(max(part.area_ratio, 1e-9)))
     return max(
         part.distance_p95_mm / FARTHEST_MM,

@@ -21,7 +21,7 @@ from .units import Unit
 
 
 def tools() -> dict[str, str | bool]:
-    """Versions whose change may change the results; whether the compiled library is there."""
+    """Versions that may affect the results, and the presence of the compiled library."""
     bpy = sys.modules.get("bpy")
     if bpy is not None:
         blender = ".".join(map(str, bpy.app.version))

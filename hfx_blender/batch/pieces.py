@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of a scene that a farm records one by one, in any order, and then puts together.
+"""Pieces of a scene that a farm records one by one, in any order, and then merges.
 
 Piece 2 of 8 of ``out/scene`` lies in ``out/scene.pieces``: a track, where volumes were, and last
 its record, which says with sizes and hashes what was written and what it was made from.
@@ -144,12 +144,12 @@ def files_of(unit: Unit, record: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def remove(unit: Unit) -> None:
-    """Remove what was put together."""
+    """Remove the pieces after they were merged."""
     shutil.rmtree(folder_of(unit), ignore_errors=True)
 
 
 def _count(folder: Path, unit: Unit) -> int:
-    """Into how many pieces the scene was cut; of several, that of which the most are there."""
+    """Number of pieces of a scene; of several divisions, the most complete one."""
     found: dict[int, int] = {}
     with suppress(OSError):
         for path in folder.iterdir():
@@ -163,7 +163,7 @@ def _count(folder: Path, unit: Unit) -> int:
 
 
 def _record(folder: Path, piece: tuple[int, int]) -> dict[str, Any] | None:
-    """A piece's record, if its files are what was written."""
+    """Record of a piece, if its files are unchanged."""
     record = export_report.read(path_of(folder, piece, ".json"))
     if record is None or not journal.has_files(record, folder):
         return None

@@ -132,7 +132,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
 
 
 def _check_name(unit: Unit) -> None:
-    """Refuse a file whose results could not be named after it."""
+    """Reject a file that its results could not be named after."""
     longest = f"{unit.stem}.report.json.tmp"
     if len(os.fsencode(longest)) > _LONGEST_NAME:
         raise InputError(
@@ -142,7 +142,7 @@ def _check_name(unit: Unit) -> None:
 
 
 def _open(unit: Unit) -> None:
-    """Open the unit's file, unless it is open since the last unit and has not changed."""
+    """Open the unit's file, unless it is open already and has not changed."""
     if unit.input is None:
         return
     path = Path(unit.input)
@@ -205,7 +205,7 @@ def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[
 def _piece(
     unit: Unit, export: SceneExport, made_from: dict[str, Any], progress: Progress
 ) -> Outcome:
-    """Record one piece of a scene, for a later command that puts all of them together."""
+    """Record one piece of a scene, for a later command that merges all of them."""
     from ..recording import why_in_one_go
 
     assert unit.piece is not None
@@ -234,7 +234,7 @@ def _piece(
 def _collected(
     unit: Unit, export: SceneExport, made_from: dict[str, Any]
 ) -> tuple[dict[str, Any], ...]:
-    """The pieces of a scene, as the parts that they are."""
+    """Collect the pieces of a scene as parts for the merge."""
     found = []
     for record in pieces.collect(unit, made_from, export.reader.time.sample_count):
         files = pieces.files_of(unit, record)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The handle of one worker process: it is started when it is needed, and started anew after it
-died, after it took too long, and after some units, so that nothing piles up in its memory."""
+"""Handle of one worker process: started on demand, and started anew after a crash, after a time
+limit, and after some units, so that nothing piles up in its memory."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ def _how(code: int, told: list[str]) -> str:
 def do_with_care(
     worker: WorkerProcess, unit: Unit, progress: Progress, limit_s: float | None
 ) -> Outcome:
-    """Have a unit done; if the worker dies, a new one tries once more."""
+    """Do a unit in a worker; if the worker dies, a new one tries once more."""
     reasons = []
     for _ in range(2):
         try:

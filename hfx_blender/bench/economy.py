@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Economy: what vertices, volumes and bodies cost that touch nothing, and one live evaluation.
+"""Economy: cost of vertices, volumes and bodies without contact, and of one live evaluation.
 
 The engine alone is timed, on a shipped model that bends at random among a few volumes; each
 case is timed in turn with the plain one.

@@ -49,7 +49,7 @@ def as_line(found: dict[str, Any]) -> str:
 
 
 def append(path: Path, record: dict[str, Any]) -> int:
-    """Add a measurement to a history: one JSON object a line; how many there are now.
+    """Append a measurement to a history, one JSON object a line; returns their number.
 
     Raises
     ------

@@ -171,7 +171,7 @@ class _Screen:
         )
 
     def draw(self, more: Callable[[], None]) -> None:
-        """Something over the scene, as if that were drawn."""
+        """Draw a viewport over the scene, as Blender would."""
         import bpy
         import gpu
 

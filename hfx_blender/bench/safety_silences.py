@@ -52,7 +52,7 @@ _QUIET: Final = [0.0, 100.0] * 8
 
 
 class _Pauses(WithClient):
-    """A script is late with an answer when everything is paused."""
+    """Trial of a script that answers late after a pause."""
 
     name = "slow"
 
@@ -93,7 +93,7 @@ class _Pauses(WithClient):
 
 
 class _Several(WithClient):
-    """Rounds of several devices at once, which all play."""
+    """Trial with several devices that all play."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -184,7 +184,7 @@ def _end_of_loud(log: Log, since_s: float) -> float:
 
 
 class _NothingNew(_Several):
-    """Signs of life come, but no answer to what was asked: nobody knows what is to be felt."""
+    """Trial of heartbeats without answers: nobody knows whether the last values still hold."""
 
     def several(self) -> list[float]:
         self._play()
@@ -202,7 +202,9 @@ class _NothingNew(_Several):
 
 
 class _Sleeps(WithClient):
-    """The computer sleeps: the output process stands still, with old values in its pipe."""
+    """Trial of a sleeping computer: the output process stands still, with old values in
+    its pipe.
+    """
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trials of stopping: simulators write what they are given and when, and then something fails."""
+"""Trials of stopping: simulators log values and times, and then something fails."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def run(
     rounds: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Trials:
-    """All rounds of one kind, in threads: each waits most of the time.
+    """Run all rounds of one kind, in threads: each waits most of the time.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def rounds_of(
     rounds: int,
     progress: Callable[[float], None],
 ) -> Trials:
-    """Rounds until there are enough; one that says nothing is repeated.
+    """Repeat rounds until enough are valid.
 
     Raises
     ------
@@ -206,7 +206,7 @@ class Log:
         return bool(rows) and is_loud_row(rows[-1])
 
     def silence_after(self, fault_s: float, *, by_values: bool = False) -> float | None:
-        """Seconds from a fault to the stop that nothing loud follows; None: there is none yet.
+        """Seconds from a fault to the stop that no perceptible value follows; None without one.
 
         ``by_values``: or to values that cannot be felt, where no stop is asked for.
 
@@ -237,7 +237,7 @@ def _nothing() -> None:
 
 
 class Rounds:
-    """Rounds of one kind, with what they share."""
+    """Rounds of one kind with their shared state."""
 
     def round(self) -> float:
         """Seconds from fault to silence.
@@ -253,10 +253,10 @@ class Rounds:
         return [self.round()]
 
     def recover(self) -> None:
-        """Begin anew after a round that failed."""
+        """Restart after a round that failed."""
 
     def close(self) -> None:
-        """All rounds are over."""
+        """Clean up after all rounds."""
 
     @staticmethod
     def until_played(
@@ -264,7 +264,7 @@ class Rounds:
         each: Callable[[], None] = _nothing,
         is_over: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Wait until something has happened that needs a device that plays."""
+        """Wait for an event that needs a playing device."""
         end = time.monotonic() + PATIENCE_S
         while not happened():
             each()
@@ -292,7 +292,7 @@ class Rounds:
 
 
 class WithClient(Rounds):
-    """Rounds in which this process takes Blender's place and lives on."""
+    """Rounds in which this process plays Blender's part and survives."""
 
     name = "band"
 
@@ -446,7 +446,7 @@ def gaps(folder: Path, seconds: float) -> Trials:
 
 
 def gaps_of(rows: list[dict[str, Any]]) -> Trials:
-    """Times between rows of values; those with a stop between them are none."""
+    """Times between rows of values; pairs with a stop between them are left out."""
     found = Trials()
     last: float | None = None  # None: it did not play before
     for row in rows:

@@ -77,7 +77,7 @@ def _large_device() -> DeviceConfig:
 def _hostile(
     rng: np.random.Generator, lowest: np.ndarray[Any, Any], highest: np.ndarray[Any, Any]
 ) -> np.ndarray[Any, Any]:
-    """Rows of values: in range, beyond it, huge, tiny, and what is no number."""
+    """Hostile rows of values: in range, beyond it, huge, tiny, and not numbers."""
     size = (_ROWS, len(lowest))
     middle, reach = 0.5 * (lowest + highest), highest - lowest + 1.0
     rows = middle + reach * rng.normal(0.0, 1.0, size)
@@ -126,7 +126,7 @@ def opened_files(folder: Path, count: int) -> dict[str, Any]:
 
 @contextmanager
 def _hushed() -> Iterator[None]:
-    """Blender tells of each driver that it did not run; a thousand times is too often."""
+    """Context without Blender's message about each driver that it did not run."""
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     kept = [os.dup(number) for number in (1, 2)]

@@ -34,7 +34,7 @@ def about(name: str) -> str:
 
 
 def short_frames(name: str) -> tuple[int, int]:
-    """Frames of a scene, both included, in which much is felt."""
+    """Range of a scene's frames, both included, with many contacts."""
     return _BUILDERS[name][2]
 
 
@@ -101,7 +101,7 @@ def _crowded() -> None:
 
 
 def _fast() -> None:
-    """Balls, bars and walls of a millimetre that fly through somebody who stands."""
+    """Build balls, bars and walls of a millimetre that fly through a standing person."""
     scene = _start("Fast", 24, 4.0)
     rng = np.random.default_rng(2)
     speeds = (2.0, 5.0, 10.0, 20.0, 50.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The trade as a picture: time against error, one panel for each kind of error, as SVG."""
+"""Chart of the trade: time against error, one panel for each kind of error, as SVG."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _panel(
 
 
 def _label(text: str, x: float, y: float, left: float, taken: list[tuple[float, float]]) -> str:
-    """A name beside its point, where no other name is."""
+    """Place a name beside its point, clear of other names."""
     ends = x > left + 0.75 * _WIDTH
     place = x - 8.0 if ends else x + 8.0
     middle = place - 25.0 if ends else place + 25.0

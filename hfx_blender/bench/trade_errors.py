@@ -201,7 +201,7 @@ def amplitude_error(
 
 
 def _strengths(raster: Raster, device: DeviceConfig) -> tuple[I64, F64]:
-    """Columns that say how strong, not which, and the full scale of each."""
+    """Columns of strength, rather than frequency, and the full scale of each."""
     types = {actuator.id: actuator.type for actuator in device.actuators}
     chosen, scales = [], []
     for k, column in enumerate(raster.columns):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes: how fast a mesh tells what skin asks it, and how exactly inside every shape is told.
+"""Volumes: speed of queries to a mesh, and exactness of the inside test of every shape.
 
 Speed is compared with ``trimesh`` and its embree rays, exactness with libigl's winding number
 and, for the shapes with a formula, with whole-number arithmetic. What is not installed is left
@@ -253,7 +253,7 @@ def _against_winding(
 
 
 def _whole(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[str, int]:
-    """Judge points of the world whose place in shape space is a fraction of whole numbers."""
+    """Judge points whose places in shape space are fractions of whole numbers."""
     whole = np.array(_MATRICES[kind], np.int64)
     offset = np.array([17, -5, 40], np.int64)
     matrix = np.eye(4)

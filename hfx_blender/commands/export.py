@@ -242,7 +242,7 @@ def _cores_of_each(options: argparse.Namespace) -> int:
 
 
 def _given_paths(options: argparse.Namespace) -> list[tuple[str, str]]:
-    """Paths in full, and as the user gave them; those of files before their folders."""
+    """Paths in full, and as the user gave them; files before their folders."""
     found = [(os.path.abspath(path), str(path)) for path in options.scenes]
     folder, given = os.path.abspath(options.output), options.output
     if folder != os.path.dirname(folder):  # not the root, which begins every path
@@ -260,7 +260,7 @@ def _open_stem() -> str:
 
 
 class _Teller:
-    """Says what becomes of the scenes, as soon as it is known."""
+    """Reporter of scenes' outcomes, as soon as they are known."""
 
     def __init__(
         self, console: Console, outcomes: list[Outcome], given: list[tuple[str, str]]
@@ -312,7 +312,7 @@ class _Teller:
             self._console.say(f"{unit.title}: {self._as_given(remark)}")
 
     def interrupted(self, count: int) -> None:
-        """Says what is left of a batch, if anything."""
+        """Report the rest of a batch, if any."""
         complete = sum("error" not in outcome for outcome in self._outcomes)
         if complete:
             self._console.warn(
@@ -347,7 +347,7 @@ def _write_report(path: Path, results: list[dict[str, Any]]) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Refuse what no scene could be exported with, before any of them is opened."""
+    """Reject options with which no scene could be exported, before any is opened."""
     from ..devices.configuration import load_device
     from ..engine.on_demand import ON_DEMAND
     from ..formats.registry import FORMATS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info`` of an export's report: what was written, felt, and left out."""
+"""``hfx info`` of an export's report: files, samples, and parts left out."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx sound``: what a scene's haptic volumes sound like, over any loudspeakers."""
+"""``hfx sound``: spatial sound of a scene's haptic volumes, for any loudspeakers."""
 
 from __future__ import annotations
 

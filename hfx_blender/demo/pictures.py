@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of the avatar coloured by what it felt, at the telling moments of the demo.
+"""Pictures of the avatar with haptic colours, at the key moments of the demo.
 
 Rendered by Cycles on the processor, which needs neither display nor GPU. Run as a program of
 its own (``python -m hfx_blender.demo.pictures SCENE TRACK FOLDER``), so that a machine on which

@@ -15,7 +15,7 @@ _Vector = tuple[float, float, float]
 
 
 def furnish(scene: bpy.types.Scene, fire: _Place, people: list[_Place]) -> None:
-    """Put everything that can be seen into the scene."""
+    """Add all visible props to the scene."""
     collection = bpy.data.collections.new("Garage")
     scene.collection.children.link(collection)
     grey = _material("Concrete", (0.32, 0.32, 0.33))

@@ -11,7 +11,7 @@ from ..errors import OutputError
 
 
 def build_and_open(build: Callable[[], object], path: Path) -> None:
-    """Build a scene, save it, and open the file: from here on it is a scene like any other.
+    """Build a scene, save it, and open the file like any other.
 
     Raises
     ------

@@ -205,7 +205,7 @@ def _waveform(node: Node | None) -> Waveform:
 
 
 def _in_time_and_measured(members: dict[str, Node]) -> dict[str, Any]:
-    """Limits in time, and what was measured of an actuator type."""
+    """Time limits and measured curves of an actuator type."""
     found: dict[str, Any] = {
         name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members
     }

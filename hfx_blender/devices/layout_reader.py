@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The part of a device configuration that says where actuators are and how they are panned."""
+"""Part of a device configuration with the places of actuators and their panning."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _bend_m(node: Node) -> float:
 
 
 def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
-    """Refuse a bent mount round which the pads of some actuators, all of them read, go twice."""
+    """Reject a bent mount around which the pads of some actuators go twice."""
     if mount.bend_radius_m is None:
         return
     places = [each["place"]["pad"]["at_mm"] for each in actuators.value if "pad" in each["place"]]

@@ -165,7 +165,7 @@ def _answers(
 
 
 def _approved_script(device: DeviceConfig) -> approval.DeviceScript:
-    """A device's script as it is now.
+    """Approved script of a device, in its present state.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def _nothing_for(device: DeviceConfig, script: approval.DeviceScript, reason: st
 
 
 def _when(header: TrackHeader, row: int) -> str:
-    """A row's time as the script is told it."""
+    """Time of a row as the script gets it, as text."""
     frame = float(header.time.frame(min(row, header.time.sample_count - 1)))
     return f" at {frame / float(header.time.fps):.3f} s (frame {frame:g})"
 
@@ -285,7 +285,7 @@ class _Worker:
         self._process.wait()
 
     def ask(self, batch: Sequence[bytes]) -> None:
-        """Hand over the messages of the next rows, when those before the last are answered.
+        """Send the messages of the next rows, after the rows before the last are answered.
 
         Raises
         ------
@@ -300,7 +300,7 @@ class _Worker:
         self._unsent.put(b"".join(batch))
 
     def wait(self, most: int = 0) -> None:
-        """Wait until no more than so many rows are not answered.
+        """Wait until at most ``most`` rows are not answered.
 
         Raises
         ------
@@ -362,7 +362,7 @@ class _Worker:
             self._news.notify()
 
     def _took(self, kind: Kind, body: bytes) -> str | None:
-        """Take what the worker says; what is wrong with it."""
+        """Process a message of the worker; returns its fault."""
         if kind is Kind.FAULT:
             text = body.decode(errors="replace")
             return text if self._is_ready else f"cannot be started: {text}"

@@ -29,7 +29,7 @@ class Node:
     path: str = ""
 
     def fail(self, allowed: str) -> NoReturn:
-        """Raise an ``InputError`` that names file, place, what was found and what is allowed."""
+        """Raise an ``InputError`` with file, place, found value and allowed values."""
         found = json.dumps(self.value, ensure_ascii=True)
         if len(found) > _SHOWN:
             found = found[:_SHOWN] + "..."
@@ -155,7 +155,7 @@ def _refuse_marked(node: Node) -> None:
 
 @dataclass(frozen=True)
 class _Fault:
-    """Stands for what is no strict JSON, until its place is known."""
+    """Placeholder of invalid JSON, until its place is known."""
 
     told: str
 

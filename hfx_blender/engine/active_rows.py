@@ -82,7 +82,7 @@ def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
 
 
 def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters: Counters) -> None:
-    """Warn of a body that is scaled to nothing at rows (T,) where something is on."""
+    """Count a warning about a body scaled to nothing at rows (T,) where an effect is on."""
     is_point = (np.abs(pose.to_world[:, :3, :3]) <= NOTHING).all(axis=(1, 2))
     count = int(np.count_nonzero(is_point & pose.valid & active))
     if count:
@@ -111,7 +111,7 @@ def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) 
 def followed(
     rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
 ) -> tuple[I64, Bool, Bool]:
-    """Rows with those that they follow; which are heard; which follow the row before them.
+    """Rows with those that precede them, and masks: to be reported, and following the row before.
 
     A row follows the sample before its own if the effect was on then and the pose is known.
     """

@@ -53,7 +53,7 @@ class AllocentricAreas:
         block: AnimationBlock,
         reach: BlockReach,
     ) -> Callable[[], SampleRun | None]:
-        """Begin with a volume's contacts with a body; what is returned waits for them."""
+        """Begin the contacts of a volume with a body; the returned function finishes them."""
         pose = block.poses[self._maker.body_index[body.id]]
         posed = reach.posed(body)
         rows = with_pose(of_read(rows, pose), posed, body, self._maker.counters)

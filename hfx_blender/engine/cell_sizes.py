@@ -151,7 +151,7 @@ class CellSizes:
         return largest
 
     def pointers(self, clusters: I64) -> Any:
-        """All clusters where the library finds them, these filled in."""
+        """Native table of all clusters, with these filled in."""
         new = self._native.lacking(clusters)
         if len(new):
             surface = self._surface.native_clusters(new)

@@ -137,7 +137,7 @@ def felt_shares(
 
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
-    """Colour and opacity to lay over an avatar, (A, 4) in 0..1; clear where nothing is felt."""
+    """Overlay for an avatar: colour and opacity, (A, 4) in 0..1; clear without any sensation."""
     felt = np.stack(list(shares.values()))
     opacity = felt.max(axis=0)
     # Not as a product of matrices: that wakes other threads for it.

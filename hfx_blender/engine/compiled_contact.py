@@ -54,7 +54,7 @@ def begin(
     own_sets: bool,
     threads: Threads | None,
 ) -> Callable[[], Found] | None:
-    """Vertices whose skin is inside; None where the volume cannot be used at some row.
+    """Begin the contacts of a body with a volume; None where the volume is unusable at some row.
 
     As :func:`.contact.begin`; rows are places among ``rows``.
     """

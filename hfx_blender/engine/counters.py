@@ -27,7 +27,7 @@ class Counters:
         self.warnings[message] = self.warnings.get(message, 0) + count
 
     def clear(self) -> None:
-        """Forget what was counted; which models were loaded stays."""
+        """Reset all counts; the list of loaded models stays."""
         models = self.models_loaded
         self.__dict__.update(vars(Counters(models_loaded=models)))
 
@@ -49,7 +49,7 @@ class Counters:
         return Counters(models_loaded=new, warnings=warnings, **changes)
 
     def add(self, more: Counters) -> None:
-        """Count what was counted elsewhere."""
+        """Add the counts of other counters."""
         for name in _NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         known = {*self.models_loaded}

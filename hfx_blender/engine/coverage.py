@@ -294,7 +294,7 @@ class BodySkin:
 
 
 def owners_of(clusters: list[I32], count: int) -> I64:
-    """The cluster of each of so many vertices."""
+    """Cluster of each vertex, (count,)."""
     owners = np.zeros(count, np.int64)
     owners[np.concatenate(clusters)] = np.repeat(
         np.arange(len(clusters)), [len(ids) for ids in clusters]

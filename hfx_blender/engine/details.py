@@ -57,7 +57,7 @@ def tell_deepest(
     shapes: Sequence[Shape],
     matrices: F64,
 ) -> None:
-    """Place contacts whose vertex is outside at the deepest of their samples.
+    """Place contacts whose vertex is outside at their deepest sample.
 
     Parameters
     ----------

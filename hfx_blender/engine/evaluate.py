@@ -86,11 +86,11 @@ class Engine:
         self._allocentric = AllocentricAreas(maker, self.responses, self.threads)
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
-        """Samples of a block: one run for each effect and body that felt something."""
+        """Evaluate a block: one run of samples for each effect and body with any."""
         return self.begin(block)()
 
     def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
-        """Begin to :meth:`evaluate` a block; what is returned ends it, once, and gives the samples.
+        """Begin to :meth:`evaluate` a block; the returned function, called once, gives the samples.
 
         Other threads work on it meanwhile. Blocks must be begun, and ended, in their order.
         """

@@ -89,8 +89,8 @@ class Found:
             self.weights[row, self.column_of[vertex]] = found
 
     def look_at_skin(self, wide: Bool, followed: Bool) -> None:
-        """Weights of cells, of rows and clusters ``wide`` (n, clusters), and of what passed
-        before the rows of those ``followed``."""
+        """Add weights of cells, at rows and clusters ``wide`` (n, clusters), and of passages before
+        the rows of those ``followed``."""
         placed, surface = self.placed, self.placed.skin.surface
         needed = wide | followed
         needed[:-1] |= followed[1:]
@@ -170,7 +170,7 @@ class Found:
         self.weights[self._places(skin, felt)] = found[felt]
 
     def _follow(self, skin: PosedSkin, later: Bool) -> None:
-        """Cells that were passed since the row before; at the row before they were not felt."""
+        """Add cells that were passed since the row before, without contact at that row."""
         if not later.any():
             return
         placed, target = self.placed, self.placed.target
@@ -193,7 +193,7 @@ class Found:
             self.weights[places] = np.maximum(self.weights[places], weights)
 
     def place_all(self, needed: Bool) -> None:
-        """Tell where contacts are: at the vertex if that is inside, else at the deepest."""
+        """Set the places of contacts: the vertex if that is inside, else the deepest sample."""
         placed, vertices = self.placed, self.placed.skin.vertices
         target = placed.target
         assert self.details is not None and self.inside is not None
@@ -215,7 +215,7 @@ class Found:
 
 
 def _batches(clusters: I64, sizes: I64) -> Iterator[slice]:
-    """Pairs of ascending clusters, those of each together, as many at a time as have few points."""
+    """Cut pairs of ascending clusters into batches with few points, each cluster whole."""
     total = np.cumsum(sizes[clusters])
     if total[-1] <= _AT_ONCE:
         yield slice(0, len(clusters))

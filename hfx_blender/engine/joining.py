@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs of the same streams that follow each other, made into one of each."""
+"""Joins successive runs of the same streams into one of each."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An armature whose bones follow their keyed channels and their parents, and nothing else."""
+"""Armature whose bones follow only their keyed channels and their parents."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _AT_ONCE: Final = 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class Inside:
-    """Samples of skin that are inside, for what is asked for on demand."""
+    """Samples of skin inside a volume, for optional details."""
 
     rows: I64  # (N,)
     cells: I64  # (N,) as the skin's table counts them

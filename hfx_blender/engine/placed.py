@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broad phase: which clusters of a body's skin a volume can reach, at which rows, and between."""
+"""Broad phase: clusters of a body's skin that a volume can reach, at rows and between them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ReachableBounds:
 
     @property
     def boxes(self) -> tuple[F64, F64, F64, F64]:
-        """All but the rows."""
+        """Boxes without the rows."""
         return self.low, self.high, self.of_rows, self.of_clusters
 
     @classmethod
@@ -221,7 +221,9 @@ class Placed:
         )
 
     def followed_in_steps(self, later: Bool, clusters: I64, rows: I64) -> I64:
-        """Straight steps that follow pairs of a cluster and a row, (pairs,); 0 where not later."""
+        """Number of straight steps that track pairs of a cluster and a row, (pairs,); 0 where not
+        later.
+        """
         steps = later.astype(np.int64)
         turns = self._turns.sum(axis=0)
         turning = np.flatnonzero(later & (turns[rows] > 0.0))

@@ -49,7 +49,7 @@ class PosedSkin:
         return counts
 
     def _counted_from(self, first: I64) -> I64:
-        """Numbers that begin anew with each pair's slots, at ``first`` (pairs,)."""
+        """Numbers that count up from ``first`` (pairs,) within each pair's slots."""
         ends = np.cumsum(self._slot_counts)
         before = ends - self._slot_counts
         found: I64 = np.arange(int(ends[-1])) + np.repeat(first - before, self._slot_counts)

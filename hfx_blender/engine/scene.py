@@ -124,7 +124,7 @@ class BodyDescription:
 
 @dataclass(frozen=True)
 class Clip:
-    """A named stretch of the timeline, for the reader of a track; it does not drive anything."""
+    """Named interval of the timeline, for readers of a track; it drives nothing."""
 
     name: str
     frame_start: float
@@ -133,7 +133,7 @@ class Clip:
 
 @dataclass(frozen=True, eq=False)
 class PaintedArea:
-    """An egocentric effect's area: vertices of the effect's model on one body."""
+    """Area of an egocentric effect: vertices of the effect's model on one body."""
 
     body_id: str
     vertices: I32  # (n,) ascending
@@ -142,7 +142,7 @@ class PaintedArea:
 
 @dataclass(frozen=True, eq=False)
 class HapticVolume:
-    """An allocentric effect's shape; where it stands is in the blocks."""
+    """Area of an allocentric effect: a shape, whose placement is in the blocks."""
 
     falloff: Falloff
     response: tuple[Filter, ...] = ()  # how it answers a touch
@@ -150,7 +150,7 @@ class HapticVolume:
 
 @dataclass(frozen=True, eq=False)
 class HapticSurface:
-    """An object that is felt by moving over it; where its vertices are is in the blocks.
+    """Area of an object that is felt by moving over it; its vertices are in the blocks.
 
     The effect's modality is vibration. Its parameters in the blocks are the device's full
     amplitude and, for the textile renderer, the one frequency.
@@ -165,7 +165,7 @@ class HapticSurface:
 
 @dataclass(frozen=True, eq=False)
 class SpotArea:
-    """A disc on one body's skin; where it is on its path, and how large, is in the blocks."""
+    """Area of a disc on one body's skin; its place on its path and its radius are in the blocks."""
 
     body_id: str
     path: F64  # (n, 3) n > 0 places on the skin of the canonical body, rest space; one: it rests
@@ -174,7 +174,7 @@ class SpotArea:
 
 @dataclass(frozen=True)
 class ActuatorArea:
-    """The actuators of one device, each with a strength of its own in the blocks.
+    """Area of the actuators of one device; their strengths are in the blocks.
 
     Mango's vector sensation (Schneider et al., UIST 2015). Nothing is felt of it on the skin,
     and no other device plays it.

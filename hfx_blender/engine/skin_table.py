@@ -159,7 +159,7 @@ class SkinTable:
         return self._samples
 
     def quads_of(self, units: I64) -> tuple[I64, I64]:
-        """All quads of some units, one unit after the other: whose each is, and quads."""
+        """All quads of some units, one unit after the other: owners, and quads."""
         step, owner = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
         return owner, self.quad_starts[units][owner] + step
 
@@ -173,7 +173,7 @@ class SkinTable:
         return links - first
 
     def neighbours(self, cluster: int) -> tuple[I64, I64]:
-        """Units of a cluster, ascending, and those next to them, places in the cluster."""
+        """Neighbours of a cluster's units, as pairs of places in the cluster; units ascend."""
         ids = self.vertices[self.starts[cluster] : self.starts[cluster + 1]]
         units = ids[: self.unit_counts[cluster]]
         order, starts = self.mesh.corners, self.mesh.starts
@@ -184,7 +184,7 @@ class SkinTable:
         return unit, place[self.surface.triangles[face, _TURNED[1].take(turn)]]
 
     def need(self, clusters: I64) -> None:
-        """Fill in the skin of some clusters, where that has not been done."""
+        """Fill in the skin of clusters that have not been filled yet."""
         new = lacking(self._is_made, clusters)
         if not len(new):
             return

@@ -30,12 +30,12 @@ _LEAST: Final = 1e-3
 
 
 def lengths_along(path: F64) -> F64:
-    """Way from the first of a path's points (n, 3) to each of them, (n,) metres."""
+    """Lengths from the first of a path's points (n, 3) to each of them, (n,) metres."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
 def places_on(path: F64, shares: F64) -> F64:
-    """Places (T, 3) at shares (T,) of a path's length; equal steps are equal ways on the skin.
+    """Places (T, 3) at shares (T,) of a path's length; equal steps are equal lengths on the skin.
 
     Parameters
     ----------
@@ -110,7 +110,8 @@ class SpotSkin:
         return vertices[kept].astype(np.int32), weights[kept].astype(np.float32)
 
     def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
-        """Vertex sets for T focus places; one that stays is there once, unless each has its own.
+        """Vertex sets for T focus places; equal successive ones are stored once, unless each has
+        its own.
 
         Parameters
         ----------

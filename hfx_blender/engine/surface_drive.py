@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""c_v of a device in the place of the common one: what a surface drives one device with.
+"""Device-specific drive of surfaces: a device's own c_v in place of the common one.
 
 Samples hold for all devices, so a surface that is felt by its heights is sampled with one c_v
 (:mod:`.texture.textile`, equation 3). A device that was calibrated has its own; its amplitudes
@@ -54,7 +54,7 @@ class SurfaceDrive:
 
 
 class SurfaceDrives:
-    """The surfaces of a track on one device.
+    """Drives of the surfaces of a track on one device.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class SurfaceDrives:
 
 
 def with_drives(settings: Mapping[str, Any], scene: SceneDescription) -> Mapping[str, Any]:
-    """A track's settings, and what its surfaces are sampled with."""
+    """Settings of a track, extended by the drives of its surfaces."""
     drives = {
         effect.id: SurfaceDrive.of(effect.area.texture)
         for effect in scene.effects

@@ -183,7 +183,7 @@ def _parts(counts: I64) -> list[slice]:
 
 
 class _Followed:
-    """The contacts of one body with one surface, up to the last sample."""
+    """Tracked contacts of one body with one surface, up to the last sample."""
 
     def __init__(self, area: HapticSurface, model: PerceptualModel, step_s: float) -> None:
         self.index: int | None = None  # last sample that was followed

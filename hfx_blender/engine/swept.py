@@ -161,8 +161,7 @@ class Crossings:
 
 
 def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool) -> I64:
-    """Slots of pairs ``later`` (pairs,), each followed from the pair before it, whose skin may
-    have met the volume on the way.
+    """Slots of pairs ``later`` (pairs,) whose skin may have met the volume since the pair before.
 
     The clearance of a point changes by no more than it moves: on a straight way of length l
     between clearances a and b it is nowhere less than (a + b - l) / 2.

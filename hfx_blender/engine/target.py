@@ -51,7 +51,7 @@ class Target:
         return all(shape.is_convex for shape in self.shapes)
 
     def slopes_of(self, rows: I64) -> F64:
-        """Largest change of weight for a way of 1 in shape space, at some rows (k,)."""
+        """Largest change of weight for a distance of 1 in shape space, at some rows (k,)."""
         slopes = np.zeros(len(rows))
         which = self.which[rows]
         for k in np.unique(which).tolist():  # of a mesh it takes a search: only of what occurs

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one setting of speed against accuracy: which error a user accepts.
+"""Tolerance: the one setting of speed against accuracy.
 
 The engine and the scene reader choose the cheapest way that keeps it: samples in each cell of
 skin, level of detail, sub-steps in time, which poses are read and which are interpolated.
@@ -62,7 +62,7 @@ _ALLOWED = f"{', '.join(PRESETS)}, or values such as 5mm,10ms,5%"
 
 
 def parse(text: str) -> Tolerance:
-    """A tolerance from a preset's name or from values such as ``3mm,5ms`` or ``3mm,5ms,2%``.
+    """Parse a tolerance: a preset's name, or values such as ``3mm,5ms`` or ``3mm,5ms,2%``.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vector sensations: curves for single actuators of one device, past all rendering schemes.
+"""Vector sensations: curves for single actuators of one device, without rendering schemes.
 
 Schneider et al., UIST 2015: full control where someone wants it, one parameter curve for each
 actuator. Other effects add to it on the device, and the device's limits come after.

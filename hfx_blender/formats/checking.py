@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checking JSON documents from strangers: what is wrong, where, with codes that stay.
+"""Checks of JSON documents from strangers: faults with their place, and stable codes.
 
 A document is checked against a shape (records, lists, numbers, texts). Every fault is a
 :class:`Finding`; its code is the format's name and a word that scripts can rely on.
@@ -102,7 +102,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Text:
-    """A string: any, one of some, or one that a pattern matches as a whole."""
+    """Shape of a string: any, one of some, or one that a pattern matches as a whole."""
 
     choices: tuple[str, ...] = ()
     pattern: str = ""
@@ -289,7 +289,7 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
 
 
 def mapped(path: Path) -> bytes:
-    """A file's content of any size, of which only what is looked at is read.
+    """Memory-mapped content of a file of any size.
 
     Raises
     ------
@@ -311,7 +311,7 @@ def mapped(path: Path) -> bytes:
 def decoding_findings(
     format_name: str, decode: Callable[[bytes, str], object], content: bytes, name: str
 ) -> list[Finding]:
-    """Faults of a file of which decoding tells all that there is to tell."""
+    """Faults of a file whose decoding reveals all of them."""
     report = Report(format_name)
     try:
         decode(content, name)

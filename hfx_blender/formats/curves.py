@@ -290,7 +290,7 @@ def _through(a: _Point, b: _Point) -> _Line:
 
 
 def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float) -> _Line:
-    """A line between the two extreme ones; both are within the corridor, so it is too."""
+    """Line between the two extreme ones; it is within the corridor as they are."""
     if rising is None or falling is None:
         return rising or falling or (x, value, 0.0)
     at = rising[0]

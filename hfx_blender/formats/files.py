@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of any format: which one a file is, whether it is valid, which signals it holds."""
+"""Files of any format: detection, validation, signals."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class FileFormat:
         return self.decode is not None
 
     def signals(self, content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-        """The vibration of a file, within the limits of what a file may ask for.
+        """Vibration signals of a file, within the limits of what a file may ask for.
 
         Raises
         ------

@@ -59,7 +59,7 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one file for each signal that sounds: ``stem.<name>.haptic``."""
+    """Write one file for each audible signal: ``stem.<name>.haptic``."""
     files = []
     for each in signals:
         if not each.is_silent:

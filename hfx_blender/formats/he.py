@@ -50,7 +50,7 @@ _SIDES: Final = {0: "", 1: "left", 2: "right"}
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write version 2, one file for each signal that sounds: ``stem.<name>.he``.
+    """Write version 2, one file for each audible signal: ``stem.<name>.he``.
 
     Events follow each other without gaps; there may be any number of them.
     """
@@ -207,7 +207,7 @@ def _openharmony(
 
 
 def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """The signals of a file of any of the three kinds: one, or a left and a right one.
+    """Read the signals of a file of any of the three kinds: one, or a left and a right one.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A raster as a NumPy archive: everything of it, to the last bit.
+"""Raster as a NumPy archive, complete and bit-exact.
 
 ``docs/formats/index.md`` names the arrays; ``numpy.load`` reads them without this package.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vibration envelopes of a file, as what the actuators of a device are given."""
+"""Raster of a device from vibration envelopes of a file."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ SUFFIXES: Final = file_suffixes.STROKES
 
 
 def check(path: Path) -> None:
-    """Refuse a name whose suffix is no format for strokes.
+    """Reject a name whose suffix is no format for strokes.
 
     Raises
     ------

@@ -109,7 +109,7 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """All at once for a script; in a window step by step, so that Esc can end it."""
+        """Export in one go for a script; in a window step by step, so that Esc can end it."""
         if not self._is_invoked or bpy.app.background:
             return super().execute(context)
         begun = self.reported(lambda: self._begin(context))

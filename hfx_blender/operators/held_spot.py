@@ -38,13 +38,13 @@ def view_region(context: bpy.types.Context) -> bpy.types.Region:
 
 
 def on_body(context: bpy.types.Context, effect: bpy.types.Object, place: F64) -> Vector:
-    """A canonical place as it is on the effect's body now, world space."""
+    """Position of a canonical place on the effect's body now, world space."""
     anchors = posed_skin.Anchors.of(place[None])
     return Vector(anchors.on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist())
 
 
 class HeldSpotOperator(PathOperator):
-    """Base of the operators that follow the mouse; they say what is done with it."""
+    """Base of the operators that follow the mouse; subclasses define the change."""
 
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 

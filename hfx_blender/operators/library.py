@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def _body(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Whom areas are put on: the active body, that of the active effect, or the only one."""
+    """Target body of areas: the active body, that of the active effect, or the only one."""
     found = effects.bodies_of(context.scene)
     effect = active_effect(context)
     for body in (active_body(context), effect.hfx.body if effect is not None else None):

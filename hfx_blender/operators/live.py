@@ -87,7 +87,7 @@ class HFX_OT_live_import(HfxOperator, ImportHelper):
 
 
 class HFX_OT_live_remove(HfxOperator):
-    """Take a device out of this scene; it is disconnected"""
+    """Remove a device from this scene, and disconnect it"""
 
     bl_idname = "hfx.live_remove"
     bl_label = "Remove Device"
@@ -156,7 +156,7 @@ class HFX_OT_live_connect(_OfDevice):
 
 
 class HFX_OT_live_disconnect(_OfDevice):
-    """Silence a device and give its port back"""
+    """Silence a device and close its port"""
 
     bl_idname = "hfx.live_disconnect"
     bl_label = "Disconnect"
@@ -256,7 +256,7 @@ class HFX_OT_live_approve(_OfDevice):
 
 
 class HFX_OT_live_revoke(_LiveOperator):
-    """Withdraw the approval of a device's script; where it plays it is stopped at once"""
+    """Withdraw the approval of a device's script, and stop it where it plays"""
 
     bl_idname = "hfx.live_revoke"
     bl_label = "Withdraw Approval"

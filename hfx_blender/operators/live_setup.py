@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finding devices that are there, and bringing touch, sound and picture together."""
+"""Finds present devices, and aligns touch, sound and picture in time."""
 
 from __future__ import annotations
 

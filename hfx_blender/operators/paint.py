@@ -100,7 +100,7 @@ def _hide_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
 
 
 def _show_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    """Show what was hidden to paint; what the user had hidden stays so."""
+    """Show the meshes that were hidden to paint; those that the user had hidden stay so."""
     for mesh in _seen_meshes(context, effect):
         if mesh.library is not None or mesh.pop(_IS_HIDDEN, False):
             mesh.hide_set(False)

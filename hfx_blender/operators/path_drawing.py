@@ -186,7 +186,7 @@ class HFX_OT_draw_path(HfxOperator):
         )
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
-        """The place under the mouse; beside the body the last one stays."""
+        """Add the place under the mouse; beside the body the last one stays."""
         import numpy as np
 
         # The operator may have been started from a button, in a panel's region.

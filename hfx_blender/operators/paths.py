@@ -46,7 +46,7 @@ def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def body_of(context: bpy.types.Context) -> bpy.types.Object:
-    """Whom a new effect is put on: the active body, else the only one there is."""
+    """Target body of a new effect: the active body, else the only one there is."""
     found = effects.bodies_of(context.scene)
     active = active_body(context)
     if active in found:
@@ -148,7 +148,7 @@ class HFX_OT_reverse_path(PathOperator):
 
 
 class HFX_OT_mirror_path(PathOperator):
-    """Take the path to the other side of the body"""
+    """Mirror the path to the other side of the body"""
 
     bl_idname = "hfx.mirror_path"
     bl_label = "Mirror Path"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses: add, remove, move and mute filters of a volume, and bake what they yield."""
+"""Contact responses: add, remove, move and mute filters of a volume, and bake the result."""
 
 from __future__ import annotations
 

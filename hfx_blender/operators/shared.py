@@ -17,7 +17,7 @@ _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
 
 
 class HfxOperator(bpy.types.Operator):
-    """Base of the operators: ``work`` does it, :class:`HfxError` becomes an error report."""
+    """Base of the operators: runs ``work`` and turns :class:`HfxError` into an error report."""
 
     bl_options = {"REGISTER", "UNDO"}
 
@@ -72,7 +72,7 @@ EnumItems = list[tuple[str, str, str]]
 
 
 def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
-    """Items of an enum that never change, made when they are first asked for.
+    """Items of a constant enum, made on first use.
 
     They are kept, as Blender does not keep the strings of a dynamic enum alive by itself.
     """

@@ -22,7 +22,7 @@ def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
-    """Make an object's maps; what is noted, and what is wrong with them as a warning."""
+    """Make an object's maps; returns notes, and reports faults as a warning."""
     note = surfaces.make(obj)
     if obj.hfx.surface.warning:
         text = f"'{obj.name}': {obj.hfx.surface.warning}."

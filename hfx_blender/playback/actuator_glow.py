@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Actuators of the chosen devices as discs on the skin that glow with what they are given."""
+"""Actuators of the chosen devices as discs on the skin that glow with their output."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Looks:
 
 @dataclass(frozen=True, eq=False)
 class Discs:
-    """A actuators as they are to be drawn, in the space of what carries them.
+    """Drawable actuators, A of them, in the space of their carrier.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class _Worn:
         return np.zeros((len(recorded.frames), len(self.columns)), np.float32)
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """Shares of full strength at one moment, (A,)."""
+        """Shares of full strength at present, (A,)."""
         if not any(run.stream.body_id == self.body_id and len(run) for run in runs):
             return np.zeros(len(self.columns), np.float32)
         return self._share(self.renderer.values(runs)[self.columns])
@@ -138,7 +138,7 @@ class ActuatorGlow:
     def discs(
         self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: Skins
     ) -> list[Discs]:
-        """All actuators as they are to be drawn now."""
+        """Drawable discs of all actuators at present."""
         found = []
         first = 0
         for wearer in self._wearers:

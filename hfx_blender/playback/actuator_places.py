@@ -28,7 +28,7 @@ _ROOM_M = 0.45
 
 @dataclass(frozen=True, eq=False)
 class ActuatorPlaces:
-    """The A actuators of a device on a body; -1 for those that stand in the room."""
+    """Places of a device's A actuators on a body; -1 for those that stand in the room."""
 
     mesh: I64  # (A,) which of the avatar's meshes
     vertex: I64  # (A,) of that mesh
@@ -81,7 +81,7 @@ def _place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, float, boo
 
 
 def _spread_room(points: F64, in_room: npt.NDArray[np.bool_]) -> None:
-    """Actuators in the room beside each other, not in one place."""
+    """Place actuators of the room beside each other, not in one place."""
     which = np.flatnonzero(in_room)
     points[which, 0] += 0.12 * (np.arange(len(which)) - (len(which) - 1) / 2)
 

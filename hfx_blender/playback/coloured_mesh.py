@@ -42,7 +42,7 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Colours over a mesh as it stands now."""
+    """Colours over a mesh in its present pose."""
 
     shown: Shown
     positions: F32  # (N, 3) of its vertices, the mesh's space, Blender's units

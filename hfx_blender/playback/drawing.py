@@ -172,7 +172,7 @@ _discs = _OnCard(_disc_batches, 32)
 
 
 def forget() -> None:
-    """Give back what is on the graphics card."""
+    """Free the memory on the graphics card."""
     for kept in (_skins, _indices, _discs):
         kept.forget()
 
@@ -191,7 +191,7 @@ def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, fl
 
 
 class ChartDrawing:
-    """A chart on its way to the screen; what does not change is kept on the graphics card."""
+    """Drawing of a chart; constant parts stay on the graphics card."""
 
     def __init__(self, chart: Chart) -> None:
         self.chart = chart

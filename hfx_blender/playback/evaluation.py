@@ -49,7 +49,7 @@ class Evaluation:
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Find out what there is to feel, if that changed; never from within an update."""
+        """Describe the scene anew if it has changed; never from within an update."""
         from ..export import scene_tolerance
         from ..reading.live_scene import LiveScene, signature_of
 

@@ -38,7 +38,7 @@ class KeptFrames:
         return self._known.get(index)
 
     def keep(self, index: int, meshes: Meshes) -> None:
-        """Take over what shows at a sample of the record that was asked for last."""
+        """Store the visible parts at a sample of the record that was queried last."""
         if self.is_full:
             return
         self._known[index] = meshes

@@ -146,7 +146,7 @@ class Live:
                 self.close()
 
     def withdraw(self, marks: Collection[str]) -> None:
-        """Devices whose scripts have these fingerprints stop at once and ask again."""
+        """Stop the devices whose scripts have these fingerprints; they need a new approval."""
         for name, mark in list(self.approved.items()):
             if mark in marks:
                 self.disconnect(name)
@@ -243,7 +243,7 @@ class Live:
             self._client.pause()
 
     def beat(self) -> bool:
-        """A sign of life, and news from the devices; tells whether there are any."""
+        """Send a heartbeat, and take news from the devices; returns True if there are any."""
         if self._client is None:
             return False
         self._client.heartbeat()
@@ -287,7 +287,7 @@ class Live:
         )
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Find out what there is to feel, if that changed; never from within an update."""
+        """Describe the scene anew if it has changed; never from within an update."""
         from ..engine.rendering.moment import moment_header
         from ..engine.rendering.room import needs_positions
 
@@ -306,7 +306,7 @@ class Live:
             self._client.describe(moment_header(found.description), body)
 
     def update(self, scene: bpy.types.Scene) -> None:
-        """Hand over what is felt now; whoever renders it tells of devices that do not fit.
+        """Send the current samples; the renderer reports devices that do not fit.
 
         Raises
         ------

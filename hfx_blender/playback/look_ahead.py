@@ -162,7 +162,7 @@ class Ahead:
         self._count = int(np.clip(len(numbers) * SLICE_S / spent_s, *_COUNTS))
 
     def _next(self, playhead: Playhead, parts: int) -> np.ndarray:
-        """The next frames to read, counted from the first one that is played."""
+        """Next frames to read, counted from the first one that is played."""
         total = len(self._is_read)
         begin = int(playhead.after(self._latencies_ms[0]) // 1) - playhead.first
         numbers = (begin + playhead.step * np.arange(total)) % total

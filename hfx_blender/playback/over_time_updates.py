@@ -35,7 +35,7 @@ _CHANGES_NOTHING = (
 
 
 class Updates:
-    """The newest record of one scene, and whether it still holds."""
+    """Newest record of one scene, and its validity."""
 
     def __init__(self) -> None:
         self.result: OverTime | None = None
@@ -64,7 +64,7 @@ class Updates:
         self._stop()
 
     def notice(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Look through what Blender says has changed."""
+        """Check the changes that Blender reports."""
         if self._is_working:
             return
         for update in depsgraph.updates:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preview: avatars are coloured in the viewport by what is felt now, actuators of the chosen
-devices glow with what they are given, and a chart shows both over the whole timeline.
+"""Preview: colours of samples on avatars, glow of the chosen devices' actuators, and a chart of
+both over the whole timeline.
 
 Nothing is stored in the user's meshes: all is laid over them while the viewport is drawn, and is
 worked out only if something moved since it was.
@@ -72,7 +72,7 @@ def touch() -> None:
 
 
 def forget() -> None:
-    """Work everything out anew: another file, or an undo."""
+    """Discard everything: another file, or an undo."""
     global _cannot_draw
     _cannot_draw = False
     if _preview is not None:
@@ -127,7 +127,7 @@ def _call_soon(function: Callable[[], float | None]) -> None:
 
 
 def describe() -> None:
-    """Look for changes of what there is to feel."""
+    """Look for changes of the scene's description."""
     global _is_describing, _described_s
     _is_describing = True
     try:

@@ -43,7 +43,7 @@ class Preview:
         self.notes: list[str] = []  # how actuators that glow differ from what is played
 
     def forget(self) -> None:
-        """Work everything out anew: another file, or an undo."""
+        """Discard everything: another file, or an undo."""
         self.__init__()  # type: ignore[misc]
         evaluation.forget()
 
@@ -54,7 +54,7 @@ class Preview:
         evaluation.touch()
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Find out what there is to feel, if that changed; never while Blender draws."""
+        """Describe the scene anew if it has changed; never while Blender draws."""
         scene = context.scene
         devices = tuple(device.name for device in scene.hfx.devices)
         evaluation.describe(context)
@@ -99,7 +99,7 @@ class Preview:
         return self._layers
 
     def prepare(self, palette: str, recorded: OverTime, first: int, last: int) -> bool:
-        """Work out what shows at one more of some frames of a record; False if all are known."""
+        """Compute one more frame of a record; returns False if all are known."""
         index = self._kept.missing(recorded, palette, first, last)
         if self._scene is None or index is None:
             return False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reference fabrics for calibration: felt on connected devices and heard, at a given c_v."""
+"""Reference fabrics for calibration: rendered on connected devices and as sound, at a given c_v."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class Skin:
 
 
 class Skins:
-    """Skins by mesh, kept until something moves."""
+    """Skins by mesh, cached until something moves."""
 
     def __init__(self) -> None:
         self._known: dict[str, Skin] = {}

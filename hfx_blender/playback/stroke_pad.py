@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A pad on which a surface is stroked with the mouse: what is felt, now and over the stroke.
+"""Pad on which a surface is stroked with the mouse: momentary values, and those of the stroke.
 
 Nothing here draws or needs a window; :mod:`..ui.stroke_pad_view` shows it.
 """
@@ -208,7 +208,7 @@ class StrokePad:
             return None  # shorter than a step, by rounding
 
     def _since(self, time_s: float) -> Stroke:
-        """The end of the stroke from the last position before a time; what is done is left."""
+        """End of the stroke since a time, from the last position before it."""
         first = min(max(bisect_right(self._times, time_s) - 1, 0), len(self._times) - 2)
         return Stroke(np.array(self._times[first:]), np.array(self._points[first:]))
 

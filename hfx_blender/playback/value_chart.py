@@ -24,7 +24,7 @@ _BACKGROUND = (0.08, 0.08, 0.09, 0.82)
 
 @dataclass(frozen=True)
 class Label:
-    """A line of text: what a row shows."""
+    """Label of a row."""
 
     text: str
     left: float
@@ -61,7 +61,7 @@ def chart(
     height: float,
     scale: float = 1.0,
 ) -> Chart:
-    """Lay a scene's values out over a width, from the top; what does not fit is left out.
+    """Lay out a scene's values over a width, from the top; rows that do not fit are left out.
 
     Parameters
     ----------

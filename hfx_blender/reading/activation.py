@@ -93,7 +93,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
 
 
 def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:
-    """Frames at which a property can be above 0; None unless one plain F-curve alone tells it."""
+    """Frames at which a property can be above 0; None unless one plain F-curve alone defines it."""
     data = effect.animation_data
     if data is None or len(data.nla_tracks):
         return None
@@ -108,7 +108,7 @@ def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, fl
 
 
 def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
-    """Frames at which a curve can be above 0; it certainly is not at all others."""
+    """Frames at which a curve can be above 0; it certainly is not outside."""
     keys = list(curve.keyframe_points)
     kinds = {key.interpolation for key in keys}
     plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading only as many poses as a tolerance asks for: between them bodies move straight on.
+"""Adaptive reading of poses: as few as a tolerance needs, interpolated linearly.
 
 Stretches of time are divided on a grid that does not depend on the range that is read. In each
 part the ends are read and the middle; where the middle is farther from the straight line than
@@ -43,7 +43,7 @@ def grid_step(rate_hz: Fraction) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A stretch of samples whose ends and middle were read."""
+    """Span of samples whose ends and middle were read."""
 
     low: int
     middle: int

@@ -265,7 +265,7 @@ class CurveBody:
         self._unit_m = unit_m
 
     def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
-        """The body at frames of the scene; only those that are wanted are posed."""
+        """Read the body at frames of the scene; only the wanted ones are posed."""
         bones = np.zeros((len(frames), self.rig.bone_count, 3, 4))
         to_world = np.zeros((len(frames), 4, 4))
         if not wanted.any():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects that nobody can feel at any time that is read: nothing of theirs has to be read.
+"""Dormant effects: those without any possible sample need no reading.
 
 They keep their place in the scene's description and in the track, and the report names them.
 """
@@ -26,7 +26,7 @@ _INTENSITY = "hfx.intensity"
 
 
 def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
-    """Frames of the animation at all samples, and at those beside them that motion is read at.
+    """Frames of the animation at all samples, and at those beside them for motion.
 
     With the part of the grid of :mod:`.adaptive_reading` that goes over either end, what is felt
     at a sample does not depend on the range that is read.

@@ -44,7 +44,7 @@ def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
 
 
 def directions(world: F64) -> F64:
-    """Unit vectors along the local Z axis of world matrices (..., 4, 4): where wind blows to."""
+    """Unit vectors along the local Z axis of world matrices (..., 4, 4): the wind's direction."""
     along = world[..., :3, 2]
     lengths = np.linalg.norm(along, axis=-1, keepdims=True)
     return np.where(lengths > 0.0, along / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
@@ -70,7 +70,7 @@ def is_empty(evaluated: bpy.types.Object) -> bool:
 
 
 class Shapes:
-    """The shapes of a scene's volumes; a mesh is made into one again only where it deforms."""
+    """Shapes of a scene's volumes; a mesh is converted again only if it deforms."""
 
     def __init__(self) -> None:
         self._meshes: dict[tuple[str, int], tuple[bytes, MeshVolume]] = {}

@@ -57,7 +57,7 @@ Phase = Callable[[bpy.types.Object, F64], F64]
 
 
 def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
-    """Volumes that something in a scene may make instances of, by their full names."""
+    """Volumes that something in a scene may instance, by their full names."""
     if not any(_is_volume(obj) for obj in bpy.data.objects):
         return {}
     instancers = [obj for obj in scene.objects if is_instancer(obj)]
@@ -73,7 +73,7 @@ def _is_volume(obj: bpy.types.Object) -> bool:
 def _shown(
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[tuple[Key, bpy.types.Object, bpy.types.DepsgraphObjectInstance]]:
-    """Instances of haptic volumes that there are now: key, evaluated source, instance.
+    """Present instances of haptic volumes: key, evaluated source, instance.
 
     Both of the latter are gone with the next step.
     """
@@ -99,7 +99,7 @@ def _shown(
 
 @dataclass(frozen=True, eq=False)
 class _Values:
-    """An instanced volume at one time; what its instances have in common."""
+    """Values shared by the instances of a volume at one time."""
 
     level: float
     parameters: list[float]  # of wind the speed only
@@ -352,7 +352,7 @@ class Instances:
 def _numbered(
     keys: Iterable[Key], sources: dict[str, EffectDescription]
 ) -> tuple[EffectDescription, ...]:
-    """A description of each instance; its id stays as long as what makes it does."""
+    """Descriptions of the instances; an id stays as long as its source."""
     instancers = sorted({(name, parent) for name, parent, _ in keys})
     several = {name for name, _ in instancers if sum(n == name for n, _ in instancers) > 1}
     found = []

@@ -105,7 +105,7 @@ def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
 
 
 def _folders_of(obj: bpy.types.Object) -> set[str]:
-    """Paths at which Blender bakes or has baked; nothing needs to be there."""
+    """Folders in which Blender bakes or has baked; they need not exist."""
     found = set()
     for modifier in obj.modifiers:
         if modifier.type == "NODES":

@@ -13,7 +13,7 @@ LONGEST_STEP_S = 0.3
 
 
 class LiveClock:
-    """Tells moments of one scene apart.
+    """Clock that separates the moments of one scene.
 
     Parameters
     ----------

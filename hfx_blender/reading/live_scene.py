@@ -108,7 +108,9 @@ class LiveScene:
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
 
     def _may_be_on(self) -> Sequence[int] | None:
-        """Effects that have to be read: the others are plainly off. None where all there is, is."""
+        """Effects that have to be read: the others are certainly off. None where all there
+        is, is.
+        """
         every = range(len(self.objects.effects))
         if self._answers or self._has_surfaces or self._instances.descriptions:
             return every
@@ -151,14 +153,14 @@ class LiveScene:
 
 
 class _AsItStands(Stepper):
-    """Reads what is evaluated; time is Blender's own."""
+    """Stepper that reads the present evaluated state."""
 
     def set_frame(self, frame: Fraction) -> None:
         pass
 
 
 def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
-    """Changes where the description of a scene may: cheap enough to be asked at every update."""
+    """Fingerprint of a scene's description: cheap enough for every update."""
     found: list[object] = [scene.name]
     for obj in (*effects.bodies_of(scene), *effects.effects_of(scene)):
         hfx = obj.hfx

@@ -72,7 +72,7 @@ class Parents:
 
 
 class _Kept:
-    """The last result for an array of frames, for whoever asks with the very same array."""
+    """Cache of the last result, for the identical array of frames."""
 
     def __init__(self, work: Callable[[F64], F64]) -> None:
         self._work = work

@@ -67,7 +67,7 @@ class Plan:
 
 
 def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values.Shapes) -> Plan:
-    """The cheapest way to read a scene, as far as can be told without trying."""
+    """Cheapest plan to read a scene, as far as is known without trying."""
     handler = stepping.foreign_handler()
     if handler is not None:
         return Plan(reason=handler, in_own_scene=True, is_exact=True)
@@ -180,7 +180,7 @@ class Pass:
         self._adaptive = self._adaptive_poses(tolerance, stretch_of)
 
     def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
-        """Step these objects, those rigs that can be fed as copies."""
+        """Step these objects in a scratch scene, with presampled rigs as copies."""
         scene, fed = self._found.scene, list(self._plan.fed.values())
         if fed:
             rigs = [rig.obj for rig in fed]
@@ -318,7 +318,7 @@ class Pass:
         )
 
     def _come_near(self, rows: list[Row], poses: list[PoseBlock]) -> list[int]:
-        """Read the meshes themselves that come near skin, and of the others boxes from now on.
+        """Read the meshes that come near skin; the others remain boxes.
 
         Those that were read again are returned.
         """
@@ -333,7 +333,7 @@ class Pass:
         return again
 
     def _silence(self, which: int, count: int) -> EffectBlock:
-        """An effect that is not felt."""
+        """Block of a silent effect."""
         return effect_block([EffectRow()] * count, self._scene.effects[which].modality)
 
     def _row(self, index: int, is_posed: bool) -> Row:

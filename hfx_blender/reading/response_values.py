@@ -82,8 +82,8 @@ def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
 def with_even_phase(
     scene: bpy.types.Scene, effect: bpy.types.Object, values: F64, frames: F64, time: TimeBase
 ) -> F64:
-    """Controls (T, F, WIDTH) at played frames, whose sines turn on evenly where their frequency
-    is animated.
+    """Controls (T, F, WIDTH) at played frames, with continuous phase of sines whose frequency is
+    animated.
 
     Turns are the integral of the frequency; its difference to frequency times time goes into
     the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
@@ -110,6 +110,6 @@ def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, star
 
 
 def place_of(path: str) -> tuple[int, str] | None:
-    """The filter's place and the property that an animated path names, if it is of a response."""
+    """Filter index and property of an animated path, if it belongs to a response."""
     match = PATH.match(path)
     return None if match is None else (int(match[1]), match[2])

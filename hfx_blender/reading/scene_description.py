@@ -219,7 +219,7 @@ def _find_effects(
 def _without_bodiless(
     found: list[bpy.types.Object], bodies: list[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
-    """Leave out what was linked without the body that it is felt on: here is nothing to repair."""
+    """Leave out linked effects whose body was not linked: nothing here can repair them."""
     gone = [
         effect
         for effect in found
@@ -241,7 +241,7 @@ def _without_bodiless(
 
 
 def _here(body: bpy.types.Object, bodies: list[bpy.types.Object]) -> bpy.types.Object | None:
-    """A body of the scene: itself, or the only override of a linked one."""
+    """Body in the scene: itself, or the only override of a linked one."""
     if body in bodies:
         return body
     ours = [o for o in bodies if o.override_library and o.override_library.reference == body]
@@ -256,7 +256,7 @@ def describe(
     always_posed: bool,
     more: Sequence[EffectDescription] = (),
 ) -> tuple[HapticObjects, SceneDescription]:
-    """Describe the haptic objects of a scene for the engine; those with a fault are left out.
+    """Describe the haptic objects of a scene for the engine; faulty ones are left out.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ def _frame_rate(scene: bpy.types.Scene) -> Fraction:
 
 
 def _sample_rate(scene: bpy.types.Scene) -> Fraction:
-    """Samples a second that a scene asks for."""
+    """Sampling rate that a scene asks for, Hz."""
     for bad in stored_values.bad_values(scene):
         if bad.path == "rate":
             raise InputError(f"Scene '{scene.name}': {bad}.")
@@ -210,7 +210,7 @@ class SceneReader:
 
     @property
     def sample_indices(self) -> I64:
-        """Samples at which something can be felt; nothing can at all others."""
+        """Samples at which something can be felt, ascending."""
         indices = np.arange(self.time.sample_count, dtype=np.int64)
         every = ("PAINTED", "SPOT", "ACTUATORS", *scene_description.IN_SCENE)
         return np.flatnonzero(self._may_be_on(indices, every))
@@ -236,7 +236,7 @@ class SceneReader:
         return plan.reason if plan.in_own_scene and plan.is_exact else None
 
     def blocks(self, part: tuple[int, int] | None = None) -> Generator[AnimationBlock, None, None]:
-        """Read each of :attr:`sample_indices`; scenes are left as they were.
+        """Read blocks of :attr:`sample_indices`; scenes are left unchanged.
 
         Where volumes can be felt, a block begins with the sample before its own if that is of
         the same stretch of time, so that what moves between two samples can be followed.
@@ -372,7 +372,7 @@ class SceneReader:
 
 
 def _dormant(found: scene_description.HapticObjects, time: TimeBase) -> dict[bpy.types.Object, str]:
-    """Effects that cannot be felt at any time that is read, and why."""
+    """Effects without any possible sample, and the reasons."""
     frames = dormant.frames_read(found.scene, time)
     pairs = zip(found.effects, found.activations, strict=True)
     reasons = ((effect, dormant.why_dormant(effect, state, frames)) for effect, state in pairs)

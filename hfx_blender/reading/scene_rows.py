@@ -55,7 +55,7 @@ class PoseRow:
         )
 
     def between(self, other: PoseRow, share: float) -> PoseRow:
-        """The pose at a share of the way to another, along straight lines."""
+        """Interpolate linearly to another pose."""
 
         def blend(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
             return None if a is None or b is None else a + (b - a) * share

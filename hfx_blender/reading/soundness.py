@@ -180,7 +180,7 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
 
 
 def _limits(obj: bpy.types.Object, path: str) -> tuple[float, float] | None:
-    """The range of an animated number of ours; None if it is something else."""
+    """Range of an animated number of ours; None for other properties."""
     if not path.startswith("hfx."):
         return None
     group, _, name = path.rpartition(".")

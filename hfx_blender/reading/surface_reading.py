@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces as the engine's plain data: their triangles, and where their vertices are."""
+"""Haptic surfaces as the engine's plain data: their triangles and vertices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OF_A_UV_UNIT = ("MATERIAL", "IMAGE")
 
 
 def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: float) -> HapticSurface:
-    """A surface as it does not change over time.
+    """Constant description of a surface.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class SurfaceVertices:
 
 
 def joined(rows: list[F64 | None]) -> F64 | None:
-    """Vertices of several times: (1, V, 3) where nothing deforms, else (T, V, 3)."""
+    """Join vertices of several times: (1, V, 3) without deformation, else (T, V, 3)."""
     first = next((row for row in rows if row is not None), None)
     if first is None:
         return None

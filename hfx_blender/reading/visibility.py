@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that Blender evaluates: those that a view layer has and the viewport does not disable.
+"""Visibility of objects: those in the view layer that the viewport does not disable are evaluated.
 
 The monitor icon can be keyed, and then tells at each time whether an object is there; the frame
 that is current does not. Neither the eye icon nor the camera icon matters.
@@ -50,6 +50,6 @@ def may_be_seen(
 
 
 def felt_on(scene: SceneDescription, which: Sequence[bool]) -> list[int]:
-    """Effects, by their place in a scene, that are felt on some of its bodies as they are."""
+    """Effects, by their place in a scene, that act on some of its bodies."""
     ids = {body.id for body, is_one in zip(scene.bodies, which, strict=True) if is_one}
     return [k for k, e in enumerate(scene.effects) if getattr(e.area, "body_id", None) in ids]

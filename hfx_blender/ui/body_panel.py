@@ -20,7 +20,7 @@ _FOUND, _CORRECTED, _FOLLOWING, _WRONG = "CHECKMARK", "GREASEPENCIL", "FILE_PARE
 
 
 class HFX_UL_bones(bpy.types.UIList):
-    """Canonical bones and the avatar's bones that stand for them"""
+    """Canonical bones with their counterparts in the avatar"""
 
     def draw_item(
         self,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Painting: the tools for the area of an effect, and the way out of painting."""
+"""Painting panel: tools for the area of an effect, and the end of painting."""
 
 from __future__ import annotations
 

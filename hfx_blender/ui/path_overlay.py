@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths of points on the skin, drawn on the avatar as it stands, with the point on them."""
+"""Overlay of paths on the posed avatar, with their points."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = 
 def lines_of(
     effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph, unit_m: float
 ) -> PathLines | None:
-    """A point's path and disc as they are now; None if it is nowhere.
+    """Lines of a point's path and disc at present; None without a place.
 
     Raises
     ------

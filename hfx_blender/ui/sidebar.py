@@ -9,7 +9,7 @@ import bpy
 
 
 class HfxPanel:
-    """Base of the panels: where they stand."""
+    """Base of the panels, with their location."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handles of a point on the skin: one slides it over the body, a ring about it sizes its disc."""
+"""Gizmos of a point on the skin: one slides it over the body, a ring around it sizes its disc."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True)
 class DeviceScript:
-    """The script beside a device's configuration, as it is now."""
+    """Script beside a device's configuration, in its present state."""
 
     path: Path
     configuration: Path
@@ -45,7 +45,7 @@ class DeviceScript:
 
 
 def how_to_approve(name_or_path: str | Path) -> str:
-    """Instruct whoever meets a device whose script is not approved."""
+    """Instructions to approve a device's script."""
     device = shlex.quote(str(name_or_path))
     return (
         f"read it and approve it by 'hfx device approve {device}', or under Live Devices in Blender"
@@ -97,7 +97,7 @@ def fingerprint_of(script: bytes, configuration: bytes) -> str:
 
 
 def approve(script: DeviceScript) -> None:
-    """Remember that the user allows these very bytes.
+    """Approve the script with its present bytes.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def approve(script: DeviceScript) -> None:
 
 
 def revoke(script: DeviceScript) -> None:
-    """Ask again next time; where it runs live it is stopped.
+    """Revoke an approval; a live script is stopped.
 
     Whatever of this very file was approved before, with other bytes, is withdrawn as well.
 
@@ -131,7 +131,7 @@ def revoke(script: DeviceScript) -> None:
 
 
 def revoke_fingerprint(mark: str) -> None:
-    """Withdraw one approval of the list, whether its files are there still or not.
+    """Revoke an approval by its fingerprint, even if its files are gone.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's side of live devices: what it may ask of the output process."""
+"""Client of the output process, for use in Blender."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class LiveClient:
         offset_ms: float = 0.0,
         is_armed: bool = True,
     ) -> DeviceState:
-        """Open a device under a name of the caller's; an open one of that name is replaced.
+        """Open a device under a given name; replaces an open one of that name.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class LiveClient:
             self._pipe.tell(Kind.DISCONNECT, known.number)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
-        """A device's values (columns,) now; what was not sent yet is replaced."""
+        """Send a device's values (columns,); replaces unsent ones."""
         self._feed(name, Kind.VALUES, values_to(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
@@ -122,7 +122,7 @@ class LiveClient:
         self._feed(name, Kind.HAPTICS, haptics)
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
-        """Moments from now on are of this scene, felt by this body; silent until one comes.
+        """Set the scene and the body of later moments; silent until one comes.
 
         They are for the devices that are connected now. What was foreseen of a scene before is
         forgotten.
@@ -185,7 +185,7 @@ class LiveClient:
         self._pipe.tell(Kind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
-        """Play again, from silence; all devices, or one."""
+        """Resume playing, from silence; all devices, or one."""
         self._command(Kind.ARM, name)
 
     def stop(self, name: str) -> None:
@@ -195,13 +195,13 @@ class LiveClient:
         self._command(Kind.STOP, name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
-        """Silence now, whatever else waits. If it is not confirmed, :meth:`heartbeat` ends
-        the output process.
+        """Silence all devices now, before anything that waits. If it is not confirmed,
+        :meth:`heartbeat` ends the output process.
         """
         self._pipe.stop(reason)
 
     def close(self) -> None:
-        """Stop everything and end the output process; at most a moment, and at any time."""
+        """Stop everything and end the output process, in at most a moment."""
         if self._pipe.close():
             self.devices.clear()
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Event:
-    """Something that the output process tells."""
+    """Event from the output process."""
 
     event: str  # ready connected armed stopped silent fault lost closed levels log gone
     device: int

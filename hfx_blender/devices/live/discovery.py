@@ -70,7 +70,7 @@ def found_devices(
     ports: Iterable[FoundPort],
     answering: Callable[[str, int], bool] = answers,
 ) -> list[Found]:
-    """Devices that are there: on a port with their USB ids, or behind a program that answers.
+    """Devices that are present: on a port with their USB ids, or behind a program that answers.
 
     Datagrams get no answer, so that what is driven by them cannot be looked for.
     """

@@ -66,7 +66,7 @@ class Foresight:
         self._thread: threading.Thread | None = None
 
     def take(self, body: bytes) -> None:
-        """A :class:`FutureScene` or a :class:`FutureBlock`; it is looked at in the thread."""
+        """Take a :class:`FutureScene` or a :class:`FutureBlock`; the thread will process it."""
         if not self._latencies_ms:
             return
         with self._wake:

@@ -25,7 +25,7 @@ LONGEST_RISE_S: Final = 0.05
 
 
 class Guard:
-    """Limits of one device in time; it keeps what each actuator was given last.
+    """Guard of one device; it remembers the last values of each actuator.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Guard:
         return self._time_on.is_limited
 
     def share(self, accounts: Sequence[Account]) -> None:
-        """Count time on in accounts that outlive this connection; before anything is played."""
+        """Use accounts of time on that outlive this connection; call before anything is played."""
         self._time_on = TimeOn(self._kinds, accounts)
 
     def reset(self) -> None:
@@ -87,7 +87,7 @@ class Guard:
 
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
-    """Values (count,); not a number wherever something else was handed over."""
+    """Convert to values (count,); NaN wherever the input is not a number."""
     values = as_row(wanted)
     return values if values.shape == (count,) else np.full(count, np.nan)
 

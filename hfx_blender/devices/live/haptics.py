@@ -81,7 +81,7 @@ class Haptics:
         return np.array([c.neutral for a in self.device.actuators for c in a.type.controls])
 
     def strongest(self, modality: str) -> Effect | None:
-        """The strongest effect of a modality that is felt; None: there is none."""
+        """Strongest effect of a modality; None without any."""
         found = [each for each in self.felt if each.modality == modality]
         return max(found, key=_strength, default=None)
 

@@ -90,7 +90,7 @@ class Reporter:
 
 
 class Host:
-    """All devices, and what they are told."""
+    """All devices, and the dispatch of messages to them."""
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
@@ -105,7 +105,7 @@ class Host:
         self._rendering = RenderProcess(self._rendered, self._cannot_render, clock)
 
     def read(self, stream: BinaryIO) -> None:
-        """Take messages until there are no more; ends the process's work then."""
+        """Read messages to the end of the stream, then end the process's work."""
         end = "Blender has gone"
         try:
             while True:
@@ -255,7 +255,7 @@ class Host:
         )
 
     def watch(self) -> None:
-        """Wait for the end, and stop who does not answer."""
+        """Wait for the end, and stop whatever does not answer in time."""
         self._last_turn_s = self._clock.now()
         while True:
             with self._wake:
@@ -267,7 +267,7 @@ class Host:
             self.look()
 
     def look(self) -> None:
-        """Stop who does not answer."""
+        """Stop everything that does not answer."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         self._last_turn_s = now
@@ -318,7 +318,7 @@ def _terminated(_signal: int, _frame: FrameType | None) -> None:
 
 
 def main() -> None:
-    """Serve one Blender until it goes."""
+    """Serve one Blender until it ends."""
     logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):

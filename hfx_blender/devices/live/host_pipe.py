@@ -56,7 +56,7 @@ class HostPipe:
         return self._process.pid if self._process is not None else None
 
     def start(self) -> None:
-        """Start the output process, which does not run.
+        """Start the output process.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class HostPipe:
         self._silences += 1
 
     def stop(self, reason: str) -> None:
-        """Silence now, whatever else waits."""
+        """Silence all devices now, before anything that waits."""
         if not self.is_running:
             return
         self.void()

@@ -211,7 +211,7 @@ class Lane:
             self._wake.notify()
 
     def pause(self) -> None:
-        """Silence until a frame that is asked for from now on, without a stop.
+        """Silence the device until a frame that is requested from now on, without a stop.
 
         What waits for its offset is not played any more.
         """
@@ -255,7 +255,7 @@ class Lane:
         self._report("armed", self.number)
 
     def stop(self, reason: str, event: str = "stopped") -> None:
-        """Silence now, whatever waits; also when it is silent already."""
+        """Silence the device now; also when it is silent already."""
         with self._wake:
             was_armed, self._is_armed, self._is_wanted = self._is_armed, False, False
             self._void()
@@ -266,7 +266,7 @@ class Lane:
             self.script.close()
 
     def freeze(self, reason: str) -> None:
-        """Stop because nobody answers; what is still being opened plays when it is open.
+        """Stop because Blender does not answer; a device that is still opening plays later.
 
         It is silent until then, and after it until values come.
         """
@@ -276,7 +276,7 @@ class Lane:
             self.stop(reason)
 
     def fault(self, text: str) -> None:
-        """Stop because something is wrong."""
+        """Stop after a fault."""
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
@@ -299,7 +299,7 @@ class Lane:
         return now_s - self._sending_since > PATIENCE_S
 
     def _silence(self) -> None:
-        """Have stop bytes sent, before anything that is sent; nobody waits for them."""
+        """Request stop bytes, before anything else that is sent; without waiting."""
         self._is_quiet.clear()
         self._hush.set()
         if self._has_ended:  # and has stopped
@@ -380,7 +380,7 @@ class Lane:
             self.turn()
 
     def due_in_s(self) -> float:
-        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0: it is."""
+        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0 if it is due."""
         with self._wake:
             if not self._is_armed:
                 return _IDLE_S
@@ -402,7 +402,7 @@ class Lane:
         return self._sign_s + self._offset_s + FREEZE_S
 
     def turn(self) -> None:
-        """Send what is due now."""
+        """Send the values that are due now."""
         with self._wake:
             now = self._clock.now()
             due = self._next_s()
@@ -443,7 +443,7 @@ class Lane:
         self._due_s = self._ramp.next_s(due, now)
 
     def _step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
-        """Send what is due; whether it is anything else than before."""
+        """Send the values that are due; returns True if they differ from the last."""
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
         asked = self._ramp.at(now)

@@ -83,7 +83,7 @@ def message(kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
 
 
 def read_message(stream: IO[bytes]) -> Message | None:
-    """The next message of a blocking stream; None at its end, also in the middle of one.
+    """Read the next message of a blocking stream; None at its end, also in the middle of one.
 
     Raises
     ------
@@ -105,12 +105,12 @@ def read_message(stream: IO[bytes]) -> Message | None:
 
 
 def values_to(values: npt.ArrayLike) -> bytes:
-    """Values (columns,) as a body; what is no row of numbers is no value, which is a fault."""
+    """Encode values (columns,); anything but a row of numbers becomes an empty body, a fault."""
     return as_row(values).astype("<f8").tobytes()
 
 
 def as_row(values: Any) -> F64:
-    """A row of numbers; empty if it is anything else, such as texts, truths or a table."""
+    """Row of numbers; empty for anything else, such as text, booleans or tables."""
     try:
         found = np.asarray(values)
         is_row = found.ndim == 1 and found.dtype.kind in "fiu"
@@ -120,7 +120,7 @@ def as_row(values: Any) -> F64:
 
 
 def values_from(body: bytes) -> F64:
-    """Values (columns,) of a body; bytes that are none are no values, which the guard refuses."""
+    """Decode values (columns,); an invalid body gives no values, which the guard rejects."""
     return np.frombuffer(body, "<f8") if len(body) % 8 == 0 else np.zeros(0)
 
 
@@ -146,7 +146,7 @@ def json_from(body: bytes) -> dict[str, Any]:
 
 
 def pack(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
-    """A JSON object and named arrays in one body."""
+    """Pack a JSON object and named arrays into one body."""
     parts = [np.ascontiguousarray(each, _dtype(each)) for each in arrays.values()]
     shapes = [
         [name, each.dtype.str, list(each.shape)] for name, each in zip(arrays, parts, strict=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene and its moments on their way to the process that renders them for all devices.
+"""Serialization of a scene and its moments for the process that renders them.
 
 What Blender's frame has evaluated is handed over as it is; it is made into bytes in a thread.
 A moment holds a few arrays, whatever the number of its effects, and is bounded as any message.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Opening a device: its encoder by its configuration, its port by whoever connects it."""
+"""Opening of a device: its encoder by its configuration, its port by the caller."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Outputs that a device may be connected to: the simulator, or what really drives it."""
+"""Outputs of a device: the simulator, or a real connection."""
 
 from __future__ import annotations
 

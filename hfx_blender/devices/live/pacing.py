@@ -32,7 +32,7 @@ def tick_s(device: DeviceConfig) -> float:
 
 
 class Ramp:
-    """Goes from one frame's values to the next while that one lasts.
+    """Ramp from one frame's values to the next over a frame's duration.
 
     Only strengths ramp; a frequency between two frequencies would be one that nobody asked
     for. Silence is not ramped to: it is there at once. The time to the next frame is not known:
@@ -66,7 +66,7 @@ class Ramp:
         self.share = 1.0  # of the way to the newest frame, at what was given last
 
     def aim(self, values: F64, now_s: float) -> None:
-        """A new frame: go to its values (columns,) from where we are now.
+        """Start the ramp to a new frame's values (columns,), from the present ones.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Ramp:
         self._began_s = now_s
 
     def at(self, now_s: float) -> F64:
-        """Values (columns,) to send now; what is not finite stays so, for the guard to see."""
+        """Values (columns,) to send now; non-finite ones are passed on for the guard to see."""
         step = int((now_s - self._began_s) / self._tick + _ROUNDING) + 1 if self.is_going else 1
         self.share = min(step / self._steps, 1.0)
         if step >= self._steps:

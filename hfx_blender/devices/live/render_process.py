@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process's side of rendering: starts its worker, asks it, ends it.
+"""Parent side of the render worker: starts it, asks it, ends it.
 
 One question at a time; of moments that wait, only the newest. Its answers are handed on with what
 was asked, so that who gets them sees whether they still matter. A worker that does not answer in
@@ -104,7 +104,7 @@ class RenderProcess:
         return is_late
 
     def close(self) -> None:
-        """End the worker at once, whatever it does."""
+        """End the worker at once."""
         with self._wake:
             process, self._process = self._process, None
             self._deadline_s, self._moment, self._questions = None, None, {}

@@ -49,7 +49,7 @@ _FUTURE: Final = (Kind.FUTURE_SCENE, Kind.FUTURE_BLOCK)
 
 @dataclass(eq=False)
 class _Rendered:
-    """A device, and who renders for it."""
+    """Device with its renderer."""
 
     worn: Worn
     device: DeviceConfig
@@ -73,7 +73,7 @@ class _Rendered:
 
 
 def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
-    """Values (columns,) with every strength's way from silence times ``gain``."""
+    """Scale the strengths in values (columns,) by ``gain``, relative to silence."""
     if gain == 1.0:
         return values
     values = values.copy()
@@ -86,7 +86,7 @@ def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
 
 
 class Renderers:
-    """All devices that follow one scene.
+    """Renderers of all devices that follow one scene.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process's side of a device script: starts its worker, asks it, ends it.
+"""Parent side of a script worker: starts it, asks it, ends it.
 
 One question at a time; of those that wait, only the newest. Each has a number, which its answer
 brings back. What does not answer in time, ends or talks nonsense has a fault; after three faults
@@ -111,7 +111,7 @@ class ScriptProcess:
             self._send(message(Kind.HEARTBEAT, 0, json_to(self._wish)))
 
     def ask(self, haptics: bytes, answer: Answer) -> None:
-        """Tell it the newest haptic data, when it has answered what it was asked before.
+        """Send the newest haptic data, as soon as the last have been answered.
 
         ``answer`` gets what it says to these, from a thread; nobody does if newer ones come first.
         """
@@ -129,7 +129,7 @@ class ScriptProcess:
             return is_late
 
     def close(self) -> None:
-        """End the worker at once, whatever it does."""
+        """End the worker at once."""
         with self._lock:
             process, self._process = self._process, None
             self._deadline_s = self._next = self._answer = None
@@ -222,7 +222,7 @@ _PIPE: Final = 4096
 
 
 def end_group(process: subprocess.Popen[bytes]) -> None:
-    """End a script's worker at once, with all that it has started."""
+    """End a script's worker at once, with all processes that it has started."""
     with suppress(OSError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device without hardware: writes down what a real one would do, a JSON line each time."""
+"""Simulated device: logs what a real one would do, one JSON line each time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_BYTES: Final = 64 << 20
 
 
 class Simulator:
-    """An output whose hardware is a file, or nothing at all.
+    """Output to a log file, or to nothing.
 
     Parameters
     ----------

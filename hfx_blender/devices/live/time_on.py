@@ -31,7 +31,7 @@ _ROUNDING: Final = 1e-9
 
 
 class Account:
-    """The accounts of one physical device, which outlive its connections.
+    """Accounts of one physical device, which outlive its connections.
 
     Parameters
     ----------
@@ -66,14 +66,14 @@ class Account:
         self.players: dict[TimeOn, Bool] = {}  # who plays, and what each has on
 
     def fit(self, count: int) -> None:
-        """Have an account for each of so many actuators."""
+        """Resize to the number of actuators."""
         more = count - len(self.filled)
         if more > 0:
             self.filled = np.append(self.filled, np.full(more, self._others))
             self.is_resting = np.append(self.is_resting, np.full(more, self._others >= 1.0))
 
     def is_on_for_others(self, player: TimeOn, count: int) -> Bool:
-        """Actuators (count,) that somebody else has on."""
+        """Mask (count,) of actuators that another player has on."""
         found = np.zeros(count, np.bool_)
         for other, is_on in self.players.items():
             if other is not player:
@@ -107,7 +107,7 @@ class TimeOn:
         self._paid_s = np.zeros(self._count)  # ahead, for what is on now
 
     def rested(self, now_s: float) -> None:
-        """Time until ``now_s`` was rest, since the last one who played fell silent."""
+        """Record the time until ``now_s`` as rest, since the last player fell silent."""
         with self._lock:
             for account in self._accounts:
                 with account.lock:

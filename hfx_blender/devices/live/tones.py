@@ -45,7 +45,7 @@ class Tones:
 
 
 def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: int) -> Tones:
-    """The tones of one moment: those of equal frequency are one.
+    """Tones of one moment; partials of equal frequency are merged.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
 
 
 def frame_of(values: F64, tones: Tones) -> F64:
-    """Values (columns,) and tones as one frame."""
+    """Frame of values (columns,) and tones."""
     rows = np.column_stack((tones.numbers, tones.amplitudes, tones.frequencies_hz))
     return np.concatenate([values, rows.ravel()])
 
@@ -122,7 +122,7 @@ class Sounding:
         return f"it was sent {np.size(frame)} values and takes {columns}"
 
     def split(self, frame: F64) -> F64:
-        """Take a new frame's tones as what to go to; its values (columns,).
+        """Take a new frame's tones as the target; returns its values (columns,).
 
         Raises
         ------
@@ -197,14 +197,14 @@ class Sounding:
         )
 
     def _lone(self, values: F64) -> Tones:
-        """Values as one tone."""
+        """Tone of plain values, one for each actuator."""
         return Tones(
             np.array([LONE], np.int64), values[None, self.columns], values[None, self.columns + 1]
         )
 
 
 def _between(one: Tones, other: Tones, share: float) -> Tones:
-    """Strengths between, frequencies of the one that is gone to."""
+    """Tones between two sets: interpolated strengths, frequencies of the target."""
     if share >= 1.0:
         return other
     numbers = list(dict.fromkeys([*one.numbers.tolist(), *other.numbers.tolist()]))

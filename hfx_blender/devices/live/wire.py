@@ -61,7 +61,7 @@ class Frame:
 
 
 def cobs(content: bytes) -> bytes:
-    """Content without zero bytes, at most one byte in 254 longer."""
+    """Encode content without zero bytes (COBS), at most one byte in 254 longer."""
     found = bytearray()
     for piece in content.split(b"\0"):
         while len(piece) >= 254:  # a full block stands for no zero
@@ -92,13 +92,13 @@ def uncobs(content: bytes) -> bytes | None:
 
 
 def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
-    """A frame as it is sent. The zero in front ends whatever was cut off before it."""
+    """Encode a frame. The zero in front ends whatever was cut off before it."""
     content = _HEAD.pack(VERSION, kind, sequence & 0xFFFF) + payload
     return b"\0" + cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
 
 
 def configuration(session: int, channels: int, maximum_on_ms: int, rest_ms: int = 0) -> bytes:
-    """Payload of CONFIGURE; its CRC-32 is what values are valid for.
+    """Payload of CONFIGURE; values refer to its CRC-32.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class Receiver:
 
 
 def parsed(content: bytes) -> Frame | None:
-    """A frame without its zeros; None: not one of this version, or damaged."""
+    """Parse a frame without its zeros; None for other versions and damaged ones."""
     plain = uncobs(content)
     if plain is None or len(plain) < _HEAD.size + _CRC.size:
         return None

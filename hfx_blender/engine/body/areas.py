@@ -59,13 +59,13 @@ def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def mirrored(model: PerceptualModel, weights: F64) -> F64:
-    """The area on the other side of the body."""
+    """Mirror an area to the other side of the body."""
     found: F64 = weights[model.mirror]
     return found
 
 
 def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
-    """The side ``source_side`` (index into ``parts.SIDES``) copied to the other one."""
+    """Copy the side ``source_side`` (index into ``parts.SIDES``) of an area to the other one."""
     found = weights.copy()
     others = model.side[model.mirror] == source_side
     others &= model.side != source_side
@@ -87,7 +87,7 @@ def blended(weights: F64, other: F64, blend: Blend) -> F64:
 
 
 def transferred(source: PerceptualModel, weights: F64, target: PerceptualModel) -> F64:
-    """An area of one modality's model on the model of another.
+    """Transfer an area from one modality's model to another.
 
     A vertex of a coarser model takes the mean over the skin that lies nearest to it, one of
     a finer model a weight between those of the nearest vertices, always of its own body part.

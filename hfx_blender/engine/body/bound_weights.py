@@ -79,21 +79,21 @@ class BoundWeights:
         return cls(offsets, bones, values / sums[owners], rest, still)
 
     def entries(self, ids: I32) -> tuple[I64, I64]:
-        """Positions in the weight arrays of some vertices' weights, and whose each is."""
+        """Indices of some vertices' weights in the weight arrays, and the owner of each."""
         counts = self.offsets[ids + 1] - self.offsets[ids]
         owners = np.repeat(np.arange(len(ids)), counts)
         firsts = np.repeat(np.cumsum(counts) - counts, counts)
         return np.repeat(self.offsets[ids], counts) + np.arange(len(owners)) - firsts, owners
 
     def factors(self, ids: I32) -> tuple[I64, I64, F64]:
-        """Bones of some vertices' weights, whose each is, and weight times homogeneous rest
-        position (E, 4)."""
+        """Skin weights of some vertices: bones, owners, and weight times homogeneous rest position
+        (E, 4)."""
         entries, owners = self.entries(ids)
         factors: F64 = self.values[entries, None] * self.rest[ids[owners]]
         return self.bones[entries], owners, factors
 
     def clusters(self, clusters: list[I32]) -> native.BoundClusters:
-        """Clusters of the vertices, where the library finds them."""
+        """Clusters of the vertices, for the native library."""
         arrays = self.offsets, self.bones, self.values, self.rest
         return native.BoundClusters(*arrays, clusters, self.bone_count + 1)
 
@@ -106,8 +106,8 @@ _KNOWN: Final[WeakKeyDictionary[Any, WeakValueDictionary[tuple[str, ...], BoundW
 
 @dataclass(frozen=True, eq=False)
 class BoneBoxes:
-    """Boxes at rest of what each bone moves of each cluster. A pair is a cluster and a bone that
-    moves some of it."""
+    """Boxes at rest of the part of each cluster that each bone moves. A pair is a cluster and a
+    bone that moves some of it."""
 
     ends: I64  # (C + 1,) each cluster's first pair
     bones: I64  # (P,) ascending in each cluster

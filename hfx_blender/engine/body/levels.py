@@ -33,7 +33,7 @@ class Level:
 
 
 def load_level(model_id: str, level: int) -> tuple[PerceptualModel, I32]:
-    """A model with fewer vertices, and the way from its own ids to them.
+    """Load a model with fewer vertices, and the mapping from its own ids to them.
 
     Nothing may refer to the ids of a level: effects, tracks and devices speak the model's own.
 
@@ -58,7 +58,7 @@ def load_level(model_id: str, level: int) -> tuple[PerceptualModel, I32]:
 
 
 def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
-    """:func:`load_level` of a model at hand, for instance as it was fitted to an avatar."""
+    """Apply :func:`load_level` to a given model, for instance one fitted to an avatar."""
     if level == 0:
         return model, np.arange(len(model), dtype=np.int32)
     levels = _levels_of(model)

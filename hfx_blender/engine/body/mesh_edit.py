@@ -75,7 +75,7 @@ def neighbours(edges: Edges) -> tuple[I64, I64]:
 
 
 def expand(offsets: I64, rows: I64) -> tuple[I64, I64]:
-    """Positions of all entries of the given sparse rows, and which of ``rows`` each is of."""
+    """Indices of all entries of the given sparse rows, and the position in ``rows`` of each."""
     lengths = offsets[rows + 1] - offsets[rows]
     owner = np.repeat(np.arange(len(rows)), lengths)
     start = np.repeat(offsets[rows] - (np.cumsum(lengths) - lengths), lengths)

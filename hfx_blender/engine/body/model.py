@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptual models and the shipped avatar: what they hold, and how they are stored.
+"""Perceptual models and the shipped avatar: their content and storage.
 
 All coordinates are *rest space*: the space of the canonical armature in its rest pose, metres,
 Z up, the body facing -Y, its left at +X, the soles at Z = 0.
@@ -94,7 +94,7 @@ class PerceptualModel:
 
     @cached_property
     def content_hash(self) -> str:
-        """SHA-256 over everything that gives a vertex id its meaning, as hex."""
+        """SHA-256 over everything that defines the meaning of vertex ids, as hex."""
         return _content_hash(self)
 
     def __len__(self) -> int:
@@ -237,7 +237,7 @@ _FACTS: Final = {"id": str, "modality": str, "bone_names": list, "provenance": d
 
 
 def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Refuse what is no perceptual model by the names, kinds and sizes of what it holds.
+    """Reject content that is no perceptual model, by names, kinds and sizes.
 
     Raises
     ------
@@ -292,7 +292,7 @@ def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
 
 
 def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
-    """Facts and arrays of a file, of these only those of a part; see :func:`load`."""
+    """Read facts and arrays of a file, or only those of a part; see :func:`load`."""
     try:
         arrays = _stored_arrays(path, part)
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())

@@ -42,7 +42,7 @@ class SkinPlace:
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """The part of a mesh round a centre, with everything that its triangles need.
+    """Part of a mesh around a centre, with the data of its triangles.
 
     Each triangle has three entries, one for each corner as its apex, sorted by apex.
     """
@@ -169,7 +169,7 @@ def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m:
 
 
 def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
-    """Distances of a patch's vertices along the skin, those beyond reach too far."""
+    """Distances of a patch's vertices along the skin; upper bounds beyond reach."""
     straight = np.linalg.norm(patch.points - point, axis=1)
     distances = np.full(len(straight), _FAR)
     distances[source] = straight[source]

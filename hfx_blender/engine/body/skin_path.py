@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths drawn on the skin: shortest ways, curves through places, what a hand has traced."""
+"""Paths drawn on the skin: shortest paths, curves through places, traced lines."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SAME_PLACE_M: Final = 1e-7
 
 
 class SkinPaths:
-    """Draws on one triangle mesh.
+    """Path tool for one triangle mesh.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class SkinPaths:
         return found
 
     def straight(self, knots: F64, closed: bool = False) -> F64:
-        """The shortest way along the skin from each place to the next, (n, 3)."""
+        """Shortest path along the skin through the places in order, (n, 3)."""
         parts = [self._shortest(a, b) for a, b in _pairs(knots, closed)]
         return _joined(parts, knots)
 

@@ -28,7 +28,7 @@ I64 = npt.NDArray[np.int64]
 
 
 class SkinnedModel:
-    """Linear blend skinning: a vertex is a convex combination of where its bones take it.
+    """Linear blend skinning: a vertex is a convex combination of its bones' transforms of it.
 
     That convexity bounds a cluster without posing it: by the hull, over its bones, of the
     bone's matrix times the box of the vertices that it moves.
@@ -72,8 +72,8 @@ class SkinnedModel:
         return self._factors[cluster]
 
     def cluster_entries(self, cluster: int) -> tuple[I64, F64, I64]:
-        """A cluster's weights one by one: bone, weight times homogeneous rest position (E, 4),
-        and where those of each vertex begin."""
+        """Weights of a cluster one by one: bone, weight times homogeneous rest position (E, 4), and
+        the start of each vertex's weights."""
         if cluster not in self._sparse:
             ids = self.clusters[cluster]
             bones, owners, factors = self._weights.factors(ids)
@@ -183,7 +183,7 @@ class SkinnedModel:
         return self._boxes.used
 
     def native_clusters(self, clusters: I64, table: Table | None = None) -> native.Clusters:
-        """All clusters where the library finds them, these filled in.
+        """Native table of all clusters, with these filled in.
 
         Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
         """
@@ -192,7 +192,7 @@ class SkinnedModel:
 
     @property
     def pairs(self) -> tuple[I64, I64, F64, F64]:
-        """Bones of clusters, and boxes of what each moves at rest: each cluster's first pair
+        """Cluster-bone pairs with boxes at rest of what each bone moves: each cluster's first pair
         (C + 1,), bones (P,), centres and half edges of boxes (P, 3)."""
         return self._boxes.ends, self._boxes.bones, self._boxes.centres, self._boxes.halves
 

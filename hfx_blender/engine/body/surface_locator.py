@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest places on a triangle mesh that is asked again and again."""
+"""Nearest places on a triangle mesh, prepared for repeated queries."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def look_at_skin(
     column_of: I64,
     threads: Threads | None = None,
 ) -> Callable[[], int]:
-    """Contact weights of cells, of what is inside and of what passed; see ``finding.Found``.
+    """Compute contact weights of cells inside and of passages; see ``finding.Found``.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ much longer than the rest."""
 
 
 def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
-    """The pairs in parts of about as many places each, clusters kept whole."""
+    """Split pairs into parts with similar numbers of points, clusters kept whole."""
     total = np.cumsum(table.place_counts[pairs.clusters])
     count = int(total[-1]) // _WORTH
     if count < 2:

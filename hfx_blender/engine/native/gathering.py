@@ -40,8 +40,8 @@ _COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictio
 
 
 def columns_of(clusters: I64, table: Table) -> tuple[I32, I64]:
-    """Vertices of some clusters, ascending, and where each of the table's cells is among them,
-    which is only told of these clusters. Not to be changed: they are kept."""
+    """Columns of some clusters: their vertices, ascending, and the column of each of the table's
+    cells, valid for these clusters only. Not to be changed: they are kept."""
     known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
     if key not in known:
         if len(known) >= _MOST_COLUMNS:

@@ -36,7 +36,7 @@ DOUBLE: Final[Any] = ctypes.c_double
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """The library, loaded once; None where there is none that fits."""
+    """Library, loaded once; None without a fitting one."""
     return _found()[0]
 
 
@@ -58,7 +58,7 @@ def _found() -> tuple[ctypes.CDLL | None, str]:
 
 
 def _places() -> Iterator[Path]:
-    """Files that are there: beside this one, then in the module that a Blender extension brings.
+    """Existing files: beside this one, then in the module that a Blender extension brings.
 
     That one is named after the sources' digest; nothing of it is imported.
     """

@@ -64,7 +64,7 @@ def _library() -> ctypes.CDLL:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Clusters, ascending, each at some rows, ascending, and what is wanted of them.
+    """Cluster-row pairs, ascending, with the kind of test for each.
 
     Where a pair is followed, the one before it is the same cluster at the row before.
     """

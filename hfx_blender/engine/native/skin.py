@@ -51,7 +51,7 @@ class BonePointers(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class UsedBones:
-    """Bones that move anything, ascending; one that a pose has not, rests."""
+    """Bones that move anything, ascending; a bone missing in a pose is at rest."""
 
     ids: I64  # (k,)
 

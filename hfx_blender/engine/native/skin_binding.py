@@ -169,7 +169,7 @@ class Clusters:
         return tuple(self._kept[cluster])
 
     def add(self, clusters: I64, table: Table | None) -> None:
-        """Fill in some clusters; of their skin, if that is filled, what neighbours are like."""
+        """Fill in some clusters, and the neighbours of those whose skin is filled."""
         new = lacking(self._is_known, clusters)
         if len(new):
             self._bind(new)

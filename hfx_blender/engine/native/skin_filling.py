@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filling in where the skin of clusters is sampled; ``skin_filling.c``."""
+"""Fills in the sampling of the skin of clusters; ``skin_filling.c``."""
 
 from __future__ import annotations
 

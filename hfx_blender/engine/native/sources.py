@@ -19,7 +19,7 @@ def files(folder: Path = FOLDER) -> list[Path]:
 
 
 def digest(folder: Path = FOLDER) -> str | None:
-    """16 hexadecimal digits of what the sources say; None where there are none."""
+    """Digest of the sources, 16 hexadecimal digits; None without sources."""
     found = hashlib.sha256()
     paths = files(folder)
     for path in paths:

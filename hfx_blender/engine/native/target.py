@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes that have a formula, and where they and a body are; ``placing.c``, ``broad.h``."""
+"""Volumes that have a formula, and their placement relative to a body; ``placing.c``,
+``broad.h``.
+"""
 
 from __future__ import annotations
 
@@ -109,7 +111,7 @@ _ENDS: Final = np.cumsum([0, *(np.prod(shape, dtype=int) for shape in _ROW.value
 
 
 class PlacedTarget(Target):
-    """A volume and a body where they are at some rows of a block.
+    """Volume and body, placed at some rows of a block.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Evaluating the blocks of a scene on several cores, in processes that help this one.
+"""Evaluates the blocks of a scene on several cores, in helper processes.
 
 This process reads and hands out blocks, evaluates what nobody else has when it would have to
 wait, and gives on what was felt in the order of time. A helper that fails costs what it had
@@ -51,7 +51,7 @@ def evaluated(
     processes: int,
     worth_s: float = WORTH_S,
 ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
-    """Blocks, each with what is felt in it, in their order: the same for any ``processes``.
+    """Yield blocks with their samples, in their order: the same for any ``processes``.
 
     Parameters
     ----------

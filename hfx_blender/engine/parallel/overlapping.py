@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Working in a thread on what this thread goes on to make: reading and evaluating overlap.
+"""Overlaps work in a thread with the production of its input.
 
 Blender lets other threads run while it steps a scene, and so does compiled code. What is made
 and what is worked out, in which order, does not depend on it.
@@ -68,7 +68,7 @@ class _Worker(Generic[Made, Done]):
             yield item[0]
 
     def give(self, item: tuple[Made] | None) -> None:
-        """Hand something in, None at the end, as soon as there is room for it."""
+        """Put an item into the queue, None at the end, as soon as there is room."""
         while True:
             self._tell_error()
             try:
@@ -92,7 +92,7 @@ class _Worker(Generic[Made, Done]):
         return True
 
     def stop(self) -> None:
-        """Have it leave what it has not begun."""
+        """Stop the thread before the next item."""
         self._is_stopped = True
         self._thread.join()
 
@@ -132,7 +132,7 @@ def overlapped(
 def in_turn(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
-    """:func:`overlapped`, one after the other in this thread: each thing as it is done."""
+    """Sequential version of :func:`overlapped`, in this thread."""
     with closing(work(source)) as done:
         for each in done:
             yield [each]

@@ -19,7 +19,7 @@ def renderers_of(
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """A renderer for each device on each body; or on some, of which None is the only one.
+    """Make a renderer for each device on each body; or on chosen ones, where None is the only one.
 
     Raises
     ------

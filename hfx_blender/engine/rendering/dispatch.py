@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dispatch: which of a device's actuators answer to a stream, and how strongly they fire.
+"""Dispatch: the actuators of a device that respond to a stream, and their gains.
 
 Danieau et al., VRST 2018, section 3.3: haptic data goes to a device if the device has the
 modality and shares vertices with it.
@@ -121,7 +121,7 @@ class ActuatorGroup:
         return self._focus[model_id]
 
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:
-        """Samples (n,) that fire actuators (n, A), but each weaker than is felt by itself.
+        """Mask (n,) of samples that drive actuators (n, A), but each below its threshold.
 
         Only where it is known of all of them what is felt.
         """
@@ -146,7 +146,7 @@ class ActuatorGroup:
         )
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
-        """Samples (n,) of which an actuator that fires (n, A) cannot play the frequency."""
+        """Mask (n,) of samples whose frequency a driven actuator (n, A) cannot play."""
         if self.modality != "vibration" or run.stream.modality != "vibration":
             return np.zeros(len(run), np.bool_)
         controls = [each.type.controls[1] for each in self._actuators]

@@ -69,7 +69,7 @@ def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
 
 
 def merged(modality: str, mixes: Sequence[Mixed]) -> Mixed:
-    """Combine what was mixed natively with what substitutes other modalities, at least one.
+    """Combine native output with substitutions for other modalities, at least one.
 
     A substitute has no direction, so wind adds by its speed here.
     """

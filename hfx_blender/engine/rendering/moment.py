@@ -85,7 +85,7 @@ class MomentRenderer:
         return self._renderer.body_id
 
     def prepare(self) -> None:
-        """Work out what takes long now, not when an effect is felt for the first time.
+        """Compute expensive tables now, not at the first contact.
 
         Raises
         ------
@@ -100,12 +100,12 @@ class MomentRenderer:
                         group.panning_on(effect.model_id)
 
     def move_play_space(self, matrix: F64) -> None:
-        """The play space is there from now on: (4, 4) to the world, metres."""
+        """Set the play space from now on: (4, 4) to the world, metres."""
         for group in self._renderer.groups:
             group.play_space.move(matrix)
 
     def values(self, runs: Sequence[SampleRun]) -> F64:
-        """Values (columns,) within the device's limits; neutral where nothing is felt.
+        """Values (columns,) within the device's limits; neutral without any sensation.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class MomentRenderer:
     def ahead(
         self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
     ) -> tuple[F64, list[Partial]]:
-        """Values and tones of which each actuator's are of the time at which it answers.
+        """Values and tones, each actuator's at the time at which it responds.
 
         Parameters
         ----------
@@ -157,5 +157,5 @@ class MomentRenderer:
 
 
 def _only(tone: Partial, chosen: npt.NDArray[np.bool_]) -> Partial:
-    """A tone at some of the actuators; silent at the others."""
+    """Restrict a tone to some of the actuators; silent at the others."""
     return replace(tone, amplitudes=np.where(chosen, tone.amplitudes, 0.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering: from samples to the values of one device's actuators.
+"""Renders samples to the values of one device's actuators.
 
 Order of work: match vertices, combine per modality, substitute, look ahead by each actuator's
 latency, the device's script if it has one, hold between updates, and only then its limits.
@@ -70,7 +70,7 @@ def render(
 
 
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
-    """Cut a track's runs where a new block of times begins."""
+    """Cut a track's runs into blocks of time."""
     place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
     block: list[SampleRun] = []
     last = -1
@@ -99,7 +99,7 @@ class _Tally:
 
 @dataclass(eq=False)
 class _Played:
-    """A run's part in a block, at the actuators of one group."""
+    """Contribution of a run to a block, at the actuators of one group."""
 
     run: SampleRun
     positions: I64  # (n,) rows of the block
@@ -172,7 +172,7 @@ class Renderer:
         return tuple(self._groups)
 
     def restart(self) -> None:
-        """Begin again, as if nothing had been added; what was worked out of models is kept.
+        """Restart, as if nothing had been added; tables of models are kept.
 
         So is whose frequency actuators play: moments follow each other.
         """
@@ -292,7 +292,9 @@ class Renderer:
         return Contribution(strengths, parameters, self._neutral_c(run.stream))
 
     def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> Bool:
-        """Put what was mixed into the raster; tells (R, A) where a limit will cut it."""
+        """Write mixed strengths into the raster; returns the mask (R, A) of values that a limit
+        cuts.
+        """
         strengths = group.neutral + self._device.gain * mixed.strengths
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
@@ -400,7 +402,7 @@ class Renderer:
         return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
 
     def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
-        """Values of one actuator as it is given them: held between its updates, and limited."""
+        """Values of one actuator as it gets them: held between its updates, and limited."""
         rate_hz, interval_ms = self._header.time.rate_hz, kind.update_interval_ms
         return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
 

@@ -67,7 +67,7 @@ class PlaySpace:
 
     @staticmethod
     def as_setting(matrices: F64) -> list[list[Any]]:
-        """Poses at all samples (T, 4, 4) as a setting; what stays is written once."""
+        """Encode poses at all samples (T, 4, 4) as a setting; unchanged ones are written once."""
         changes = np.ones(len(matrices), np.bool_)
         changes[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))
         return [[int(k), matrices[k, :3].ravel().tolist()] for k in np.flatnonzero(changes)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses of a whole scene: the engine's contacts go in, what is felt comes out."""
+"""Contact responses of a whole scene: from the engine's contacts to samples."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def with_own_sets(run: SampleRun) -> SampleRun:
 
 
 def depths_of(felt: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.float32]:
-    """Depths (total,) of what is felt, each sample with its own set: 0 where there is no contact.
+    """Depths (total,) of samples, each with its own set: 0 without contact.
 
     ``contacts`` are those that were answered; they hold depths.
     """

@@ -43,7 +43,7 @@ class Impact:
 
 
 def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
-    """The envelope of one impact of strength 1, (n,): its peak is 1, and 0 before it.
+    """Envelope of one impact of strength 1, (n,): its peak is 1, and 0 before it.
 
     Without an attack y = exp(-t / decay), which the recursion y[n] = exp(-dt / decay) y[n-1]
     + x[n] has at its samples. With one, the input of that filter is smoothed by another:

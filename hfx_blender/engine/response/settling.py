@@ -71,7 +71,7 @@ class Settling:
         return run
 
     def settle_all(self, touches: Iterable[Touches]) -> list[SampleRun]:
-        """The runs of several streams or blocks, in the order given; silent ones left out."""
+        """Settle several streams or blocks, in the order given; silent runs are left out."""
         found = (self.settle(each) for each in touches)
         return [run for run in found if run is not None]
 
@@ -127,7 +127,7 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
 
 
 def _with_new_impacts(touches: Touches, memory: Memory) -> list[list[Impact]]:
-    """Impacts of each filter: those that may still ring, and those that begin here."""
+    """Impacts of each filter: old ones that may still ring, and new ones."""
     before = np.concatenate([[memory.index], touches.indices[:-1]])
     was_touched = np.concatenate([[memory.was_touched], touches.is_touched[:-1]])
     begins = touches.is_touched & ~was_touched & (before == touches.indices - 1)

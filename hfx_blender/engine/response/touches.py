@@ -281,7 +281,7 @@ def _strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tu
 
 
 def _packed(sets: dict[int, tuple[I32, F64]], kept: I64) -> tuple[I64, I64, I32, F32]:
-    """Sets of the rows ``kept`` in columns; a set that stays is held once."""
+    """Pack sets of the rows ``kept`` into columns; equal successive sets are stored once."""
     set_of = np.full(len(kept), -1, np.int64)
     found: list[tuple[I32, F32]] = []
     for k, row in enumerate(kept.tolist()):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loudspeaker layouts: where each channel comes from, as the listener hears it.
+"""Loudspeaker layouts: the direction of each channel from the listener.
 
 Listener space: X to the front, Y to the left, Z up. Azimuth turns from the front to the left.
 """

@@ -59,7 +59,7 @@ class Reverberators:
 
 
 def _impulses(channels: int, rate_hz: int, decay_s: float) -> F64:
-    """Impulse responses (C, n); together they pass the power of what goes in."""
+    """Impulse responses (C, n) that together pass the power of the input."""
     count = max(int(decay_s * rate_hz), 1)
     times = np.arange(count) / rate_hz
     shape = 10.0 ** (-3.0 * times / decay_s) * np.minimum(times / _RISE_S, 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Identification without people: which material a rendered signal is nearest to."""
+"""Classification of materials by rendered signals."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _likeness(centred: F64, lag: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NearestNeighbour:
-    """Names what is nearest among known examples, each feature in its own spread."""
+    """Nearest-neighbour classifier with features scaled by their spread."""
 
     known: F64  # (N, k)
     labels: I64  # (N,)

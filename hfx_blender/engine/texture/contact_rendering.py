@@ -145,7 +145,7 @@ class ContactRenderer:
         return heights.take(rows, axis=0)
 
     def _new_heights(self, field: HeightField, paths: ContactPaths) -> F64:
-        """Heights on each way that is not carried, (n, steps)."""
+        """Heights on each path that is not carried, (n, steps)."""
         steps = self._steps
         # Rows and columns of where the pieces begin and end, (4, 2, n).
         places = paths.ends_m[:, ::-1, paths.carried :] * self._per_texel
@@ -175,7 +175,7 @@ def _shares(count: int) -> F64:
 
 
 def _on_the_way(field: HeightField, ends: F64, seams: I64, steps: int, factor: int) -> F64:
-    """Heights (n, steps), each the mean of ``factor`` ones: so no texel is skipped.
+    """Heights (n, steps) on paths, each the mean of ``factor`` ones, so that no texel is skipped.
 
     The way takes the time of a sample: its first half the first piece, then the second.
     ``ends`` holds where both begin and end, in rows and columns of texels, (4, 2, n).

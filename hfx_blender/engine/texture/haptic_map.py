@@ -18,7 +18,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HapticMap:
-    """The two layers of Liu and Gu (2025, section 3.2), as shares of what a device can play.
+    """Haptic map: the two layers of Liu and Gu (2025, section 3.2), relative to a device's range.
 
     Parameters
     ----------

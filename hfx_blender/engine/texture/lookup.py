@@ -25,7 +25,7 @@ REST_M_S: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Texels entered on the way along some segments, in no order within a segment."""
+    """Texels entered along some segments, in no order within a segment."""
 
     segment: I64  # (n,)
     share: F64  # (n,) where on the segment the texel is entered, 0..1
@@ -182,7 +182,7 @@ def trace(map_: HapticMap, stroke: Stroke) -> Collisions:
 
 
 def collisions(map_: HapticMap, stroke: Stroke) -> Collisions:
-    """The micro-collisions of a stroke: where the intensity on the way has a local maximum."""
+    """Find the micro-collisions of a stroke: local maxima of the intensity along it."""
     texels = trace(map_, stroke)
     change = np.flatnonzero(np.diff(texels.intensity) != 0.0)
     begins = np.concatenate([np.zeros(min(len(texels), 1), np.int64), change + 1])

@@ -18,7 +18,7 @@ _LINE: Final = 1e-7  # of its longer spread
 
 
 def seen_from_above(points: npt.ArrayLike) -> F64:
-    """Points (N, 3) of a sheet whose z is its height.
+    """Rotate points (N, 3) of a sheet so that z is its height.
 
     A sheet that leans by less than 30 degrees keeps its own x and y; any other is turned so that
     the plane that fits it best is level, as little as that takes.

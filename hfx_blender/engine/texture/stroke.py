@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A stroke: where a finger was on a surface, at times as uneven as a touch screen tells them."""
+"""Stroke: positions of a finger on a surface, at times as uneven as those of a touch screen."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def line(
 
 
 def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
-    """A stroke along a path (N, 2) at an even speed, as a pointer of a rate tells it.
+    """Make a stroke along a path (N, 2) at an even speed, sampled at a pointer's rate.
 
     Raises
     ------

@@ -113,7 +113,8 @@ def _unlike_full(n: int, rate_hz: float) -> F64:
 def drive_levels(
     field: HeightField, stroke: Stroke, drive_per_m: float, window_s: float = WINDOW_S
 ) -> F64:
-    """P of equation 3 for each window of a stroke, from its begin; what is left over is dropped.
+    """Levels P of equation 3 for each window of a stroke, from its begin; an incomplete window is
+    dropped.
 
     Returns
     -------
@@ -146,7 +147,7 @@ class TextileStream:
         self._done = 0
 
     def push(self, time_s: float, point_m: tuple[float, float]) -> list[tuple[float, float]]:
-        """Tell the next position; returns the (begin of the window, level) that it completes."""
+        """Add the next position; returns (begin of the window, level) of completed windows."""
         if self._times and not time_s > self._times[-1]:
             return []  # told twice, or late: what is known already stands
         if not self._times:

@@ -36,7 +36,7 @@ class Nearest:
 
 
 class TriangleGrid:
-    """A mesh whose nearest places are asked for, up to a distance.
+    """Search grid over a mesh for nearest places up to a distance.
 
     Parameters
     ----------

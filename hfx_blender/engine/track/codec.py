@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The columns of a HapticTrack: one stream's samples within one chunk as bytes and back.
+"""Codec of the columns of a HapticTrack: one stream's samples within one chunk.
 
 What changes little from sample to sample is stored as its change: a vertex set as the ids that
 enter or leave, a weight as the difference to the same vertex's weight before. The bytes of
@@ -45,7 +45,7 @@ _WEIGHT_OF_BYTE: Final = (np.arange(256) / 255.0).astype(np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """The samples of one stream within one chunk; a set that stays is there once.
+    """Samples of one stream within one chunk; equal successive sets are stored once.
 
     With channels, every sample has a set of its own.
     """
@@ -64,13 +64,13 @@ class Section:
 
 
 def weights_to_bytes(weights: F32) -> npt.NDArray[np.uint8]:
-    """Weights in (0, 1] as 1..255: nothing that is felt becomes 0."""
+    """Encode weights in (0, 1] as 1..255: no contact becomes 0."""
     steps: F64 = np.rint(weights.astype(np.float64) * 255.0)
     return np.maximum(steps, 1.0).astype(np.uint8)
 
 
 def weights_from_bytes(stored: npt.NDArray[np.uint8]) -> F32:
-    """Weights in (0, 1], exact for what :func:`weights_to_bytes` made of them."""
+    """Decode weights to (0, 1], exactly as :func:`weights_to_bytes` rounded them."""
     weights: F32 = _WEIGHT_OF_BYTE[stored]
     return weights
 
@@ -259,7 +259,7 @@ def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsi
 
 
 def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I32, I64]:
-    """Sizes of the sets, their vertices, and the order of those by vertex, then by set."""
+    """Read the sizes of the sets, their vertices, and their order by vertex, then by set."""
     set_count = int(is_new.sum())
     counts = cursor.column(set_count, "<u4").astype(np.int64)
     gaps = cursor.column(int(counts.sum()), "<u4").astype(np.int64)
@@ -323,7 +323,7 @@ def _sums(changes: Unsigned) -> Unsigned:
 
 
 def _changes_per_vertex(values: Unsigned, order: I64, starts: I64) -> Unsigned:
-    """Differences to the value before of the same vertex in this section, 0 if there is none."""
+    """Differences to the last value of the same vertex in this section, 0 for the first."""
     ordered = values[order]
     changes = _changes(ordered)
     changes[starts] = ordered[starts]
@@ -342,7 +342,7 @@ def _sums_per_vertex(changes: Unsigned, order: I64, starts: I64) -> Unsigned:
 
 
 def _planes(values: Unsigned) -> bytes:
-    """All lowest bytes, then all second lowest, and so on."""
+    """Byte planes: all lowest bytes, then all second lowest, and so on."""
     width = values.dtype.itemsize
     little = values.astype(values.dtype.newbyteorder("<"), copy=False)
     return np.ascontiguousarray(little.view(np.uint8).reshape(-1, width).T).tobytes()

@@ -147,7 +147,7 @@ def get(item: Any, key: str, kind: type[_Kind]) -> _Kind:
 
 
 def parse_json(text: bytes) -> Any:
-    """JSON without the constants that the standard does not know, and not too deep.
+    """Parse JSON without non-standard constants, and not too deep.
 
     Raises
     ------

@@ -184,7 +184,7 @@ class TrackReader:
         return float(self.header.time.times_s(np.array([index]))[0])
 
     def _position(self, time_s: float) -> float:
-        """A time in samples of the time base, limited to one before and one after them."""
+        """Convert a time to samples of the time base, limited to one before and one after them."""
         if math.isnan(time_s):
             raise ValueError("the time is not a number")
         time = self.header.time
@@ -230,7 +230,7 @@ class TrackReader:
         return Drive(effect.device_id, effect.actuators, section.drive[kept])
 
     def chunk_bytes(self, chunk: int) -> bytes:
-        """A chunk as it is stored, checked.
+        """Stored bytes of a chunk, checked.
 
         Raises
         ------

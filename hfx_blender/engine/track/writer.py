@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing a HapticTrack while it is computed, in bounded memory."""
+"""Writes a HapticTrack while it is computed, in bounded memory."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ class TrackWriter:
 
 
 class _SectionBuilder:
-    """Collects one stream's samples of one chunk; a set that stays is held once."""
+    """Collector of one stream's samples of one chunk; equal successive sets are stored once."""
 
     def __init__(self, full_precision: bool) -> None:
         self._full_precision = full_precision
@@ -321,7 +321,7 @@ def as_kept(run: SampleRun, *, full_precision: bool) -> SampleRun:
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
-    """Raise ValueError if what a run has of each sample is not that of its effect's kind."""
+    """Raise ValueError if a run's optional columns do not match its effect's kind."""
     if (run.focus is not None) != (effect.kind == "spot"):
         raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
     if run.focus is not None:
@@ -341,7 +341,7 @@ def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
 
 
 def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
-    """Raise ValueError if a run is not what :class:`SampleRun` promises."""
+    """Raise ValueError if a run breaks the contract of :class:`SampleRun`."""
     count = len(run)
     parameters = len(MODALITIES[run.stream.modality].parameters)
     if not (

@@ -52,7 +52,7 @@ def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[
 def _cross(
     tree: TriangleTree, slack: float, starts: F64, way: F64, asked: I64, first: F64, last: F64
 ) -> None:
-    """Fill in ``first`` and ``last`` for those ``asked``: pass over the tree level by level."""
+    """Fill in ``first`` and ``last`` for some paths, by one pass over the tree, level by level."""
     owners, nodes = asked, np.zeros(len(asked), np.int64)
     for level, (low, high) in enumerate(tree.levels):
         if level:

@@ -77,7 +77,7 @@ class TriangleTree:
         return distances
 
     def distances_at_least(self, points: F64, share: float) -> F64:
-        """A bound of each distance, no less than ``share`` of it; faster where compiled."""
+        """Lower bound of each distance, at least ``share`` of it; faster where compiled."""
         if self.compiled is not None:
             return native.distances_at_least(self.compiled, points, share)
         return self.distances(points)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exact inside test for a closed triangle mesh: voxels, and columns where voxels cannot tell.
+"""Exact inside test for a closed triangle mesh: voxels, and columns for undecided voxels.
 
 A ray goes from the point along the column axis, and the signs of its crossings add up to the
 winding number. What makes rays fail, hits on edges and vertices and triangles along the ray,
@@ -137,7 +137,7 @@ class _Spans:
 
 
 class InsideGrid:
-    """Answers whether points have a winding number other than zero.
+    """Inside test of points by their winding number.
 
     Every voxel is inside, outside or mixed. Mixed voxels that follow each other in a column are
     a *run*; it lists its triangles, and the winding number beyond its upper end.

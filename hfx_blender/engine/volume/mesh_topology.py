@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Making a triangle mesh a closed surface that faces one way: merging, turning, closing holes."""
+"""Repairs a triangle mesh into a closed, consistently oriented surface: merging, turning, closing
+holes.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ it a mesh is rather a sheet, of which nobody can say what is inside."""
 
 
 def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
-    """Make coincident vertices one; drop unused vertices and triangles without three corners."""
+    """Merge coincident vertices; drop unused vertices and degenerate triangles."""
     used, corners = np.unique(triangles, return_inverse=True)
     vertices = vertices[used]
     order = np.lexsort(vertices.T)
@@ -38,7 +40,7 @@ def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64,
 
 
 def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
-    """Turn the few triangles that face the other way, and put caps on small holes.
+    """Turn the few triangles with the wrong orientation, and close small holes.
 
     A cap is the cone from a hole's rim to the middle of its corners; over any rim, however bent,
     it makes every edge used as often in one direction as in the other.
@@ -76,7 +78,8 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
 
 
 def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
-    """The edge of each of the 3 F corners, the triangles' uses of it, and whether it is upwards.
+    """Edge of each of the 3 F corners, the number of uses of each edge, and each corner's
+    direction.
 
     Corner ``k`` belongs to triangle ``k // 3``.
     """
@@ -124,7 +127,7 @@ def _with_caps(
 
 
 def _left_over(edge: I64, triangles: I32, uses: I64) -> I64:
-    """Directed edges (n, 2) that caps have to be put on: what open edges lack to be balanced."""
+    """Directed edges (n, 2) that caps must add, so that every edge is balanced."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     balance = _balance(edge, starts < ends)
     firsts = np.zeros(len(uses), np.int64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Planes between a volume and what is beside it: what is on the other side is surely outside."""
+"""Separating planes: everything beyond a plane beside a volume is surely outside."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _away(shape: Shape, points: F64) -> F64:
 
 
 def _farthest(shape: Shape, directions: F64) -> F64:
-    """The most of these directions (3, N) that any place of the volume has, (N,)."""
+    """Support of the volume in directions (3, N), (N,)."""
     if isinstance(shape, Sphere):
         return np.asarray(np.sqrt(np.einsum("in,in->n", directions, directions)))
     if isinstance(shape, Capsule):

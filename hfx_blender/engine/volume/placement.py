@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placing matrices of volumes: their inverses where these can be trusted, and world boxes."""
+"""Placing matrices of volumes: their inverses where these are reliable, and world boxes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _inverse(matrices: F64) -> F64:
 
 
 def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
-    """Invert affine placing matrices, and say which inverses can be used.
+    """Invert affine placing matrices, with a mask of the reliable inverses.
 
     Columns, then rows, are first brought to a similar size by powers of two (exactly), so that
     neither the unit nor different scales of the axes count as flatness: only axes that are

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body parts of HJIF: which bits of the mask the vertices of our models are."""
+"""Body parts of HJIF: bits of the mask for the vertices of our models."""
 
 from __future__ import annotations
 

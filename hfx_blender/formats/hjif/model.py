@@ -182,7 +182,7 @@ MEMBERS: Final[dict[type, tuple[str, ...]]] = {
 
 
 def from_json(value: Any, kind: type = Hjif) -> Any:
-    """A checked JSON value as the part that it is; unknown members are left out."""
+    """Convert a checked JSON value to a dataclass; unknown members are left out."""
     if kind is Keyframe:  # most of a file
         return Keyframe(*map(value.get, MEMBERS[Keyframe]))
     members: dict[str, Any] = {}

@@ -47,7 +47,7 @@ _DATE: Final = re.compile(
 
 
 def check_semantics(found: dict[str, Any], report: Report) -> None:
-    """Report what is wrong with a document that keeps the schemas."""
+    """Report semantic faults of a document that is valid by the schemas."""
     year, _, amendment = found["version"].partition("-")
     if int(year) < 2023:
         report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")

@@ -19,7 +19,7 @@ def encode(document: Hjif) -> bytes:
 
 
 def write(document: Hjif, file: BinaryIO) -> None:
-    """Write what :func:`encode` gives."""
+    """Write the text of :func:`encode`."""
     file.writelines(_pieces(document))
 
 

@@ -153,7 +153,7 @@ def _envelope(
 
 
 class _Unfolding:
-    """Effects of a file with everything that they refer to, counted."""
+    """Expansion of a file's effects with all references, counted."""
 
     def __init__(self, name: str) -> None:
         self.library: dict[int | None, Effect] = {}
@@ -236,7 +236,7 @@ def _ticks(
 
 
 def _one_after_another(curves: list[Curve]) -> Curve:
-    """Curves joined in the order of time; where they overlap the later one goes on."""
+    """Join curves in the order of time; where they overlap the later one goes on."""
     curves = sorted(curves, key=lambda each: float(each.times_s[0]))
     times, values = [curves[0].times_s], [curves[0].values]
     for before, after in pairwise(curves):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A log instead of hardware: one CSV row each time values are sent or the device is stopped."""
+"""Log in place of hardware: one CSV row for each set of values or stop."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ MAX_BYTES: Final = 256 << 20
 
 
 class CsvLog:
-    """Writes ``time_s`` since the log began, ``event`` (values, stop), then one column a channel.
+    """Writer of ``time_s`` since the log began, ``event`` (values, stop), then one column a
+    channel.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OSC 1.0 over UDP: addresses of our own, or those of VRChat's parameters.
+"""OSC 1.0 over UDP: our own addresses, or those of VRChat's parameters.
 
 Specification: Wright, "The Open Sound Control 1.0 Specification" (2002).
 """
@@ -34,7 +34,7 @@ def message(address: str, value: float) -> bytes:
 
 
 def bundles(messages: list[bytes]) -> list[bytes]:
-    """Messages as bundles, each small enough for one datagram."""
+    """Bundle messages so that each bundle fits one datagram."""
     found: list[bytes] = []
     now = _BUNDLE
     for each in messages:

@@ -39,7 +39,7 @@ def is_port_name(name: str) -> bool:
 
 
 class SerialPort:
-    """Bytes to and from one port.
+    """Byte stream of one port.
 
     A frame that was begun is finished before the next; of frames that wait only the newest
     counts, so a port that stalls costs no memory and no time.
@@ -92,7 +92,7 @@ class SerialPort:
     _is_posix: Final = os.name == "posix"
 
     def write_newest(self, frame: bytes) -> None:
-        """Hand over a frame, or let it wait in place of one that waits.
+        """Write a frame, or let it replace one that waits.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class SerialFrames:
 
 
 def _reserved(name: str) -> tuple[str, int]:
-    """Enter a port into the list of open ones, by its real path and its device number.
+    """Register a port as open, by its real path and its device number.
 
     Two names may lead to one port, and the system lets two programs open it.
     """

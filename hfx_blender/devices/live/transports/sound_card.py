@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A multichannel sound card through PortAudio: one channel for each vibration actuator.
+"""Output to a multichannel sound card through PortAudio: one channel for each vibration actuator.
 
 An actuator that takes a waveform plays the sum of its tones, any other the one sine of its values;
 a tone is a sine, or the waveform that the actuator's type names.
@@ -158,7 +158,7 @@ class SoundCard:
             outdata[:, self._first :] = self._waves.block(frames)
 
     def _finished(self) -> None:
-        """The stream has ended; if nobody closed it, the card is gone."""
+        """Note the end of the stream; unless it was closed, the card is lost."""
         if not self._is_closed:
             self._lost = "it was unplugged, or another program took it"
 

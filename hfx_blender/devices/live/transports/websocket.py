@@ -109,7 +109,7 @@ class WebSocket:
         self._check()
 
     def close(self) -> None:
-        """End the connection, after what waits if that takes no time; may be called again."""
+        """Close the connection, after pending data if that takes no time; may be called again."""
         if not self._is_closed:
             self._is_closed = True
             with suppress(OutputLostError):

@@ -198,7 +198,7 @@ def _weights_at(points: F64, dense: tuple[F64, I64, csr_array]) -> csr_array:
 
 
 def mirrored_bones(skeleton: Skeleton) -> I64:
-    """Index of each bone's twin on the other side; its own where there is none."""
+    """Index of each bone's mirror twin; its own where there is none."""
     index = {name: number for number, name in enumerate(skeleton.bone_names)}
     other = {"L": "R", "R": "L"}
     return np.array(

@@ -79,7 +79,7 @@ def _nearest_members(points: F64, places: F64, coarse_of: I64) -> I64:
 
 
 def save(model: PerceptualModel, folder: Path) -> int:
-    """Make and write all levels of a model, and tell how many; none for a coarse one."""
+    """Build and write all levels of a model; returns their number, 0 for a coarse model."""
     if len(model) < FEWEST:
         return 0
     arrays = {}

@@ -10,4 +10,4 @@ Progress = Callable[[float, str], None]
 
 
 def quiet(_share: float, _text: str) -> None:
-    """Progress that nobody watches."""
+    """Ignore progress."""

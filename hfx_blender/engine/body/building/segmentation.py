@@ -188,7 +188,7 @@ class _HalfGraph:
 
 
 def _join(graph: _HalfGraph, part: U8, number: int) -> U8:
-    """Join the large pieces of a part by a ribbon along the shortest way between them.
+    """Join the large pieces of a part by a ribbon along the shortest path between them.
 
     This is the thumb, which hangs on the palm by itself: the skin of the first web counts as
     fingers, as that between the other fingers does.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx body stats``: how evenly a model's vertices are spaced, beside what was wanted."""
+"""``hfx body stats``: evenness of a model's vertices against their target spacing."""
 
 from __future__ import annotations
 

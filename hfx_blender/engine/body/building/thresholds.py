@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two-point thresholds: how far apart two touches must be to be felt as two.
+"""Two-point thresholds: smallest distance at which two touches are felt as two.
 
 Source: Danieau et al., VRST 2018, section 3.1 (after Weber, Weinstein and others) and Table 1.
 All in millimetres, in the order of :data:`~.parts.PARTS`.

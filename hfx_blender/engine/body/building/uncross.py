@@ -58,7 +58,7 @@ def uncross(mesh: Remesher) -> None:
 
 
 def _clusters(crossing: I64) -> list[I64]:
-    """Vertices of the crossings, those that hang together as one."""
+    """Connected groups of crossings, as vertices."""
     found: list[set[int]] = []
     for row in crossing.tolist():
         joined = set(row).union(*(each for each in found if each & set(row)))
@@ -108,7 +108,7 @@ class _Patch:
         self.sparse_tree = cKDTree(self.skin[:: max(1, len(self.skin) // _DEPTH_SAMPLES)])
 
     def freed(self) -> _State | None:
-        """The best state without a crossing; None if there is none to be found."""
+        """Find the best state without a crossing; None if there is none."""
         for seed in range(_TRIES):
             found = self._annealed(np.random.default_rng(seed))
             if found is not None:
@@ -151,7 +151,7 @@ class _Patch:
         return replace(state, cost=float(cost), crossing=len(found))
 
     def _crossings(self, state: _State, own: I64) -> I64:
-        """Crossings of what may change, with itself and with all around it."""
+        """Find crossings of the movable part, with itself and its surroundings."""
         points = state.points
         found = []
         for ends, corners in (

@@ -86,7 +86,7 @@ def parse(text: str) -> Variant:
 
 
 def target_shares(variant: Variant) -> dict[str, float]:
-    """Shape targets and their shares, combined as MakeHuman does.
+    """Shares of shape targets, combined as MakeHuman does.
 
     A share is the product over the axes that the target is made for (gender, age, muscle,
     weight), each axis linear between its two nearest targets; the three origins have a third

@@ -312,7 +312,7 @@ def _shortest(start: F64, end: F64) -> F64:
 
 
 def _mix(one: F64, other: F64, share: float) -> F64:
-    """A turn between two, along the shortest way."""
+    """Interpolate two rotations along the shortest path."""
     w, *xyz = _quaternions((one.T @ other)[None])[0]
     sine = float(np.linalg.norm(xyz))
     if sine < 1e-9:

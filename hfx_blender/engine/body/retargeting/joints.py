@@ -98,7 +98,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
 
 
 def _filled(shares: F64, points: F64) -> F64:
-    """Skin that follows no bone belongs to the region of the nearest skin that does."""
+    """Assign skin that follows no bone to the region of the nearest skin that does."""
     from scipy.spatial import cKDTree
 
     bare = shares.sum(axis=1) == 0.0
@@ -121,7 +121,7 @@ def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
 
 
 def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
-    """Leave out a finger that stands for all of them: it says nothing on any one's place."""
+    """Leave out a finger that represents all of them: it tells no single finger's place."""
     found = dict(mapped)
     for side in "LR":
         fingers = [bone for bone in mapped if bone[:7] in _FINGERS and bone.endswith(f".{side}")]

@@ -83,7 +83,7 @@ def matrices(avatar: Avatar, bodies: Skeletons) -> F64:
 
 
 class _Segments:
-    """The transform of each segment, made when it is first asked for."""
+    """Transforms of the segments, each computed on first use."""
 
     def __init__(self, avatar: Avatar, bodies: Skeletons) -> None:
         self._c, self._t = bodies.canonical, bodies.joints
@@ -161,7 +161,7 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, end, new_start, new_end, girth)
 
     def _head(self, _side: str) -> tuple[F64, F64]:
-        """Heads are upright; the skull above the ears tells size and place, whatever the rig."""
+        """Upright transform of the head, its size and place from the skull above the ears."""
         mine, theirs = self._skins("head")
         if len(theirs) <= 10:
             return self._turn("torso"), self._matrix("torso")
@@ -244,7 +244,7 @@ class _Segments:
         return self._made[bone]
 
     def _foot(self, side: str) -> tuple[F64, F64]:
-        """Feet stand flat: turned about the upright only, and sized by their soles' extent."""
+        """Transform of a flat foot: turned about the vertical only, and sized by its sole."""
         ankle, ball, region = f"ankle.{side}", f"ball.{side}", f"foot.{side}"
         leg = f"lowerleg.{side}"
         if ankle not in self._t:
@@ -325,7 +325,7 @@ class _Segments:
         return self._stretched(turn, start, tip, new_start, new_tip, self._girth(region))
 
     def _mitten(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
-        """A hand without knuckles: its broad side tells how it is turned."""
+        """Transform of a hand without knuckles, its rotation from its broad side."""
         turn, _ = self._by_extent(parent, joint, region)
         mine, theirs = self._skins(region)
         if len(theirs) <= 10:

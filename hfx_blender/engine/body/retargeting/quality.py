@@ -96,7 +96,7 @@ def judge(
     distance_m: F64,
     feet_forward: float,
 ) -> Quality:
-    """Judge where a model landed.
+    """Judge the fit of a model's placed vertices.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions and segments of the canonical skeleton: which bones move as one, and which skin.
+"""Regions and segments of the canonical skeleton: bones that move as one, and their skin.
 
 A *segment* is moved by one affine transform when the canonical body is posed onto a target. A
 *region* is a stretch of skin within which a place of the target may be looked for: a finger

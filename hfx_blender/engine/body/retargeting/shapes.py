@@ -121,7 +121,7 @@ def load_shapes() -> ShapeFields:
 
 
 def fields_for(avatar: Avatar) -> ShapeFields | None:
-    """The shipped fields, if they are an avatar's."""
+    """Shipped fields, if they belong to an avatar."""
     fields = load_shapes()
     return fields if fields.fields.shape[1] == len(avatar.vertices) else None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars of several meshes: which of them are the skin, and their union.
+"""Avatars of several meshes: detection of the skin, and its union.
 
 Skin lies under hair and clothes, so of two meshes that cover the same region of the body the one
 nearer to the bones is the skin. A mesh that covers no region that the others leave open (hair,
@@ -41,7 +41,7 @@ class _Part:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Meshes that cover more come first, and of equals those nearer to the bones."""
+        """Sort key: meshes that cover more come first, of equals those nearer to the bones."""
         return -int(np.count_nonzero(self.cover[~_IS_FINGER] >= _COVERS)), self.bone_distance
 
 

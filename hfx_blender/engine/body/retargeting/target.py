@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Somebody's avatar, as retargeting needs it: its mesh, its bones, and whether it can be used."""
+"""Avatar of a user, for retargeting: its mesh, its bones, and checks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _UNSKINNED: Final = 0.2
 
 
 class Bone(Protocol):
-    """A bone of somebody's rig, at rest."""
+    """Bone of a user's rig, at rest."""
 
     @property
     def name(self) -> str: ...

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Turns and affine transforms of limbs, and where a limb's skin ends."""
+"""Rotations and affine transforms of limbs, and the ends of a limb's skin."""
 
 from __future__ import annotations
 

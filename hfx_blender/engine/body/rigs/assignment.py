@@ -110,21 +110,23 @@ class _Assignment(Digits):
         self._put_chain(side, bones, (thigh, below, self._take("foot", side)))
 
     def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
-        """Bones that are clearly a joint's, then those whose name could be another's."""
+        """Unambiguous bones of a joint, then those that could belong to another."""
         marked = bool(clear) and self.names[clear[0]].rank < 0
         return clear if marked else [*clear, *doubtful]
 
     def _put_chain(
         self, side: str, bones: Sequence[str], candidates: Sequence[Sequence[str]]
     ) -> None:
-        """Bones of one limb that hang on each other: what is left of another rig does not."""
+        """Assign the bones of one limb that form a chain; leftovers of another rig do not."""
         known = [(bone, names) for bone, names in zip(bones, candidates, strict=True) if names]
         choices = product(*(names[:_TRIED] for _, names in known))
         best = max(choices, key=lambda chain: self._links(chain))  # the first of the best
         self.found |= {f"{bone}.{side}": name for (bone, _), name in zip(known, best, strict=True)}
 
     def _complete(self) -> None:
-        """A joint whose bones have names of their own: the only children of those above them."""
+        """Assign joints whose bones have uninformative names: the only children of those above
+        them.
+        """
         for above, below in _NEXT:
             added = {}
             for side in "LR":

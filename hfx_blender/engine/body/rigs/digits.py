@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fingers and toes among understood bone names: which rig's joint is which of ours."""
+"""Mapping of fingers and toes among understood bone names."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading bone names: which body joint, on which side, a rig's bone is called after.
+"""Parses bone names: the body joint and the side that a rig's bone is named after.
 
 A name counts only if all of it is understood (after the side, numbers and the rig's own
 prefix are taken away), so that ``hand_ik.L``, ``upperarm_correctiveRoot_l`` or ``ORG-thigh.L``

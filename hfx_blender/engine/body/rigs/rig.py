@@ -69,7 +69,7 @@ class Rig:
                 self.children[parent].append(name)
 
     def ancestors(self, name: str) -> Iterator[str]:
-        """The bones above one, nearest first."""
+        """Yield the ancestors of a bone, nearest first."""
         seen = {name}
         above = self.parent[name]
         while above is not None and above not in seen:

@@ -118,7 +118,7 @@ class SkinNeighbours:
 
 
 def edge_graph(model: PerceptualModel) -> Any:
-    """The model's edges as a sparse matrix (V, V) of lengths, for scipy's ways through graphs."""
+    """Edge graph of the model as a sparse matrix (V, V) of lengths, for scipy's graph searches."""
     from scipy.sparse import coo_array, csr_array
 
     points = model.vertices.astype(np.float64)
@@ -128,7 +128,7 @@ def edge_graph(model: PerceptualModel) -> Any:
 
 
 def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
-    """Lengths (k,) of the ways along edges between pairs of vertices (k, 2).
+    """Lengths (k,) of the shortest paths along edges between pairs of vertices (k, 2).
 
     Infinite: longer than is allowed, (k,).
     """
@@ -149,7 +149,7 @@ def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
 
 
 def parted(gains: F64, are_joined: AreJoined) -> F64:
-    """Gains (n, A) of which no two actuators that are not joined play together.
+    """Restrict gains (n, A) so that no two unjoined actuators play together.
 
     Of two that are not, the weaker is silent, and the stronger fades out until both are as
     strong: on a gap between two, from a quarter of the way to the middle. So nothing jumps.

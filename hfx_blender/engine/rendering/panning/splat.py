@@ -13,7 +13,7 @@ _SPREAD = 4.0
 
 
 class NearestPanning:
-    """The nearest actuator plays everything.
+    """Panning to the nearest actuator, which plays everything.
 
     Schneider et al., UIST 2015, for dense grids. Its output jumps half way between two
     actuators: take another scheme where things glide.

@@ -47,7 +47,7 @@ class SurfaceNeighbours:
         self._known: dict[tuple[int, int], float] = {}
 
     def lengths_m(self, pairs: I64) -> F64:
-        """Lengths along the skin (k,) of the ways between pairs (k, 2); infinite: not joined."""
+        """Lengths along the skin (k,) of the paths between pairs (k, 2); infinite if not joined."""
         asked = [(a, b) if a < b else (b, a) for a, b in pairs.tolist()]
         new = [pair for pair in dict.fromkeys(asked) if pair not in self._known]
         if new:
