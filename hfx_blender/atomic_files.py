@@ -15,10 +15,10 @@ from typing import BinaryIO, Final
 from .errors import OutputError
 
 _passing: set[Path] = set()
-"""Folders that nothing stays in: what is written there is forced to the disk by who moves it."""
+"""Staging folders of :func:`passing`: whoever moves files out of them forces these to the disk."""
 
 PATIENCE_S: Final = 5.0
-"""So long a lock is waited for."""
+"""Longest wait for a lock, seconds."""
 
 _RETRY_S: Final = 0.01
 

@@ -17,7 +17,7 @@ FRAMES: Final = "<FRAMES>"
 """Stands for the number of a frame in the name of a row of files."""
 
 MOST_FILES: Final = 100_000
-"""More in one folder are refused: a .blend may name any folder there is."""
+"""Largest number of files in one folder: a .blend may name any folder there is."""
 
 _NUMBERS: Final = {FRAMES: r"\d+", "<UDIM>": r"\d{4}", "<UVTILE>": r"u\d+_v\d+"}
 

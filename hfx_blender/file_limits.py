@@ -64,25 +64,26 @@ class Limit:
 
 
 MEMORY: Final = Limit(float(1 << 30), "bytes")
-"""Of arrays at a time: an hour at 1 kHz of 37 values, a day at 100 Hz of 15."""
+"""Limit on arrays held at a time: an hour at 1 kHz of 37 values, a day at 100 Hz of 15."""
 
 SECONDS: Final = Limit(86_400.0, "s")
 """A day of envelopes."""
 
 UNFOLDED: Final = Limit(2e6, "effects and keyframes")
-"""What references of a file stand for, all of them together."""
+"""Limit on the expansion of a file's references, all of them together."""
 
 OVERLAP: Final = Limit(2e7, "keyframes")
-"""Of what sounds at the same time, counted for each piece that sounds."""
+"""Limit on overlapping sounds, counted for each piece that sounds."""
 
 PIXELS: Final = Limit(float(1 << 26), "pixels")
-"""Of one picture: 8192 x 8192."""
+"""Limit on one picture: 8192 x 8192."""
 
 UNPACKED: Final = Limit(float(1 << 28), "bytes")
-"""That any file may become, however small it is; :func:`check_unfolded` is the rule."""
+"""Limit on the unpacked size of any file, however small it is; :func:`check_unfolded`
+is the rule."""
 
 PACKING: Final = 200.0
-"""How many times its own size a file may become: recorded values pack 2 to 100 times."""
+"""Largest ratio of unpacked to packed size: recorded values pack 2 to 100 times."""
 
 
 def check_unfolded(unfolded: float, size: float, name: str) -> None:

@@ -21,7 +21,7 @@ STRENGTHS = {
     "temperature": "temperature",
     "wind": "wind_speed",
 }
-"""The property that makes an effect of a modality stronger."""
+"""Property that scales the strength of an effect, by modality."""
 
 _MODULATION = "HFX Modulation"
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import bpy
 
 bake_s: dict[str, float] = {}
-"""How long it took the last time to bake the materials of an object, by its name."""
+"""Duration of the last bake of an object's materials, seconds, by its name."""
 
 _DEPTH = 5
 _OF_NO_MATTER = frozenset(bpy.types.Node.bl_rna.properties.keys()) - {"mute"}

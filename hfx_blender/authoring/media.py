@@ -18,7 +18,7 @@ _LONGEST = 300_000  # frames; what an image user takes in every version
 
 _SCREEN_HEIGHT = 2.2
 _SCREEN_BEHIND = 1.5
-"""Where a flat video stands, seen from the front of the body, metres."""
+"""Distance of a flat video behind the body, seen from its front, metres."""
 
 
 def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.SoundStrip:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 GROUP = "hfx"
 PAINTED_EFFECT = "hfx_painted_effect"
-"""On the mesh that is painted on: the effect whose area it shows."""
+"""Property of the mesh that is painted on: the effect whose area it shows."""
 
 _BRUSH_SPACINGS = 1.5
 _SMALLEST_BRUSH_M = 0.03

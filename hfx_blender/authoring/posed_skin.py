@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     I64 = npt.NDArray[np.int64]
 
 SKIN_MODEL = "hfx-pressure-1"
-"""Of the models, the one that samples all of the skin evenly."""
+"""Model that samples all of the skin evenly."""
 
 
 @lru_cache(maxsize=1)

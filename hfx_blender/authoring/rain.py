@@ -20,7 +20,7 @@ from ..errors import InputError
 from . import clips, effects
 
 GENERATOR = "hfx_rain"
-"""ID property of what was made by one shower: its name."""
+"""ID property of everything that one shower made: its name."""
 
 MAX_SPOTS = 64
 """Places that drops fall on; more drops than that share them."""

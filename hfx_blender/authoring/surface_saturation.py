@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from ..engine.texture.haptic_map import HapticMap
 
 MOST: Final = 0.5
-"""Share of a map at full strength from which on it is told."""
+"""Share of a map at full strength from which on a warning is given."""
 
 _LIKELY_M: Final = 0.01
-"""A relief that is felt by stroking is lower than this."""
+"""Upper bound of relief that can be felt by stroking, metres."""
 
 _STATES_HEIGHT: Final = {"BUMP": "Distance", "DISPLACEMENT": "Scale"}
 

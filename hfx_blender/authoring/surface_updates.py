@@ -18,7 +18,7 @@ from ..errors import HfxError
 DELAY_S = 0.3
 BAKE_DELAY_S = 0.8
 QUICK_S = 1.5
-"""A bake that took longer is not done without being asked for."""
+"""Longest bake that runs without a request, seconds."""
 
 _SHOWN_S = 2.0
 _PAINTED = "painted"  # the state of no material

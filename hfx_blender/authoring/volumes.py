@@ -25,7 +25,7 @@ SHAPE_LABELS = {
     "CAPSULE": "Capsule",
     "MESH": "Mesh",
 }
-"""What a user reads; the others are what files hold."""
+"""Labels for the user, by the values in files."""
 
 _Point = tuple[float, float, float]
 _Edge = tuple[int, int]

@@ -23,7 +23,7 @@ _LARGE_BONES = (
 )
 
 _INSIDE_M = 0.02
-"""So much earlier the head bone ends, for its end not to show as a dot over the crown."""
+"""Shortening of the head bone, metres: its end would show as a dot over the crown."""
 
 
 def add_avatar(

@@ -25,8 +25,8 @@ from . import avatar_meshes, retargeting
 REST_TOLERANCE_M = 1e-4
 
 _BEYOND = 0.25
-"""How far a foot may lie beyond an edge of its triangle, as a barycentric weight: enough for the
-rest pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
+"""Tolerance of a foot beyond an edge of its triangle, as a barycentric weight: enough for the rest
+pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
 
 _HARMLESS_MODIFIERS = {
     "ARMATURE", "DATA_TRANSFER", "EDGE_SPLIT", "NORMAL_EDIT", "PARTICLE_SYSTEM", "COLLISION",

@@ -14,7 +14,7 @@ SHOWN = "hfx_shown_body"
 """ID property of a mesh that shows a model: the body that it is of."""
 
 MODEL = "hfx_shown_model"
-"""The same: which model."""
+"""Property of the shown mesh: the id of its model."""
 
 _COLOURS = {
     "head": (0.90, 0.75, 0.35),
@@ -30,7 +30,7 @@ _COLOURS = {
     "foot_sole": (0.95, 0.62, 0.75),
 }
 _ABOVE_SKIN_M = 0.002
-"""So far over the avatar the shown model lies, or the two would flicker through each other."""
+"""Height of the shown model over the avatar, metres: otherwise the two would flicker."""
 
 _COARSE = 5000
 

@@ -37,7 +37,7 @@ TOUCHED: Final = (
     ("spine02", "vibration"),
     ("lowerleg01.R", "pressure"),
 )
-"""Bones that carry the volumes in contact, and what each gives."""
+"""Bones that carry the volumes in contact, and the modality of each."""
 
 _MODALITIES: Final = ("vibration", "pressure", "temperature", "wind")
 _IDLE: Final = (430, 770)  # frames of the demo in which nothing is on

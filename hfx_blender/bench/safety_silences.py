@@ -41,7 +41,7 @@ def render(haptics):
 """
 _SLOWEST_S: Final = 0.06  # beside a watchdog of 100 ms
 _LATE_S: Final = 0.2
-"""So long after a pause a late answer would have come."""
+"""Time after a pause by which a late answer would have come, seconds."""
 
 _RATES_HZ: Final = (24.0, 30.0, 50.0, 60.0, 72.0, 90.0, 120.0, 144.0, 240.0)
 _DEVICES: Final = 8
@@ -248,4 +248,4 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "nothing new": (_NothingNew, 1),
     "computer slept": (_Sleeps, _AT_A_TIME),
 }
-"""Who makes the rounds, and how many of them at a time."""
+"""Makers of rounds, and the number of rounds at a time, by kind."""

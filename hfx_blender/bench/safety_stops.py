@@ -26,10 +26,10 @@ DEVICE: Final = "forearm_band_left"
 RATE_HZ: Final = 60.0
 
 PATIENCE_S: Final = 10.0
-"""What does not happen for so long does not happen."""
+"""Longest wait for an event, seconds."""
 
 _LINGER_S: Final = 0.02
-"""So long a stop is watched: something loud after it would mean that it was none."""
+"""Time for which a stop is watched, seconds: a perceptible value after it would void it."""
 
 _RAISES: Final = """
 import time
@@ -485,5 +485,5 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "Blender killed": (partial(_BlenderFails, how=signal.SIGKILL), 1),
     "Blender frozen": (partial(_BlenderFails, how=getattr(signal, "SIGSTOP", signal.SIGTERM)), 2),
 }
-"""Who makes the rounds, and how many of them at a time: one, where others that begin would spoil
-the figure."""
+"""Makers of rounds, and the number of rounds at a time, by kind: one, where others that begin would
+spoil the figure."""

@@ -17,7 +17,7 @@ _COLOURS: Final = ("#2e6f9e", "#b03a2e")  # slow, fast
 _ROW: Final = 22
 _LEAST_R: Final = 0.85
 PAPER_R: Final = (0.92, 0.93, 0.95)
-"""What the textile paper measured, for each of the parameters."""
+"""Correlations in the textile paper, for each of the parameters."""
 
 
 def svg(result: dict[str, Any]) -> str:

@@ -34,10 +34,10 @@ _OPTIONS: Final = {
     "surface": ("law",),
     "splat": ("sigma_m",),
 }
-"""Which options a rendering scheme has."""
+"""Options of each rendering scheme."""
 
 _BEND_MM: Final = (3.0, 10_000.0)
-"""From a fingertip's curve to one that nobody tells from a plane."""
+"""Range of bend radii: from a fingertip's curve to one that cannot be told from a plane."""
 
 
 def scheme(node: Node) -> Scheme:

@@ -38,18 +38,18 @@ F64 = npt.NDArray[np.float64]
 Felt = list[tuple[SampleRun, F64]]
 
 START_S: Final = 60.0
-"""A script has so long to start: it may import what it needs, on a busy machine."""
+"""Time limit of a script's start, seconds: it may import what it needs, on a busy machine."""
 
 ROW_S: Final = 10.0
-"""It has so long for one row; live it has 0.1 s."""
+"""Time limit of a script for one row, seconds; live it has 0.1."""
 
 SUM_S: Final = 60.0
 SUM_ROW_S: Final = 0.1
-"""For all rows it has a minute, and as long for each as live."""
+"""Time per row that is added to the limit for all rows, seconds, as live."""
 
 _BATCH_ROWS: Final = 64
 _BATCH_BYTES: Final = 1 << 20
-"""Rows that are asked at once; the next ones wait in the pipe while these are answered."""
+"""Size of a batch of rows, bytes; the next batch waits in the pipe meanwhile."""
 
 _log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from ..engine.surface_names import DRIVE_PER_M
 from ..errors import InputError
 
 ANY_DEVICE = ""
-"""What is used for devices that were not calibrated."""
+"""Key of the value for devices that were not calibrated."""
 
 _MOST_PER_M = 1e9
 

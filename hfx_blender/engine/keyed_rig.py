@@ -16,7 +16,7 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
-"""By rotation mode; those that are left out are orders of Euler angles."""
+"""Channels by rotation mode; the other modes are orders of Euler angles."""
 
 
 def rotation_channel(mode: str) -> str:

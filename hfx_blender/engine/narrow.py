@@ -24,7 +24,7 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 WHOLE: Final = 1.0 - 1e-9
-"""A sum of shares that is rounding away from 1."""
+"""Sum of shares that counts as 1 despite rounding."""
 
 _AT_ONCE: Final = 1 << 15
 """Samples that are looked at together: their places stay in the processor's cache."""

@@ -24,10 +24,10 @@ I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
 ON_DEMAND: Final = frozenset({"positions", "velocities", "depth"})
-"""What samples carry only if they are asked to, and a track can hold."""
+"""Optional contents of samples that a track can hold."""
 
 ON_DEMAND_HERE: Final = frozenset({"surface", "impact"})
-"""What samples carry only if they are asked to, and no track holds."""
+"""Optional contents of samples that no track holds."""
 
 
 def motion(

@@ -28,7 +28,7 @@ _FEWEST: Final = 32
 """Volumes times rows from which looking at whole boxes first pays."""
 
 _UPRIGHT: Final = 0.05
-"""Determinant over the product of the columns' lengths: far above what counts as flattened."""
+"""Determinant over the product of the columns' lengths: far above that of flattened matrices."""
 
 _ROUNDING: Final = 1e-12
 

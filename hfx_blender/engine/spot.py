@@ -26,7 +26,7 @@ I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
 _LEAST: Final = 1e-3
-"""Weights up to this are nothing: below half of what a track's 8 bits can hold."""
+"""Weights up to this are dropped: below half of the resolution of a track's 8 bits."""
 
 
 def lengths_along(path: F64) -> F64:

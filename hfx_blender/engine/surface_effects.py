@@ -28,7 +28,7 @@ Bool = npt.NDArray[np.bool_]
 
 _FINGERS = PARTS.index("fingers")
 _AT_ONCE = 512
-"""Points followed together: more, and what is in between leaves the processor's cache."""
+"""Number of points followed together: intermediate data of more leaves the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from .written import Written, beside, silent_note, write_json
 
 SUFFIX: Final = ".ahap"
 DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0)
-"""What sharpness 0 and 1 are on a phone, about, for files that do not say it."""
+"""Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
 
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
 _TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there

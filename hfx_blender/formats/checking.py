@@ -43,7 +43,7 @@ class Finding:
 
 
 Place = tuple[Any, ...] | None
-"""Where something is: (place of its parent, key or index); None: the document."""
+"""Place in a document: (place of its parent, key or index); None for the document itself."""
 
 
 def shown_place(place: Place) -> str:

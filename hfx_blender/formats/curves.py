@@ -18,10 +18,11 @@ _SILENT: Final = 0.01
 """Share of a tolerance within which a keyframe is zero, where silence is to be exact."""
 
 _SILENT_WALL: Final = 0.0025
-"""The same for the corridor: a line through two silent rows is within ``_SILENT`` a row later."""
+"""``_SILENT`` for the corridor: a line through two silent rows is within ``_SILENT`` a
+row later."""
 
 _APART_S: Final = 1e-6
-"""A step is made this steep: what is simplified has one value at a time."""
+"""Duration of a step in a simplified curve, seconds, as that has one value at a time."""
 
 _Point = tuple[float, float]  # time, value
 _Line = tuple[float, float, float]  # time, value there, slope

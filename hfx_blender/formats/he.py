@@ -41,7 +41,7 @@ SUFFIX: Final = ".he"
 V1_SUFFIX: Final = ".v1.he"
 OPENHARMONY_SUFFIX: Final = ".openharmony.json"
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0)
-"""What 0 and 100 are, about, on a phone, for files that do not say it."""
+"""Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
 
 _COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
 _COARSER: Final = 1.5

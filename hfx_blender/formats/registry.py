@@ -220,7 +220,7 @@ TRACK_FORMATS: Final[dict[str, TrackFormat]] = {
 }
 
 FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, "glb")
-"""Every format that an export can be asked for; ``glb`` is the scene's volumes (glb_scene)."""
+"""Formats of an export; ``glb`` is the scene's volumes (glb_scene)."""
 
 
 def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:

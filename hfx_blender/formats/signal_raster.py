@@ -21,7 +21,7 @@ F64 = npt.NDArray[np.float64]
 
 RATE_HZ: Final = 500
 TICK_S: Final = 0.022
-"""A tick is a burst that fades over this time, as long as those of HJIF's reference software."""
+"""Duration over which a tick fades, seconds, as long as those of HJIF's reference software."""
 
 
 def raster_of(

@@ -13,7 +13,7 @@ from ..errors import HfxError
 from ..printable import printable
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
-"""What the extension brings as wheels; its small zip brings none of them."""
+"""Packages that the extension brings as wheels; its small zip brings none of them."""
 
 
 class HfxOperator(bpy.types.Operator):

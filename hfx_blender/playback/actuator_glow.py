@@ -28,7 +28,8 @@ F32 = npt.NDArray[np.float32]
 ABOVE_SKIN_M = 0.004
 
 MOST_DISCS = 256
-"""In one draw; 32 bytes each, of the 16 kB that every graphics card has for them."""
+"""Largest number of discs in one draw call; 32 bytes each, of the 16 kB that every graphics card
+has for them."""
 
 
 @dataclass(frozen=True, eq=False)

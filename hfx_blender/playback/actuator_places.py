@@ -23,7 +23,7 @@ SMALLEST_M, LARGEST_M = 0.006, 0.02
 
 _NEAREST = 4
 _ROOM_M = 0.45
-"""How far before the body an actuator is shown that stands in the room."""
+"""Distance before the body at which an actuator that stands in the room is shown, metres."""
 
 
 @dataclass(frozen=True, eq=False)

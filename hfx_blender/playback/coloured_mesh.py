@@ -23,7 +23,7 @@ I32 = npt.NDArray[np.int32]
 U8 = npt.NDArray[np.uint8]
 
 _ABOVE_SKIN_M = 0.0015
-"""How far over the skin colours are drawn, so that the two do not flicker."""
+"""Height of colours over the skin, metres, so that the two do not flicker."""
 
 
 @dataclass(frozen=True, eq=False)

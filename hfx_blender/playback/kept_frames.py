@@ -10,7 +10,7 @@ from .coloured_mesh import ColouredMesh, Shown
 from .over_time import OverTime
 
 MOST_BYTES = 96_000_000
-"""What does not fit is worked out when it is drawn."""
+"""Memory limit of the cache, bytes; frames beyond it are computed when they are drawn."""
 
 Meshes = Sequence[tuple[ColouredMesh, Shown]]
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from .look_ahead import Ahead
 
 HOLD_S = 2.0
-"""A scene that stands still is felt for so long; then it is silent until something moves."""
+"""Time for which a scene that stands still is felt, seconds; then it is silent until something
+moves."""
 
 
 @dataclass(eq=False)

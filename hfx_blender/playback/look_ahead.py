@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from ..reading.looking_ahead import Key, LookAhead
 
 SETTLE_S = 0.3
-"""So long after the last edit what comes is read anew."""
+"""Delay from the last edit to reading ahead anew, seconds."""
 
 SLICE_S = 0.004
 """About the most that one slice may take."""
 
 MOST_BYTES = 64_000_000
-"""Of what was read; a scene of more is read a stretch at a time."""
+"""Memory limit of what is read ahead, bytes; a larger scene is read a stretch at a time."""
 
 _STRETCH_S = 10.0
 _COUNTS = (2, 128)  # frames of a slice
 
 Tell = Callable[[bytes, bool], None]
-"""Takes bytes for whoever renders, and whether they are of a scene."""
+"""Callback that takes bytes for the renderer, and a flag for a new scene."""
 
 
 class Ahead:

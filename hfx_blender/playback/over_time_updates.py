@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .over_time import OverTime
 
 QUIET_S = 0.5
-"""So long after the last change, and then in pieces with longer pauses between them."""
+"""Quiet time after the last change, seconds; then pieces follow with pauses between them."""
 
 _CHANGES_NOTHING = (
     "Scene",

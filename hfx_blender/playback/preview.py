@@ -36,11 +36,12 @@ _charts: dict[tuple[object, ...], ChartDrawing] = {}  # by what they show and ho
 _draw_handles: list[object] = []
 
 _PLAYING_S, _RECORDED_S = 0.25, 1.0
-"""While it plays, changes of what there is to feel are looked for so often: for those of scripts
-and drivers, which Blender does not tell. A record knows what drivers change."""
+"""Intervals of looking for changes of the scene's description during playback, without and with a
+record, seconds: scripts and drivers change it without notice. A record knows what drivers change.
+"""
 
 _PIECE_S = 0.004
-"""So long at a time what shows is worked out before it is drawn."""
+"""Duration of one slice of preparing the preview, seconds."""
 
 _TALLEST = 0.45  # of the chart, as a share of the viewport
 

@@ -24,17 +24,18 @@ F64 = npt.NDArray[np.float64]
 
 TARGETS_M_S = (SLOW_M_S, FAST_M_S)
 TARGET_PX_S = 200.0
-"""At the target speed the pointer moves so many pixels a second, whatever speed that stands for."""
+"""Speed of the pointer on the screen at the target speed, pixels a second, whatever speed that
+stands for."""
 
 SPEED_WINDOW_S = 0.15
 LONGEST_S = 60.0
 WAVEFORM_HZ = 8000.0
 
 _FELT_STEP_S = 0.008
-"""Within a bunch of positions, what is felt is looked at so often; finer cannot be seen."""
+"""Time step within a bunch of positions, seconds; a finer one cannot be seen."""
 
 _TRAIL_STEP_PX = 1.0
-"""The line that is drawn takes a point when the pointer went so far."""
+"""Spacing of the drawn line's points, pixels."""
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ class Activation:
 
 
 SILENCED = Activation(Source.OFF)
-"""Of an effect that its user has muted."""
+"""Activation of an effect that its user has muted."""
 
 
 def activation_of(effect: bpy.types.Object) -> Activation:

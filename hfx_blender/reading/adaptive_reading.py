@@ -25,7 +25,7 @@ from .scene_rows import PoseRow
 F64 = npt.NDArray[np.float64]
 
 _LONGEST_S = Fraction(5, 100)
-"""Time between two poses that are read at all events: what swings back within it is noticed."""
+"""Longest time between two poses that are read, seconds: any swing back within it is noticed."""
 
 _NEAR_M = 0.2
 """Vertices this near to a volume count: they stand for their neighbours on the same bone."""

@@ -44,10 +44,10 @@ F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
 MOST = 4096
-"""More instances of haptic volumes than that are refused."""
+"""Largest number of instances of haptic volumes."""
 
 _NO_NUMBER = 2**31 - 1
-"""What Blender fills up the unused levels of a persistent id with."""
+"""Filler of the unused levels of a persistent id in Blender."""
 
 Key = tuple[str, str, tuple[int, ...]]
 """The full names of the source and of its instancer, and the persistent id."""

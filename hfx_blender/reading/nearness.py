@@ -19,7 +19,7 @@ from .scene_rows import EffectRow
 F64 = npt.NDArray[np.float64]
 
 _ROUNDING = 1e-6
-"""Of the largest coordinate, added to all sides of a box."""
+"""Margin on all sides of a box, as a share of the largest coordinate."""
 
 _CORNERS = np.stack(np.meshgrid((0, 1), (0, 1), (0, 1), indexing="ij"), axis=-1).reshape(8, 3)
 

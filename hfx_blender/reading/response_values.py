@@ -19,7 +19,7 @@ from .animation_time import animation_frames
 F64 = npt.NDArray[np.float64]
 
 _STEPS_A_FRAME = 4
-"""At which a frequency that changes is summed up to turns."""
+"""Steps a frame at which a changing frequency is integrated to turns."""
 
 
 def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:

@@ -40,7 +40,7 @@ _PROBES = 5
 _FRAME_RATES = (0.001, 10_000.0)
 
 MOST_SAMPLES = 2**24
-"""46 hours at 100 samples a second; what is kept of each sample has to fit into memory."""
+"""Limit on samples: 46 hours at 100 samples a second; the data of each has to fit into memory."""
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

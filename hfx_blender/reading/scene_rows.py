@@ -18,7 +18,7 @@ F64 = npt.NDArray[np.float64]
 
 _RELATIVE = 1e-5
 _ABSOLUTE = 5e-6
-"""How far apart two ways of reading the same time may be: Blender computes in 32 bits."""
+"""Tolerance between two ways of reading the same time: Blender computes in 32 bits."""
 
 
 @dataclass(eq=False)

@@ -26,7 +26,7 @@ _PHYSICS = {
 """Modifiers that move or deform an object otherwise than its curves say."""
 
 _CACHED = {"CLOTH", "SOFT_BODY"}
-"""Of these, the ones with a point cache of their own; their steps depend on time remapping."""
+"""Modifiers with a point cache of their own; their steps depend on time remapping."""
 
 
 class Simulation:

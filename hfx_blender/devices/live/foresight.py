@@ -31,10 +31,10 @@ _MOST_KNOWN: Final = 4000
 
 _PLAYING_S: Final = 0.5
 _STANDING_S: Final = 0.1
-"""So far ahead of what is wanted now it is evaluated; Play may be pressed at any time."""
+"""Time ahead that is evaluated while nothing plays, seconds: Play may be pressed at any time."""
 
 _NEAR: Final = 0.5
-"""Frames; what was felt that near to a frame stands for it."""
+"""Largest distance, frames, at which known samples stand for those of a frame."""
 
 _PARTS: Final = 1000  # of a frame that are told apart
 

@@ -21,7 +21,7 @@ from .time_on import Account, TimeOn
 F64 = npt.NDArray[np.float64]
 
 LONGEST_RISE_S: Final = 0.05
-"""A rise is for so long at most: after a stall nothing jumps to where it would be by now."""
+"""Longest time that one rise is counted for, seconds: after a stall, values must not jump."""
 
 
 class Guard:

@@ -48,10 +48,10 @@ from .script_process import ScriptProcess
 from .time_on import Account
 
 HEARTBEAT_S: Final = 0.25
-"""Without a message for so long, Blender is taken to be frozen."""
+"""Longest time between messages, seconds; beyond it Blender counts as frozen."""
 
 PAUSE_S: Final = 10.0
-"""So long Blender may work after it has said so; every device is silent meanwhile."""
+"""Longest announced pause of Blender, seconds; every device is silent meanwhile."""
 
 MAX_DEVICES: Final = 64
 _WATCH_S: Final = 0.02

@@ -24,7 +24,8 @@ _MAX_EVENTS: Final = 1000
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
-"""If a stop is not confirmed by then, the output process is ended: its ports close with it."""
+"""Time limit for the confirmation of a stop, seconds; then the output process is ended, and its
+ports close with it."""
 
 
 class HostPipe:

@@ -30,7 +30,7 @@ from .opening import kind_of
 from .time_on import Account
 
 KEEP_S: Final = 1.0
-"""So often what changed is written."""
+"""Interval of saving changed accounts, seconds."""
 
 _UNKNOWN_S: Final = 2.0 * KEEP_S
 _MOST_BYTES: Final = 1 << 20

@@ -25,17 +25,18 @@ from .tones import Sounding
 F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
-"""How often stop bytes are sent: one that is lost or garbled must not matter."""
+"""Number of times that stop bytes are sent: one that is lost or garbled must not matter."""
 
 PATIENCE_S: Final = 0.1
 """An output that takes longer to hand over values does not answer."""
 
 PULSE_S: Final = 0.3
 PULSE_SHARE: Final = 0.3
-"""A test pulse is soft: this share of what the actuator may get at most."""
+"""Strength of a test pulse, as a share of the actuator's limit: it is soft."""
 
 FREEZE_S: Final = 0.28
-"""Without a sign that what is played still holds, a lane is silent; so it is after 300 ms."""
+"""Time without a sign that the last values still hold, after which a lane is silent, seconds; the
+limit is 0.3."""
 
 MAX_OFFSET_S: Final = 1.0
 

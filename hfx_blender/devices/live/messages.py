@@ -23,7 +23,7 @@ F64 = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
 MAX_BODY: Final = 1 << 24
-"""More than this is not one of ours: 16 MiB."""
+"""Largest body of a message: 16 MiB."""
 
 EVERY_DEVICE: Final = 0xFFFF
 

@@ -15,14 +15,15 @@ from ...engine.rendering.device import DeviceConfig
 F64 = npt.NDArray[np.float64]
 
 LONGEST_RAMP_S: Final = 0.05
-"""The most that ramping delays a value; frames that come faster than this delay it by less."""
+"""Longest delay by ramping, seconds; frames that come faster are delayed by less."""
 
 _ROUNDING: Final = 0.05
-"""Of a tick: clocks and sleeps are not exact."""
+"""Tolerance of times as a share of a tick: clocks and sleeps are not exact."""
 
 FASTEST_S: Final = 0.005
 SLOWEST_S: Final = 0.05
-"""A device hears from us at least so often, so that its dead-man knows that we live."""
+"""Longest interval between values, seconds, so that a device's dead-man switch knows
+that we live."""
 
 
 def tick_s(device: DeviceConfig) -> float:

@@ -11,7 +11,7 @@ from typing import Final
 from ...engine.rendering.device import DeviceConfig
 
 LEAST_MS: Final = 5.0
-"""What answers sooner is not compensated: a picture itself is shown later than that."""
+"""Shortest latency that is compensated, ms: a picture itself is shown later than that."""
 
 _NEAR_SHARE: Final = 0.05
 """A latency is compensated to within so much of it, or to :data:`LEAST_MS`, whichever is more."""

@@ -20,14 +20,15 @@ from .lane import Question
 from .messages import Kind, Message, MessageError, message, read_message
 
 SCENE_S: Final = 60.0
-"""So long a scene may take: body models are loaded, and distances on skin are worked out."""
+"""Time limit of preparing a scene, seconds: body models are loaded, and distances on skin are
+computed."""
 
 MOMENT_S: Final = 0.25
-"""As long as Blender itself may be silent."""
+"""Time limit of rendering a moment, seconds, as for Blender's own silence."""
 
 
 Questions = Mapping[int, Question]
-"""What was asked of each device, by its number."""
+"""Requests to the lanes, by the device's number."""
 
 
 class RenderProcess:

@@ -31,7 +31,7 @@ from .messages import Kind, MessageError, json_to, message, read_message, values
 F64 = npt.NDArray[np.float64]
 
 READY_S: Final = 10.0
-"""A script has so long to start: it may import what it needs."""
+"""Time limit of a script's start, seconds: it may import what it needs."""
 
 FAULTS: Final = 3
 FAULTS_WITHIN_S: Final = 60.0
@@ -218,7 +218,7 @@ class ScriptProcess:
 
 
 _PIPE: Final = 4096
-"""So much a pipe takes at once on every system."""
+"""Bytes that a pipe takes at once on every system."""
 
 
 def end_group(process: subprocess.Popen[bytes]) -> None:

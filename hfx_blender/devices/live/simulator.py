@@ -19,7 +19,7 @@ from .output import OutputLostError
 F64 = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 64 << 20
-"""At this size the file begins anew: half an hour of a large device."""
+"""Size at which the log begins anew, bytes: half an hour of a large device."""
 
 
 class Simulator:

@@ -22,7 +22,7 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 MAX_TONES: Final = 16
-"""So many different frequencies sound at once; of more, the strongest."""
+"""Largest number of different frequencies at once; of more, the strongest are kept."""
 
 LONE: Final = -1
 """Number of the one tone of values that come without tones: a script's, a test pulse."""

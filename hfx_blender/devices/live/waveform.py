@@ -23,7 +23,7 @@ from .tones import Tones
 F64 = npt.NDArray[np.float64]
 
 RAMP_S: Final = 0.005
-"""Amplitude and frequency go to new values within so long: no clicks, and no delay to speak of."""
+"""Duration of ramps to new amplitudes and frequencies, seconds: no clicks, and hardly any delay."""
 
 
 class Oscillators:

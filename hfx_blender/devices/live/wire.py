@@ -16,11 +16,11 @@ from typing import Final
 
 VERSION: Final = 1
 DEAD_MAN_MS: Final = 250
-"""Without valid values for so long, the board is silent until it is configured anew."""
+"""Time without valid values after which the board is silent until it is configured anew, ms."""
 
 MAX_CHANNELS: Final = 32
 MAX_FRAME: Final = 96
-"""Bytes of a frame as sent; what is longer is no frame."""
+"""Longest frame as sent, bytes."""
 
 FULL_SCALE: Final = 0xFFFF
 

@@ -101,7 +101,7 @@ class BoundWeights:
 _KNOWN: Final[WeakKeyDictionary[Any, WeakValueDictionary[tuple[str, ...], BoundWeights]]] = (
     WeakKeyDictionary()
 )
-"""Those in use, by their models: several skins of a model share them."""
+"""Cache of bound weights in use, by model: several skins of a model share them."""
 
 
 @dataclass(frozen=True, eq=False)

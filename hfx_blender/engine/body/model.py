@@ -47,10 +47,10 @@ _DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What numpy, zipfile and zlib raise for damaged archives, as found by changing bytes."""
+"""Exceptions of numpy, zipfile and zlib for damaged archives, as found by changing bytes."""
 
 AVATAR_ID = "hfx-avatar-1"
-"""The shipped avatar, whose skeleton is the canonical one."""
+"""Id of the shipped avatar, whose skeleton is the canonical one."""
 
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]

@@ -80,7 +80,7 @@ class Skin(Protocol):
     """Vertices of clusters that take part in a search, and their neighbours."""
 
     unit_counts: I64
-    """How many of each cluster's first vertices have neighbours that count."""
+    """Number of each cluster's first vertices whose neighbours count, (C,)."""
 
     def links(self, cluster: int) -> I64:
         """Pairs of a counted vertex and a neighbour, (E, 2), by their places in the cluster; the

@@ -25,7 +25,7 @@ _FEWEST_ROUNDS: Final = 8
 _ROUNDS_PER_RING: Final = 2.0
 """A round settles at least one more ring of vertices; the rest is for detours."""
 _MARGIN_M: Final = 0.06
-"""How much more skin is made ready than is asked for, so that a moving place stays on it."""
+"""Additional radius of prepared skin, metres, so that a moving place stays on it."""
 
 _NEAR_CORNERS: Final = 8
 """Vertices whose triangles are tried for the nearest place: enough for a mesh without slivers."""

@@ -17,10 +17,11 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 STEP_M: Final = 0.004
-"""Between the points of a finished path: less than any two-point threshold but a fingertip's."""
+"""Spacing of a finished path's points, metres: less than any two-point threshold but a
+fingertip's."""
 
 OFF_SKIN_M: Final = 0.05
-"""A place that is farther from the skin than this is not on the body."""
+"""Largest distance from the skin at which a place counts as on the body, metres."""
 
 _COARSE_M: Final = 0.04
 _TIGHT_M: Final = 0.012

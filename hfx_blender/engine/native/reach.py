@@ -25,7 +25,7 @@ NOT: Final = 0
 COVERED: Final = 1
 BY_VERTEX: Final = 2
 WHOLE: Final = 3
-"""How the cells of a pair are looked at."""
+"""Kind of test for the cells of a pair."""
 
 _Pairs = structure(
     "hfx_pairs",

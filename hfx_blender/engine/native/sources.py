@@ -9,8 +9,8 @@ from typing import Final
 
 FOLDER: Final = Path(__file__).with_name("source")
 MARK: Final = "hfx_native"
-"""The first word of what a library says that it was built of; the digest is the second. The module
-of a wheel is named after both."""
+"""First word of a library's description of its sources; the digest is the second. The module of a
+wheel is named after both."""
 
 
 def files(folder: Path = FOLDER) -> list[Path]:

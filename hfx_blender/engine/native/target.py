@@ -105,7 +105,7 @@ _ROW: Final[dict[str, tuple[int, ...]]] = {
     "boxes": (2, 3),
     "turns": (2,),
 }
-"""What ``hfx_target`` has of each row, in this order: shapes of arrays."""
+"""Fields of ``hfx_target`` for each row, in this order: shapes of arrays."""
 
 _ENDS: Final = np.cumsum([0, *(np.prod(shape, dtype=int) for shape in _ROW.values())]).tolist()
 

@@ -31,11 +31,12 @@ from .overlapping import short_turns
 Answer = tuple[list[SampleRun], list[Touches], Counters]
 
 WORTH_S: Final = 2.0
-"""Helpers are started where evaluating what is left would take one core so long: they take
-half a second of a core each to start."""
+"""Remaining time on one core, seconds, from which on helpers are started: each takes half a second
+of a core to start."""
 
 MOST: Final = 8
-"""More processes than that wait for the one that reads the scene and renders its devices."""
+"""Largest number of processes: more would wait for the one that reads the scene and renders its
+devices."""
 
 _AHEAD: Final = 2  # blocks that a helper has at once, so that it never waits
 

@@ -21,11 +21,11 @@ _AHEAD: Final = 3
 """Things that wait to be worked on: more would only be held."""
 
 _TURN_S: Final = 1e-4
-"""How long a thread keeps the interpreter while another waits for it. Python's own 5 ms are
-several times what a frame takes to step."""
+"""Time that a thread keeps the interpreter while another waits for it, seconds. Python's own 5 ms
+are several times the time to step a frame."""
 
 _LOOK_S: Final = 0.05
-"""How often one who waits looks whether the other one is still there."""
+"""Interval at which a waiting thread checks that the other is still there, seconds."""
 
 
 class _StoppedError(Exception):

@@ -21,7 +21,7 @@ F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]
 
 _RINGS: Final = ((0.5, 6), (1.0, 12))
-"""Where a disc that is larger than the gaps between actuators is looked at: radius, places."""
+"""Sample rings of a disc larger than the gaps between actuators: radius, places."""
 
 
 class FocusPanning:

@@ -20,9 +20,8 @@ F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
 
 MARGIN: Final = 1.25
-"""How many times as strong another contributor has to be: 2 dB, about a difference that is felt.
-
-The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi
+"""Ratio of strengths at which another contributor takes over: 2 dB, about a difference that is
+felt. The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi
 and Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
 
 _ALIKE_HZ: Final = 1.0

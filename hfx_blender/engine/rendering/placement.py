@@ -17,11 +17,9 @@ Bool = npt.NDArray[np.bool_]
 I32 = npt.NDArray[np.int32]
 
 MAX_MISS_M = 0.2
-"""How far outside its radius an actuator's nearest vertex may be.
-
-Temperature vertices are 150 mm apart (Danieau et al. 2018, Table 1), so a place on the skin
-is never this far from one; a place that is, was not written for this body.
-"""
+"""Largest distance of an actuator's nearest vertex outside of its radius, metres. Temperature
+vertices are 150 mm apart (Danieau et al. 2018, Table 1), so a place on the skin is never this far
+from one; a place that is, was not written for this body."""
 
 
 def rows_of(

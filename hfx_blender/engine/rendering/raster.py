@@ -22,14 +22,11 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold"]
-"""Why something is not rendered as it was felt.
-
-``modality``: the device has no actuator for it, nor a substitution; ``place``: none of its
-actuators is where it was felt; ``device``: it drives single actuators of another device;
-``frequency``: outside the actuators' range, the nearest possible is played; ``limit``: stronger
-than an actuator may be, cut; ``threshold``: played, but weaker at every actuator than is felt
-there by itself.
-"""
+"""Reason why something is not rendered as it was felt. ``modality``: the device has no actuator for
+it, nor a substitution; ``place``: none of its actuators is where it was felt; ``device``: it drives
+single actuators of another device; ``frequency``: outside the actuators' range, the nearest
+possible is played; ``limit``: stronger than an actuator may be, cut; ``threshold``: played, but
+weaker at every actuator than is felt there by itself."""
 
 
 @dataclass(frozen=True)

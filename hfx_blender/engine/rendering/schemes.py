@@ -37,7 +37,7 @@ _LONE_SPACING_M: Final = 0.05
 
 
 _FARTHEST_M: Final = 1e6
-"""Where what is farther away is taken to be: squares of larger numbers may overflow."""
+"""Distance that replaces larger ones, metres: squares of larger numbers may overflow."""
 
 _NO_DIRECTION: Final = 1e-6
 """Share of a layout's size: an actuator nearer to its middle has no direction from there."""

@@ -78,7 +78,7 @@ CONTROLS: Final[dict[Kind, tuple[Control, ...]]] = {
         Control("phase", "turns", 0.0, -1000.0, 1000.0),
     ),
 }
-"""Of each kind, in the order in which blocks hold them."""
+"""Controls of each kind, in the order in which blocks hold them."""
 
 WIDTH: Final = max(len(controls) for controls in CONTROLS.values())
 """Columns that blocks have for each filter."""

@@ -26,7 +26,7 @@ I64 = npt.NDArray[np.int64]
 
 _MAX_FACTOR: Final = 32
 _AT_ONCE: Final = 1 << 13
-"""Heights looked up together: more, and what is in between leaves the processor's cache."""
+"""Number of heights looked up together: intermediate data of more leaves the processor's cache."""
 
 
 class ContactRenderer:

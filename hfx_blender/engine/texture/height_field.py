@@ -22,7 +22,7 @@ I64 = npt.NDArray[np.int64]
 Order = Literal["linear", "cubic"]
 
 _AT_ONCE: Final = 1 << 13
-"""Points looked up together: more, and what is in between leaves the processor's cache."""
+"""Number of points looked up together: intermediate data of more leaves the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,11 @@ WAVINESS_M: Final = 8e-3
 """Waves longer than this are form, felt by the moving finger itself, not vibration."""
 
 FULL_M_S: Final = 2e-3
-"""From rest to this speed the waveform is faded in, so that a resting finger is silent."""
+"""Speed up to which the waveform is faded in, so that a resting finger is silent."""
 
 _MOST_OF_PAIRS: Final = 3.0
-"""How much stronger than the mean one of a sine's two parts, a quarter of a period apart, can be
-in a window; of half a period or more it is never so strong."""
+"""Largest ratio of one of a sine's two parts, a quarter of a period apart, to their mean in a
+window; in one of half a period or more it is never reached."""
 
 _FADE_S: Final = 4e-3
 _LOBES: Final = 8  # of the low-pass before decimation, each side

@@ -30,7 +30,8 @@ Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 _ENTRY_BYTES: Final = 64  # that a (sample, vertex) pair takes at most while it is unpacked
 
 MAX_ENTRIES: Final = 2**25
-"""Most (sample, vertex) pairs of one stream in one chunk: what a reader has to hold."""
+"""Largest number of (sample, vertex) pairs of one stream in one chunk, which a reader
+has to hold."""
 
 CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1}
 """Optional values at each vertex, and how many numbers each has; bit ``k`` of the flags."""

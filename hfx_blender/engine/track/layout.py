@@ -14,7 +14,7 @@ HEADER: Final = "header.json"
 INDEX: Final = "index.json"
 
 SAMPLES_PER_CHUNK: Final = 128
-"""What the writer uses: chunk ``c`` holds the samples ``128 c`` to ``128 c + 127``."""
+"""Chunk size of the writer: chunk ``c`` holds the samples ``128 c`` to ``128 c + 127``."""
 
 MAX_SAMPLES_PER_CHUNK: Final = 4096
 MAX_JSON_BYTES: Final = 2**24

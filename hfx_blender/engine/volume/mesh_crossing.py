@@ -16,7 +16,7 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 _GRAZE: Final = 1e-9
-"""How far beyond a triangle's edge a crossing counts, as a share: no way slips between two."""
+"""Tolerance of a crossing beyond a triangle's edge, as a share: no path slips between two."""
 
 _SLACK: Final = 1e-12  # of the largest coordinate: boxes are that much too small
 _PAIRS_AT_ONCE: Final = 1 << 18

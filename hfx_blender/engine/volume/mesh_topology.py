@@ -19,8 +19,8 @@ I32 = npt.NDArray[np.int32]
 Bool = npt.NDArray[np.bool_]
 
 LARGEST_HOLES: Final = 0.25
-"""Area of all caps over that of the mesh: a box without its lid has 0.2, a bowl far more. Beyond
-it a mesh is rather a sheet, of which nobody can say what is inside."""
+"""Largest area of all caps over that of the mesh: a box without its lid has 0.2, a bowl far more.
+Beyond it a mesh is rather a sheet, whose inside is undefined."""
 
 
 def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:

@@ -15,11 +15,9 @@ F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
 FLATTEST: Final = 1e-6
-"""Least reciprocal condition number, after equilibration, of a matrix that is inverted.
-
-Blender computes world matrices in float32. One that some parent has squashed flat comes out
-with rounding noise in place of the zero, 1e-7 of the rest: below this limit nobody can tell.
-"""
+"""Least reciprocal condition number, after equilibration, of a matrix that is inverted. Blender
+computes world matrices in float32. One that some parent has squashed flat comes out with rounding
+noise in place of the zero, 1e-7 of the rest: below this limit the two cannot be told apart."""
 
 
 def _exponents(magnitudes: F64) -> npt.NDArray[np.int32]:

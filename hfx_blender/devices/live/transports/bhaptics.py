@@ -20,7 +20,7 @@ from .websocket import WebSocket
 F64 = npt.NDArray[np.float64]
 
 DURATION_MS: Final = 100
-"""How long the Player holds a frame: silence comes from it if we fall silent."""
+"""Time for which the Player holds a frame, ms: then it is silent, if we are."""
 
 INTERVAL_S: Final = 0.02
 _PATH: Final = "/v2/feedbacks?app_id=hfx_blender&app_name=HFX"

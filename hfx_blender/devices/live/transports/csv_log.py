@@ -20,7 +20,7 @@ from ..output import OutputLostError
 F64 = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 256 << 20
-"""Then the log ends with an error: a forgotten one must not fill the disk."""
+"""Size at which the log ends with an error, bytes: a forgotten one must not fill the disk."""
 
 
 class CsvLog:

@@ -18,7 +18,7 @@ from ..output import OutputLostError
 F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
-"""How often stop bytes go out at each stop: a device in the middle of a frame eats the first."""
+"""Number of times that stop bytes are sent: a device in the middle of a frame loses the first."""
 
 # pyserial's URLs (socket://, spy://...) reach out or write files; only names of ports pass.
 _PORT: Final = re.compile(

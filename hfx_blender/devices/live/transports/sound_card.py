@@ -26,7 +26,8 @@ from ..waveform import SumOfTones
 F64 = npt.NDArray[np.float64]
 
 DEAD_MAN_S: Final = 0.25
-"""Without values for so long a card falls silent by itself: its thread outlives ours."""
+"""Time without values after which a card falls silent by itself, seconds: its thread
+outlives ours."""
 
 MAX_FREQUENCY_HZ: Final = 1000.0
 RATE_HZ: Final = 48_000

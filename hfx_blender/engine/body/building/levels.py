@@ -15,7 +15,7 @@ from ..model import PerceptualModel
 from ..parts import RIGHT
 
 SHARES: Final = (4, 16)
-"""One vertex in so many stays at level 1, 2 ..."""
+"""Divisors of the number of vertices at levels 1, 2 ..."""
 
 FEWEST: Final = 1000
 """A model with fewer vertices is coarse enough by itself: it gets no levels."""

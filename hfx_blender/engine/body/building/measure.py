@@ -13,7 +13,7 @@ from ..parts import PARTS
 from .left_skin import Samples
 
 ERROR_STRIDE: Final = 41
-"""The distance of the skin from the mesh is measured at one sample in so many."""
+"""Stride of the samples at which the distance of the skin from the mesh is measured."""
 
 
 def gaps_m(samples: Samples, points: F64) -> F64:

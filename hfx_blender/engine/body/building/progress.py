@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[float, str], None]
-"""Given the share that is done, 0..1, and what is being done."""
+"""Callback with the share that is done, 0..1, and the present step."""
 
 
 def quiet(_share: float, _text: str) -> None:

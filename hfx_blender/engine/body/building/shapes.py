@@ -36,7 +36,7 @@ FIELDS: Final = 32
 
 _SEED: Final = 6
 _AVERAGE_EVERY: Final = 4
-"""Every so many-th is the average adult, of whom only the joints are displaced."""
+"""Period of the average adult among the samples; of this one only the joints are displaced."""
 
 _JOINTS_M: Final = {
     "upperleg01": (0.015, 0.015, 0.025),

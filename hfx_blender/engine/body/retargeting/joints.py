@@ -25,7 +25,7 @@ _LARGEST_MISFIT: Final = 0.12
 """RMS distance of the joints of torso, legs and head from a person's, as a share of the height."""
 
 _FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
-"""Of these a rig may have one for all."""
+"""Fingers that a rig may have as a single one."""
 
 
 @dataclass(frozen=True, eq=False)

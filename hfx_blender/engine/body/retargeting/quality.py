@@ -24,7 +24,7 @@ IN_PLACE: Final = 0.8
 """Share of a part's vertices that must lie on skin of that part of the avatar."""
 
 AREA_RATIOS: Final = (0.4, 2.5)
-"""How much larger or smaller a part may be than on the canonical body of the same size."""
+"""Allowed range of a part's area relative to the canonical body of the same size."""
 
 RIGHT_WAY: Final = 0.9
 """Share of the limbs' vertices that must lie on their own side."""

@@ -149,7 +149,7 @@ def vertex_normals(points: F64, triangles: I64) -> F64:
 
 
 STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
-"""How much a vertex follows its neighbours rather than the surface, round by round."""
+"""Weight of a vertex's neighbours against the surface, round by round."""
 
 _REACH_M: Final = 0.12
 """Farthest that the surface may pull from in the first round; half of it in the last."""

@@ -25,7 +25,7 @@ _PAIRS_AT_ONCE: Final = 1 << 17
 _ON_IT_M: Final = 1e-12
 
 _FARTHEST_M: Final = 1e6
-"""Where what is farther away is taken to be: the squares of larger numbers may overflow."""
+"""Distance that replaces larger ones, metres: the squares of larger numbers may overflow."""
 
 SAME_PLACE: Final = 1e-9
 """Actuators closer than this share of the layout's extent stand at one place."""

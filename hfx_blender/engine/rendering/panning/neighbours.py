@@ -32,7 +32,7 @@ _ELLIPSOID_MARGIN_M: Final = 0.01
 
 _MEASURED_ONE_BY_ONE: Final = 64
 _SOURCES_AT_ONCE: Final = 64
-"""Distances from so many places are held together: 20 MiB on the finest body model."""
+"""Number of sources whose distances are held together: 20 MiB on the finest body model."""
 _ROWS_AT_ONCE: Final = 1 << 12
 
 AreJoined = Callable[[I64, I64], Bool]

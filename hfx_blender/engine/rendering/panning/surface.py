@@ -25,12 +25,12 @@ I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
 _ROUND_ABOUT: Final = 1.7
-"""How much longer the way along the skin may be than straight on (half round a limb: 1.57)."""
+"""Largest ratio of the path along the skin to the straight one (half round a limb: 1.57)."""
 
 _HOLLOW: Final = 0.1
 
 _BLEND: Final = 0.2
-"""How much farther another triangle of actuators may be and still have a part in a place."""
+"""Relative distance up to which another triangle of actuators still takes part in a place."""
 
 
 class SurfaceNeighbours:
