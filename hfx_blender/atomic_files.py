@@ -15,10 +15,10 @@ from typing import BinaryIO, Final
 from .errors import OutputError
 
 _passing: set[Path] = set()
-"""Folders that nothing stays in: what is written there is forced to the disk by who moves it."""
+"""Staging folders of :func:`passing`: whoever moves files out of them forces these to the disk."""
 
 PATIENCE_S: Final = 5.0
-"""So long a lock is waited for."""
+"""Longest wait for a lock, seconds."""
 
 _RETRY_S: Final = 0.01
 
@@ -27,7 +27,7 @@ _AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in
 
 @contextmanager
 def passing(folder: Path) -> Iterator[None]:
-    """Write into a folder that is gone afterwards; :func:`move` what is to stay."""
+    """Context with a folder that is removed afterwards; :func:`move` files that are to be kept."""
     _passing.add(folder)
     try:
         yield
@@ -128,7 +128,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keep other processes and threads that lock the same file out of the ``with`` block.
+    """Lock a file: other processes and threads that lock it wait outside the ``with`` block.
 
     The lock is a file ``path`` + ``.lock``, which stays; it is given back if its owner is killed.
 

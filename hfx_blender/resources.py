@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the shipped data lies: in a checkout, in an installed wheel, in an extension."""
+"""Folders of data: in a checkout, in an installed wheel, in an extension."""
 
 import os
 import sys
@@ -68,7 +68,7 @@ def user_effects() -> Path:
 
 
 def approved_scripts() -> Path:
-    """File that remembers which device scripts the user allows; it need not exist."""
+    """File of the approved device scripts; it need not exist."""
     return _user_data() / "approved_scripts.json"
 
 
@@ -83,12 +83,12 @@ def live_settings() -> Path:
 
 
 def surface_calibration() -> Path:
-    """File that remembers how strongly surfaces are felt, per device; it need not exist."""
+    """File of the calibrated strength of surfaces, per device; it need not exist."""
     return _user_data() / "surface_calibration.json"
 
 
 def _user_data() -> Path:
-    """Where the platform wants a user's data of ours."""
+    """Folder for our user data by the platform's convention."""
     if sys.platform == "win32":
         return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming") / "hfx"
     if sys.platform == "darwin":

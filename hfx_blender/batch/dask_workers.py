@@ -62,12 +62,12 @@ class DaskWorkers:
 
     @property
     def slots(self) -> int:
-        """Threads of all workers that there are now."""
+        """Number of threads of all present workers."""
         workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
         return max(sum(int(worker["nthreads"]) for worker in workers), 1)
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Begin a unit; there is no progress within it."""
+        """Start a unit; without progress reports."""
         key = f"hfx-{unit.kind}-{uuid4().hex}"
         result: Future[Outcome] = Future()
 
@@ -87,7 +87,9 @@ class DaskWorkers:
         return result
 
     def close(self) -> None:
-        """Take back what has not begun; what has is not placed, as its folder goes away."""
+        """Cancel units that have not started; results of running ones are lost with their
+        folder.
+        """
         self._client.cancel(list(self._tasks.values()))
         self._client.close()
 

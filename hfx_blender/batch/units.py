@@ -24,7 +24,7 @@ finished ``piece`` and ``text``, or ``error`` and ``exit_code``."""
 
 @dataclass(frozen=True)
 class Unit:
-    """One piece of work; a scene is exported to ``folder/stem.*``."""
+    """Unit of work; a scene is exported to ``folder/stem.*``."""
 
     kind: Literal["scene", "part", "merge", "piece", "join"]
     input: str | None  # a .blend; None: the file that is open in this process
@@ -41,15 +41,15 @@ class Unit:
 
     @property
     def title(self) -> str:
-        """What the user calls it."""
+        """Name of the unit for the user."""
         return "the open file" if self.input is None else Path(self.input).name
 
     def in_stage(self, stage: Path) -> Unit:
-        """The same work with another folder for what is not finished."""
+        """Copy of the unit with another folder for unfinished files."""
         return replace(self, stage=str(stage))
 
     def as_json(self) -> str:
-        """One line of text for :meth:`from_json`."""
+        """Serialize to one line of text for :meth:`from_json`."""
         return json.dumps({**asdict(self), "options": self.options.as_json()})
 
     @classmethod
@@ -67,5 +67,5 @@ class Unit:
 
 
 def failure(unit: Unit, error: str, exit_code: int, **more: Any) -> Outcome:
-    """The outcome of a unit that came to nothing."""
+    """Outcome of a unit that failed."""
     return {"input": unit.title, "error": error, "exit_code": exit_code, **more}

@@ -31,7 +31,8 @@ VERSION: Final = 1
 
 MAX_ACTUATORS: Final = 1000
 MAX_TEMPERATURE_C: Final = 40.0
-"""No device is set warmer: a conservative default for heat near skin, not a certified one."""
+"""Highest temperature of any device: a conservative default for heat near skin, not a certified
+one."""
 
 WEARABLE_SIDES: Final = ("left", "right")
 
@@ -41,7 +42,7 @@ _CONTROLS: Final = {
     "temperature": ("temperature_c",),
     "wind": ("speed_m_s",),
 }
-"""What an actuator of a modality is controlled by, its strength first."""
+"""Controls of an actuator by modality, its strength first."""
 
 
 _IN_TIME: Final = {
@@ -52,7 +53,7 @@ _IN_TIME: Final = {
 """Limits in time that an actuator type may have, and their ranges."""
 
 _MEASURED: Final = ("resonance_hz", "drive", "detection_thresholds")
-"""What may be known of an actuator type that vibrates."""
+"""Optional measured properties of a vibration actuator type."""
 
 _FREQUENCIES_HZ: Final = (0.1, 1000.0)
 _SERIAL: Final = r"[A-Za-z0-9_.:*?-]{1,64}"
@@ -205,7 +206,7 @@ def _waveform(node: Node | None) -> Waveform:
 
 
 def _in_time_and_measured(members: dict[str, Node]) -> dict[str, Any]:
-    """Limits in time, and what was measured of an actuator type."""
+    """Time limits and measured curves of an actuator type."""
     found: dict[str, Any] = {
         name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members
     }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How this user's devices are connected: kept beside the user's data, never in a .blend.
+"""Connection settings of this user's devices, stored in the user's data folder, never in a .blend.
 
 A .blend brings names of devices only; a stranger's file so can open no port.
 """
@@ -19,7 +19,7 @@ MAX_OFFSET_MS = 1000.0
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """Of one device."""
+    """Connection settings of one device."""
 
     kind: str = "SIMULATOR"  # or DEVICE, AUDIO, CSV
     port: str = ""  # serial: empty is found by its USB ids; network: empty as configured; a card
@@ -29,7 +29,7 @@ class LiveSettings:
 
 
 def load() -> dict[str, LiveSettings]:
-    """By device; what cannot be read is as if it had never been set."""
+    """Load the settings by device; unreadable ones count as never set."""
     try:
         found = json.loads(resources.live_settings().read_bytes())
     except (OSError, ValueError, RecursionError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether a volume that was read comes near skin: only then the inside of a mesh has to be known.
+"""Detects volumes that come near skin: only of these the inside of a mesh must be known.
 
 Boxes here are larger than those that the engine tests, so that it never asks for more than the
 bounds of what counts as far.
@@ -19,7 +19,7 @@ from .scene_rows import EffectRow
 F64 = npt.NDArray[np.float64]
 
 _ROUNDING = 1e-6
-"""Of the largest coordinate, added to all sides of a box."""
+"""Margin on all sides of a box, as a share of the largest coordinate."""
 
 _CORNERS = np.stack(np.meshgrid((0, 1), (0, 1), (0, 1), indexing="ij"), axis=-1).reshape(8, 3)
 
@@ -72,7 +72,7 @@ class SkinBoxes:
 
 
 def swept_box(matrices: F64, bounds: F64) -> Box:
-    """A box around all that boxes are and turn through, from each time to the next.
+    """Box around all positions of rotating boxes, from each time to the next.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def swept_box(matrices: F64, bounds: F64) -> Box:
 
 
 def comes_near(rows: Sequence[EffectRow], skins: Sequence[Box | None]) -> bool:
-    """Whether a volume may meet any of some boxes at these times, or between two of them."""
+    """Test that a volume may meet any of some boxes at these times, or between two of them."""
     on = [row for row in rows if not row.level <= 0.0]
     if not on:
         return False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How each effect and body of a scene is read: from F-curves, or by stepping through a scene.
+"""Plans the reading of each effect and body: from F-curves, or by stepping through a scene.
 
 What follows from F-curves alone is sampled whole blocks at a time. The rest is stepped, in a
 scratch scene of what is needed where that gives the same, else in the user's own scene.
@@ -48,7 +48,7 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Plan:
-    """Which effects and bodies, by their place in the scene's lists, come from F-curves."""
+    """Effects and bodies, by their place in the scene's lists, that are read from F-curves."""
 
     effects: dict[int, CurveEffect] = field(default_factory=dict)
     bodies: dict[int, CurveBody] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class Plan:
 
     @property
     def note(self) -> str:
-        """What was done, for the report."""
+        """Note for the report on how the scene was read."""
         if not self.reason:
             return "sampled F-curves, stepped no scene"
         where = "the whole scene" if self.in_own_scene else "a scratch scene"
@@ -67,7 +67,7 @@ class Plan:
 
 
 def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values.Shapes) -> Plan:
-    """The cheapest way to read a scene, as far as can be told without trying."""
+    """Cheapest plan to read a scene, as far as is known without trying."""
     handler = stepping.foreign_handler()
     if handler is not None:
         return Plan(reason=handler, in_own_scene=True, is_exact=True)
@@ -103,7 +103,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
 
 
 def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int, FedRig]:
-    """Of the bodies that are stepped, those whose keyed channels need not be."""
+    """Rigs, among the bodies that are stepped, whose keyed channels are sampled beforehand."""
     fed = {}
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         if k in plan.bodies or isinstance(described.binding, SurfaceBinding):
@@ -120,7 +120,7 @@ def _is_mesh(found: HapticObjects, which: int) -> bool:
 
 
 class Pass:
-    """One pass through the times of a scene, or through few single ones (``is_spotty``).
+    """Pass through the times of a scene, or through few single ones (``is_spotty``).
 
     Of meshes that nothing comes near only the boxes are known, unless ``with_shapes``.
     """
@@ -180,7 +180,7 @@ class Pass:
         self._adaptive = self._adaptive_poses(tolerance, stretch_of)
 
     def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
-        """Step these objects, those rigs that can be fed as copies."""
+        """Step these objects in a scratch scene, with presampled rigs as copies."""
         scene, fed = self._found.scene, list(self._plan.fed.values())
         if fed:
             rigs = [rig.obj for rig in fed]
@@ -192,7 +192,7 @@ class Pass:
     def _adaptive_poses(
         self, tolerance: Tolerance, stretch_of: Callable[[int], tuple[int, int]]
     ) -> AdaptivePoses | None:
-        """None where every sample is to be read."""
+        """Adaptive sampling of poses; None where every sample is to be read."""
         if any(isinstance(e.area, HapticSurface) for e in self._scene.effects):
             return None  # a stroke is its speed: nothing of it may be interpolated
         step = grid_step(self._scene.time.rate_hz)
@@ -234,7 +234,7 @@ class Pass:
         return poses
 
     def _volumes_over(self, cell: tuple[int, int]) -> list[Volume]:
-        """The volumes that may be felt over a part of the grid."""
+        """Volumes that may be felt over a part of the grid."""
         if self._cell != cell:
             self._cell, self._near = cell, []
             indices = np.arange(cell[0], cell[1] + 1)
@@ -268,11 +268,11 @@ class Pass:
         return self._reading.read(index, self._whole, (), self._bodies).poses
 
     def _read_shown(self, index: int) -> Poses:
-        """The same of bodies that nothing hides."""
+        """Poses of the bodies that nothing hides."""
         return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
 
     def block(self, indices: I64, history: int = 0) -> AnimationBlock:
-        """What is where at samples without a gap between them."""
+        """Block of samples without a gap between them."""
         frames = self._frames(indices)
         effects: dict[int, EffectBlock] = {
             k: self._chunks.read(k, indices) for k in self._plan.effects
@@ -318,7 +318,7 @@ class Pass:
         )
 
     def _come_near(self, rows: list[Row], poses: list[PoseBlock]) -> list[int]:
-        """Read the meshes themselves that come near skin, and of the others boxes from now on.
+        """Read the meshes that come near skin; the others remain boxes.
 
         Those that were read again are returned.
         """
@@ -333,11 +333,11 @@ class Pass:
         return again
 
     def _silence(self, which: int, count: int) -> EffectBlock:
-        """An effect that is not felt."""
+        """Block of a silent effect."""
         return effect_block([EffectRow()] * count, self._scene.effects[which].modality)
 
     def _row(self, index: int, is_posed: bool) -> Row:
-        """What is stepped at one time."""
+        """Stepped effects and bodies at one time."""
         if self._last is not None and self._last.index == index:
             return self._last
         row = Row(index)

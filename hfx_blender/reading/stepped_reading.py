@@ -25,7 +25,7 @@ from .surface_reading import SurfaceVertices
 
 @dataclass(frozen=True, eq=False)
 class _Settings:
-    """What was read of an effect whose own settings nothing animates: only its place moves."""
+    """Settings of an effect that nothing animates, as they were read: only its place moves."""
 
     level: float
     parameters: list[float]  # in their modality's order; of wind the speed only
@@ -138,7 +138,7 @@ class SteppedReading:
         return self._shapes.shape_of(effect, evaluated) if box is None else box
 
     def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
-        """Remember the settings of an effect, if what was read of it holds nothing else."""
+        """Cache the settings of an effect, if its row holds nothing else."""
         is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH"
         if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
             return
@@ -158,7 +158,7 @@ class SteppedReading:
     def _moved(
         self, known: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
     ) -> EffectRow:
-        """An effect of known settings, where it is now."""
+        """Row of an effect with cached settings, at its present place."""
         row = EffectRow(known.level, known.parameters, place=known.place, drive=known.drive)
         if known.scale is None and not known.is_wind:
             return row
@@ -186,7 +186,7 @@ class SteppedReading:
         )[0]
 
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:
-        """A body; None while it is disabled, and Blender does not pose it."""
+        """Pose of a body; None while it is disabled, as Blender does not pose it."""
         body: bpy.types.Object = self._found.bodies[which]
         binding = self._scene.bodies[which].binding
         needed = [body]
@@ -213,7 +213,7 @@ def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
 
 
 def _is_animated(effect: bpy.types.Object) -> bool:
-    """Whether a curve or a driver may change an effect's own settings."""
+    """Test for a curve or a driver that may change an effect's own settings."""
     data = effect.animation_data
     if data is None:
         return False

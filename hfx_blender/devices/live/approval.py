@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which device scripts may run: shipped ones, and those that the user has approved.
+"""Approval of device scripts: shipped ones, and those that the user has approved, may run.
 
 An approval is for the bytes of script and configuration and for the version of the interface;
 a changed byte asks again. It is not a sandbox: an approved script has its user's rights.
@@ -28,7 +28,7 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True)
 class DeviceScript:
-    """The script beside a device's configuration, as it is now."""
+    """Script beside a device's configuration, in its present state."""
 
     path: Path
     configuration: Path
@@ -36,7 +36,7 @@ class DeviceScript:
     is_approved: bool
 
     def as_wish(self) -> dict[str, str]:
-        """What :meth:`LiveClient.connect` takes."""
+        """Entry of :meth:`LiveClient.connect` for the script."""
         return {
             "path": str(self.path),
             "configuration": str(self.configuration),
@@ -45,7 +45,7 @@ class DeviceScript:
 
 
 def how_to_approve(name_or_path: str | Path) -> str:
-    """Instruct whoever meets a device whose script is not approved."""
+    """Instructions to approve a device's script."""
     device = shlex.quote(str(name_or_path))
     return (
         f"read it and approve it by 'hfx device approve {device}', or under Live Devices in Blender"
@@ -69,12 +69,12 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
 
 
 def is_shipped(script: Path) -> bool:
-    """Whether a script is one of the release's, which needs no approval and cannot lose it."""
+    """Test for a script of the release, which needs no approval and cannot lose it."""
     return script.resolve().parent == resources.device_configs().resolve()
 
 
 def fingerprint(script: Path, configuration: Path) -> str:
-    """What an approval is for.
+    """Fingerprint that an approval refers to.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def fingerprint(script: Path, configuration: Path) -> str:
 
 
 def fingerprint_of(script: bytes, configuration: bytes) -> str:
-    """The same, of what has been read already."""
+    """:func:`fingerprint` of content that has been read already."""
     digest = hashlib.sha256(f"hfx-script {API_VERSION}".encode())
     for content in (script, configuration):
         digest.update(len(content).to_bytes(8, "little"))
@@ -97,7 +97,7 @@ def fingerprint_of(script: bytes, configuration: bytes) -> str:
 
 
 def approve(script: DeviceScript) -> None:
-    """Remember that the user allows these very bytes.
+    """Approve the script with its present bytes.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def approve(script: DeviceScript) -> None:
 
 
 def revoke(script: DeviceScript) -> None:
-    """Ask again next time; where it runs live it is stopped.
+    """Revoke an approval; a live script is stopped.
 
     Whatever of this very file was approved before, with other bytes, is withdrawn as well.
 
@@ -131,7 +131,7 @@ def revoke(script: DeviceScript) -> None:
 
 
 def revoke_fingerprint(mark: str) -> None:
-    """Withdraw one approval of the list, whether its files are there still or not.
+    """Revoke an approval by its fingerprint, even if its files are gone.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def approved() -> dict[str, str]:
 
 
 def fault_of_list() -> str:
-    """Why the list of approvals cannot be read; empty: it can."""
+    """Fault of the list of approvals; empty if it can be read."""
     try:
         _read()
     except InputError as error:
@@ -168,7 +168,7 @@ def fault_of_list() -> str:
 
 
 class Approval:
-    """The approval that a running script began with.
+    """Approval under which a running script was started.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ class Approval:
         self._is_withdrawn = False
 
     def is_withdrawn(self) -> bool:
-        """Whether it was given and is not any more; looks at the list only if that changed."""
+        """Test for a withdrawn approval; reads the list only after it has changed."""
         seen = _stamp()
         if self.was_given and seen != self._seen:
             self._seen, self._is_withdrawn = seen, self._mark not in approved()

@@ -30,7 +30,7 @@ from .opening import kind_of
 from .time_on import Account
 
 KEEP_S: Final = 1.0
-"""So often what changed is written."""
+"""Interval of saving changed accounts, seconds."""
 
 _UNKNOWN_S: Final = 2.0 * KEEP_S
 _MOST_BYTES: Final = 1 << 20
@@ -43,7 +43,7 @@ def identities(
     target: Mapping[str, Any],
     ports: Callable[[], Iterable[FoundPort]] = serial_ports,
 ) -> tuple[str, ...]:
-    """Names of the physical device that a target leads to; two that share one share accounts.
+    """Identities of the physical device behind a target; targets that share one share accounts.
 
     A serial number where there is one. A port without counts by its path and by the
     configuration, a network address together with the device there. What has no address is known
@@ -77,7 +77,7 @@ def identities(
 
 @dataclass(eq=False)
 class _Kept:
-    """An account, and what was written of it last."""
+    """Account with its last saved state."""
 
     account: Account
     path: Path
@@ -85,7 +85,7 @@ class _Kept:
 
 
 class KeptAccounts:
-    """Every account that this process has used.
+    """Accounts that this process has used.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class KeptAccounts:
         self._changed = threading.Event()
 
     def of(self, identity: str) -> Account:
-        """The account of a physical device, with what other processes left of it."""
+        """Account of a physical device, with the state that other processes left."""
         with self._lock:
             known = self._kept.get(identity)
             if known is None:
@@ -112,7 +112,7 @@ class KeptAccounts:
             return known.account
 
     def keep(self) -> None:
-        """Write what changed; a folder that cannot be written is told once."""
+        """Save changed accounts; an unwritable folder is reported once."""
         with self._lock:
             for identity, each in self._kept.items():
                 state = _state(each.account)
@@ -128,7 +128,7 @@ class KeptAccounts:
                     each.written = state
 
     def keep_on(self) -> None:
-        """Write what changes, for ever and at once when somebody begins; in a thread."""
+        """Save changes for ever, and at once when a device begins; runs in a thread."""
         while True:
             self._changed.wait(KEEP_S)
             self._changed.clear()
@@ -136,7 +136,7 @@ class KeptAccounts:
 
 
 def _state(account: Account) -> tuple[Any, ...]:
-    """How full, whether it rests, whether somebody plays, since when nobody does."""
+    """State of an account: how full, resting, playing, idle since."""
     with account.lock:
         return (
             tuple(account.filled.tolist()),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One device in the output process: a thread of its own, so that its faults are its own."""
+"""Thread of one device in the output process: its faults are its own."""
 
 from __future__ import annotations
 
@@ -25,17 +25,18 @@ from .tones import Sounding
 F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
-"""How often stop bytes are sent: one that is lost or garbled must not matter."""
+"""Number of times that stop bytes are sent: one that is lost or garbled must not matter."""
 
 PATIENCE_S: Final = 0.1
 """An output that takes longer to hand over values does not answer."""
 
 PULSE_S: Final = 0.3
 PULSE_SHARE: Final = 0.3
-"""A test pulse is soft: this share of what the actuator may get at most."""
+"""Strength of a test pulse, as a share of the actuator's limit: it is soft."""
 
 FREEZE_S: Final = 0.28
-"""Without a sign that what is played still holds, a lane is silent; so it is after 300 ms."""
+"""Time without a sign that the last values still hold, after which a lane is silent, seconds; the
+limit is 0.3."""
 
 MAX_OFFSET_S: Final = 1.0
 
@@ -50,7 +51,7 @@ Report = Callable[..., None]
 
 
 class Question(NamedTuple):
-    """What a lane's device is to play was asked for; its answer may come late.
+    """Request for the values of a lane's device; its answer may come late.
 
     Attributes
     ----------
@@ -68,7 +69,7 @@ class Question(NamedTuple):
 
 
 class Script(Protocol):
-    """What a lane needs of a device's script."""
+    """Interface of a device's script."""
 
     def start(self) -> None: ...
 
@@ -80,7 +81,7 @@ class Script(Protocol):
 
 
 class Lane:
-    """From a device's newest values to its output.
+    """Thread that carries a device's newest values to its output.
 
     Parameters
     ----------
@@ -152,19 +153,19 @@ class Lane:
 
     @property
     def is_armed(self) -> bool:
-        """Whether it plays."""
+        """Test that the device plays."""
         return self._is_armed
 
     # What the reader calls: none of these waits for hardware longer than a moment.
 
     def question(self, asked_s: float) -> Question:
-        """Something is asked for this device; :meth:`feed` takes its answer."""
+        """Register a request for this device; :meth:`feed` takes its answer."""
         with self._wake:
             self._asked += 1
             return Question(self._generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
-        """The newest frame; older ones that are due do not matter any more.
+        """Take the newest frame; older ones that are due are dropped.
 
         Parameters
         ----------
@@ -197,19 +198,21 @@ class Lane:
             self.fault(fault)
 
     def sign(self, now_s: float) -> None:
-        """Blender lives: what was asked last still holds, unless an answer is awaited."""
+        """Take a sign of life from Blender: the last values still hold, unless an answer is
+        awaited.
+        """
         with self._wake:
             if self._is_armed and self._answered == self._asked:
                 self._sign_s = max(self._sign_s, now_s)
 
     def set_offset(self, offset_s: float) -> None:
-        """Hold back by so long from now on, also what waits already."""
+        """Change the delay of values, also of those that wait already."""
         with self._wake:
             self._offset_s = offset_s
             self._wake.notify()
 
     def pause(self) -> None:
-        """Silence until a frame that is asked for from now on, without a stop.
+        """Silence the device until a frame that is requested from now on, without a stop.
 
         What waits for its offset is not played any more.
         """
@@ -220,14 +223,14 @@ class Lane:
                 self._wake.notify()
 
     def _void(self) -> None:
-        """Nothing that was asked before is played."""
+        """Discard everything that was asked before."""
         self._generation += 1
         self._waiting.clear()
         self._pulse = None
         self._answered = self._asked
 
     def pulse(self, actuator: int) -> None:
-        """Let one actuator be felt for a moment, softly."""
+        """Play one actuator for a moment, softly."""
         with self._wake:
             if self._is_armed and 0 <= actuator < len(self.device.actuators):
                 self._pulse = actuator, self._clock.now()
@@ -253,7 +256,7 @@ class Lane:
         self._report("armed", self.number)
 
     def stop(self, reason: str, event: str = "stopped") -> None:
-        """Silence now, whatever waits; also when it is silent already."""
+        """Silence the device now; also when it is silent already."""
         with self._wake:
             was_armed, self._is_armed, self._is_wanted = self._is_armed, False, False
             self._void()
@@ -264,7 +267,7 @@ class Lane:
             self.script.close()
 
     def freeze(self, reason: str) -> None:
-        """Stop because nobody answers; what is still being opened plays when it is open.
+        """Stop because Blender does not answer; a device that is still opening plays later.
 
         It is silent until then, and after it until values come.
         """
@@ -274,7 +277,7 @@ class Lane:
             self.stop(reason)
 
     def fault(self, text: str) -> None:
-        """Stop because something is wrong."""
+        """Stop after a fault."""
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
@@ -293,18 +296,18 @@ class Lane:
         self._thread.join(PATIENCE_S)
 
     def is_stuck(self, now_s: float) -> bool:
-        """Whether its output does not answer; then its own thread cannot tell."""
+        """Test for an output that does not answer; its own thread cannot tell."""
         return now_s - self._sending_since > PATIENCE_S
 
     def _silence(self) -> None:
-        """Have stop bytes sent, before anything that is sent; nobody waits for them."""
+        """Request stop bytes, before anything else that is sent; without waiting."""
         self._is_quiet.clear()
         self._hush.set()
         if self._has_ended:  # and has stopped
             self._is_quiet.set()
 
     def _run_stops(self) -> None:
-        """The stop lane: a thread of its own, as a port that stalls may stall a stop as well."""
+        """Run the stop thread: separate, as a stalled port may stall a stop as well."""
         while True:
             self._hush.wait()
             self._hush.clear()
@@ -378,7 +381,7 @@ class Lane:
             self.turn()
 
     def due_in_s(self) -> float:
-        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0: it is."""
+        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0 if it is due."""
         with self._wake:
             if not self._is_armed:
                 return _IDLE_S
@@ -396,11 +399,11 @@ class Lane:
         return due
 
     def _holds_until_s(self) -> float:
-        """Nobody knows whether what is played still holds from then on."""
+        """Time from which on it is unknown whether the last values still hold."""
         return self._sign_s + self._offset_s + FREEZE_S
 
     def turn(self) -> None:
-        """Send what is due now."""
+        """Send the values that are due now."""
         with self._wake:
             now = self._clock.now()
             due = self._next_s()
@@ -441,7 +444,7 @@ class Lane:
         self._due_s = self._ramp.next_s(due, now)
 
     def _step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
-        """Send what is due; whether it is anything else than before."""
+        """Send the values that are due; returns True if they differ from the last."""
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
         asked = self._ramp.at(now)
@@ -492,7 +495,7 @@ class Lane:
         return wanted
 
     def _tell_levels(self, values: F64, now: float) -> None:
-        """How strongly each actuator plays, 0..1, for who watches; a few times a second."""
+        """Report the level of each actuator, 0..1, a few times a second."""
         if now < self._levels_at + _LEVELS_S:
             return
         levels = []

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Between Blender's frames: strengths ramp, and no actuator is updated more often than it can."""
+"""Pacing between Blender's frames: strengths ramp, and no actuator is updated more often than it
+can.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +15,25 @@ from ...engine.rendering.device import DeviceConfig
 F64 = npt.NDArray[np.float64]
 
 LONGEST_RAMP_S: Final = 0.05
-"""The most that ramping delays a value; frames that come faster than this delay it by less."""
+"""Longest delay by ramping, seconds; frames that come faster are delayed by less."""
 
 _ROUNDING: Final = 0.05
-"""Of a tick: clocks and sleeps are not exact."""
+"""Tolerance of times as a share of a tick: clocks and sleeps are not exact."""
 
 FASTEST_S: Final = 0.005
 SLOWEST_S: Final = 0.05
-"""A device hears from us at least so often, so that its dead-man knows that we live."""
+"""Longest interval between values, seconds, so that a device's dead-man switch knows
+that we live."""
 
 
 def tick_s(device: DeviceConfig) -> float:
-    """How often a device is sent values: as its quickest actuator can take them."""
+    """Interval of a device's values, seconds, by its quickest actuator."""
     fastest = min((a.type.update_interval_ms for a in device.actuators), default=20.0) / 1000.0
     return min(max(fastest, FASTEST_S), SLOWEST_S)
 
 
 class Ramp:
-    """Goes from one frame's values to the next while that one lasts.
+    """Ramp from one frame's values to the next over a frame's duration.
 
     Only strengths ramp; a frequency between two frequencies would be one that nobody asked
     for. Silence is not ramped to: it is there at once. The time to the next frame is not known:
@@ -64,7 +67,7 @@ class Ramp:
         self.share = 1.0  # of the way to the newest frame, at what was given last
 
     def aim(self, values: F64, now_s: float) -> None:
-        """A new frame: go to its values (columns,) from where we are now.
+        """Start the ramp to a new frame's values (columns,), from the present ones.
 
         Raises
         ------
@@ -85,7 +88,7 @@ class Ramp:
         self._began_s = now_s
 
     def at(self, now_s: float) -> F64:
-        """Values (columns,) to send now; what is not finite stays so, for the guard to see."""
+        """Values (columns,) to send now; non-finite ones are passed on for the guard to see."""
         step = int((now_s - self._began_s) / self._tick + _ROUNDING) + 1 if self.is_going else 1
         self.share = min(step / self._steps, 1.0)
         if step >= self._steps:
@@ -98,7 +101,7 @@ class Ramp:
         return self._here.copy()
 
     def next_s(self, due_s: float, now_s: float) -> float:
-        """When to send next: what is due shortly before a frame waits for the frame.
+        """Time of the next send: one that is due shortly before a frame waits for the frame.
 
         It would keep the frame waiting, as the device takes values only so often.
         """
@@ -111,12 +114,12 @@ class Ramp:
 
     @property
     def is_going(self) -> bool:
-        """Whether there was a frame since it began from silence."""
+        """Test for a frame since the start from silence."""
         return bool(np.isfinite(self._began_s))
 
 
 class Pace:
-    """Lets each actuator change only as often as it can.
+    """Limits each actuator to its own update rate.
 
     In between it keeps its values, and then gets the strongest that was asked for meanwhile,
     as an export does; but silence passes at once.
@@ -141,7 +144,7 @@ class Pace:
         self._next_s = [-np.inf] * len(self._slow)
 
     def paced(self, wanted: F64, now_s: float) -> F64:
-        """What of the wanted values (columns,) may be sent now."""
+        """Wanted values (columns,) as far as they may be sent now."""
         given = np.array(wanted, np.float64)
         for k, (columns, interval_s) in enumerate(self._slow):
             first = columns.start

@@ -31,7 +31,7 @@ _LONGEST_TEXT: Final = 500
 
 
 class _Outlet:
-    """The pipe back; a script's own printing goes through it, a few lines a second."""
+    """Output pipe of a worker; a script's prints are sent as messages, a few lines a second."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -104,7 +104,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
 
 
 def _restrain() -> None:
-    """Memory has an end, and others go first; where the system can."""
+    """Limit the process's memory and priority, where the system can."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -115,7 +115,7 @@ def _restrain() -> None:
 
 
 def _told(error: BaseException) -> str:
-    """One line: what, and where in the script."""
+    """Describe an error in one line: type, text, and its place in the script."""
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""
     if frames and frames[-1].filename != __file__:

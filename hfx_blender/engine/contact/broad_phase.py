@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broad phase: which clusters of a body's skin a volume can reach, at which rows, and between."""
+"""Broad phase: clusters of a body's skin that a volume can reach, at rows and between them."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class ReachableBounds:
 
     @property
     def boxes(self) -> tuple[F64, F64, F64, F64]:
-        """All but the rows."""
+        """Boxes without the rows."""
         return self.low, self.high, self.of_rows, self.of_clusters
 
     @classmethod
     def around(cls, rows: I64, low: F64, high: F64) -> ReachableBounds:
-        """Of the boxes of clusters."""
+        """Bounds of the skin's clusters, from boxes (n, C, 3) at some rows."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
         # Where a row's is not a number, what the cluster does at the others still counts.
         lowest = np.fmin.reduce(low, axis=0, initial=np.inf)
@@ -107,7 +107,7 @@ class Placed:
         )
 
     def reached(self, falloff: Falloff) -> tuple[Bool, Bool]:
-        """Which clusters the volume can reach, and in which vertices tell enough, (n, C).
+        """Clusters that the volume can reach, and those where vertices suffice, (n, C) bool each.
 
         They do where all is inside, and where strength hardly changes within a cell.
         """
@@ -125,7 +125,7 @@ class Placed:
         return reached, simple
 
     def _is_even(self, reached: Bool) -> Bool:
-        """Where strength differs so little within cells that their vertices tell enough, (n, C).
+        """Test clusters for strength so even within cells that their vertices suffice, (n, C) bool.
 
         A cell's mean is no farther from the value at its vertex than the steepest slope times
         the mean distance of its skin, as it is posed. What is not reached is even.
@@ -146,7 +146,7 @@ class Placed:
         return even
 
     def followed(self, follows: Bool, simple: Bool, *, always: bool) -> Bool:
-        """Which clusters may meet the volume between a row and the one before it, (n, C)."""
+        """Clusters that may meet the volume between a row and the one before it, (n, C) bool."""
         followed = np.zeros(simple.shape, np.bool_)
         edge_m = self.skin.skin.edge_m
         if not follows.any() or not math.isfinite(edge_m):
@@ -175,7 +175,7 @@ class Placed:
         return followed
 
     def _unseen_m(self, later: I64, edge_m: float) -> F64:
-        """How far skin may move before some rows without being followed, metres (n,)."""
+        """Largest untracked motion of skin before some rows, metres (n,)."""
         limits = np.zeros(len(later))
         which = self.target.which[later]
         for k in np.unique(which).tolist():
@@ -190,7 +190,7 @@ class Placed:
         return limits
 
     def _swings(self, later: I64) -> F64:
-        """How far turning may take anything out of both ends' boxes, metres (n,)."""
+        """Largest distance that rotation may take anything out of both ends' boxes, metres (n,)."""
         swing = np.zeros(len(later))
         own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1]
         skin = self.pose.to_world[self.rows], self.low, self.high
@@ -206,7 +206,7 @@ class Placed:
         return swing
 
     def _moves(self, clusters: I64, earlier: I64, later: I64) -> F64:
-        """How far clusters can have moved against the volume, metres (n, k)."""
+        """Upper bound of the displacement of clusters relative to the volume, metres (n, k)."""
         surface = self.skin.surface
         if self.bones is not None and isinstance(surface, SkinnedModel):
             linear = self.matrices[later, :3, :3]
@@ -221,7 +221,9 @@ class Placed:
         )
 
     def followed_in_steps(self, later: Bool, clusters: I64, rows: I64) -> I64:
-        """Straight steps that follow pairs of a cluster and a row, (pairs,); 0 where not later."""
+        """Number of straight steps that track pairs of a cluster and a row, (pairs,); 0 where not
+        later.
+        """
         steps = later.astype(np.int64)
         turns = self._turns.sum(axis=0)
         turning = np.flatnonzero(later & (turns[rows] > 0.0))
@@ -234,7 +236,7 @@ class Placed:
         return steps
 
     def drift(self, steps: int) -> continuous_collision.Drift:
-        """How skin drifts in the intervals that end at the rows from the second on."""
+        """Relative motion of skin in the intervals that end at the rows from the second on."""
         if steps not in self._drifts:
             to_world = self.pose.to_world[self.rows]
             self._drifts[steps] = continuous_collision.Drift.of(
@@ -244,7 +246,9 @@ class Placed:
 
     @cached_property
     def bones(self) -> PosedBones | None:
-        """What bones do to the skin, rest to shape space; None where the library is not there."""
+        """Matrices of the bones that move the skin, rest to shape space; None without the
+        library.
+        """
         return self.skin.posed_bones(self.pose, self.rows, self.to_shape)
 
     @cached_property
@@ -253,12 +257,12 @@ class Placed:
 
     @cached_property
     def _turns(self) -> F64:
-        """By how much the volume, and the body, turns since the row before, radians (2, n)."""
+        """Angles by which the volume, and the body, turns since the row before, radians (2, n)."""
         return turns_since_before(self.matrices, self.pose.to_world[self.rows])
 
 
 def _enclosed(shape: Shape, inverses: F64, low: F64, high: F64, candidates: Bool) -> Bool:
-    """Which cluster boxes, world space (n, C, 3), lie wholly inside a convex shape, (n, C)."""
+    """Cluster boxes, world space (n, C, 3), that lie wholly inside a convex shape, (n, C) bool."""
     row, cluster = np.nonzero(candidates)
     if not len(row):
         return np.zeros_like(candidates)

@@ -38,7 +38,7 @@ Found = tuple[I64, I64, I64, I32, gathering.Weights]
 
 
 def is_possible(effect: EffectBlock, skin: BodySkin) -> bool:
-    """Whether the library is there and knows this volume and what moves the body."""
+    """Test that the library is there and supports this volume and this body's binding."""
     return isinstance(skin.surface, SkinnedModel) and is_known(effect.shapes)
 
 
@@ -55,7 +55,7 @@ def begin(
     own_sets: bool,
     threads: Threads | None,
 ) -> Callable[[], Found] | None:
-    """Vertices whose skin is inside; None where the volume cannot be used at some row.
+    """Begin the contacts of a body with a volume; None where the volume is unusable at some row.
 
     As :func:`.contacts.begin`; rows are places among ``rows``.
     """
@@ -111,7 +111,7 @@ def begin(
 
 
 def _posing(skin: BodySkin, reached: compiled_broad_phase.Reached) -> native.Posing:
-    """How places come about; skin that is covered or followed is filled in."""
+    """Source of positions for the library; fills in skin that is covered or followed."""
     assert isinstance(skin.surface, SkinnedModel)
     if len(reached.wide):
         skin.skin.table.need(reached.wide)

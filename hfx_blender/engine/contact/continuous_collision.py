@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts between two samples: what passes too fast for either to see.
+"""Continuous collision detection: contacts between two samples, too fast for either to see.
 
 Samples of skin move straight in the volume's own space, in as many steps as its turning asks
 for, and each step is tested exactly, so that no wall is too thin. Slow motion is not looked at:
@@ -41,7 +41,8 @@ _ALONG: Final = 5  # places of a passage at which falloff is looked up
 def unseen_m(
     shape: Shape, inverses: F64, falloff: Falloff, tolerance: Tolerance, edge_m: float
 ) -> F64:
-    """How far skin may move against a volume between two samples without being followed, metres.
+    """Largest motion of skin relative to a volume between two samples that needs no tracking,
+    metres.
 
     Half of the volume's least width, so that nothing passes through it, and no more than can
     hide a contact of depth ``edge_m``, or one that falloff keeps weaker than the tolerance.
@@ -59,7 +60,9 @@ def unseen_m(
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How points that rest in a body's frame move in a volume's space, in ``n`` intervals."""
+    """Relative motion, in a volume's space, of points that rest in a body's frame, in ``n``
+    intervals.
+    """
 
     steps: int
     from_before: F64  # (steps + 1, n, 4, 4) shape space at the start to the frame's later place
@@ -67,7 +70,7 @@ class Drift:
 
     @classmethod
     def of(cls, volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> Drift:
-        """From placing matrices (n, 4, 4) before and after; ``steps`` of even length."""
+        """Interpolate placing matrices (n, 4, 4) before and after, in ``steps`` of even length."""
         if steps == 1:
             return cls(1, np.zeros((0, 0, 4, 4)), np.zeros((0, 0, 4, 4)))
         volumes, bodies = Motion.between(*volume), Motion.between(*body)
@@ -126,7 +129,7 @@ class Crossings:
     middles: F64  # (3, N) halfway through
 
     def peaks(self, count: int) -> F64:
-        """The most that was inside of each contact's cell at one moment, (count,)."""
+        """Largest share of each contact's cell inside at one moment, (count,)."""
         key = np.concatenate([self.contacts] * 2)
         when = np.concatenate([self.first, self.last])
         is_exit = np.repeat([False, True], len(self.contacts))
@@ -152,14 +155,13 @@ class Crossings:
         details.ways[:, *at] = self.ways[:, order]
 
     def inside(self, posed: PosedSkin) -> Inside:
-        """Where they were halfway through."""
+        """Samples inside, at the middle of their passage."""
         rows, cells = posed.cells_of(self.contacts)
         return Inside(rows, cells, self.middles)
 
 
 def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool) -> I64:
-    """Slots of pairs ``later`` (pairs,), each followed from the pair before it, whose skin may
-    have met the volume on the way.
+    """Slots of pairs ``later`` (pairs,) whose skin may have met the volume since the pair before.
 
     The clearance of a point changes by no more than it moves: on a straight way of length l
     between clearances a and b it is nowhere less than (a + b - l) / 2.
@@ -180,7 +182,7 @@ def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool)
 
 
 def _slots_before(posed: PosedSkin, slots: I64) -> I64:
-    """The same units in the pairs before those of some slots."""
+    """Slots of the same units in the pairs before."""
     before: I64 = slots - posed.table.unit_counts[posed.clusters[posed.pairs[slots]]]
     return before
 
@@ -193,7 +195,7 @@ def _places_before(posed: PosedSkin, slots: I64) -> I64:
 
 
 def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Crossings:
-    """Which samples of skin enter a volume in between.
+    """Find the samples of skin that enter a volume in between.
 
     Parameters
     ----------
@@ -238,7 +240,7 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
 def _stays_outside(
     posed: PosedSkin, rings: list[tuple[I64, I64, I64]], slots: I64, target: Target
 ) -> Bool:
-    """Which quads of slots move straight on one side of a plane beside the volume, all the way."""
+    """Test quads for straight motion on one side of a plane beside the volume, all the way."""
     rows, clusters = posed.rows_of(slots), posed.clusters[posed.pairs[slots]]
     stretches = np.maximum(target.stretches[rows - 1], target.stretches[rows])
     corners = [posed.points.take(corner, axis=1) for ring in rings for corner in ring]
@@ -246,7 +248,8 @@ def _stays_outside(
 
 
 def _may_meet(path: F64, reaches: F64, rows: I64, target: Target) -> I64:
-    """Which balls of radii ``reaches`` (N,) on paths (steps + 1, 3, N) may meet the volume.
+    """Indices of balls of radii ``reaches`` (N,) on paths (steps + 1, 3, N) that may meet the
+    volume.
 
     Every convex shape here holds the unit ball, so that within a factor 1 + r of it is all that
     is nearer than r.

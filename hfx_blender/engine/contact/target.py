@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A volume at some rows, as points of its shape space are tested against it."""
+"""Contact tests of points in shape space against a volume at some rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LAST: Final = np.array([2, 0, 1])
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A volume at some rows, as points of its shape space are tested against it."""
+    """Volume at some rows, for tests of points in its shape space."""
 
     shapes: tuple[Shape, ...]
     which: I64  # (n,) the shape of each row
@@ -40,7 +40,7 @@ class Target:
 
     @cached_property
     def places(self) -> list[tuple[Shape, slice | I64]]:
-        """Each shape that occurs, and its rows."""
+        """Shapes that occur, each with its rows."""
         if len(self.shapes) == 1:
             return [(self.shapes[0], slice(None))]
         found = np.unique(self.which).tolist()
@@ -51,7 +51,7 @@ class Target:
         return all(shape.is_convex for shape in self.shapes)
 
     def slopes_of(self, rows: I64) -> F64:
-        """Largest change of weight for a way of 1 in shape space, at some rows (k,)."""
+        """Largest change of weight for a distance of 1 in shape space, at some rows (k,)."""
         slopes = np.zeros(len(rows))
         which = self.which[rows]
         for k in np.unique(which).tolist():  # of a mesh it takes a search: only of what occurs
@@ -60,7 +60,7 @@ class Target:
 
     @cached_property
     def stretches(self) -> F64:
-        """No less than what the world is stretched by into shape space, (n,)."""
+        """Upper bound of the stretch from the world into shape space, (n,)."""
         gram = self.to_shape @ self.to_shape.transpose(0, 2, 1)
         stretches: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
         return stretches
@@ -110,7 +110,7 @@ class Target:
         return first, last
 
     def passages_of_hull(self, starts: F64, ends: F64, size: F64, rows: I64) -> tuple[F64, F64]:
-        """As :meth:`passages`, of convex hulls that are larger by factors ``size`` (N,)."""
+        """:meth:`passages` for convex hulls that are larger by factors ``size`` (N,)."""
         first = np.full(starts.shape[1], np.inf)
         last = -first
         which = self.which[rows]
@@ -158,7 +158,7 @@ class Target:
 
     @cached_property
     def _turns(self) -> tuple[F64, F64]:
-        """Of cross products in shape space: to their vectors in the world, and these back."""
+        """Linear maps of cross products between shape space and the world, forth and back."""
         matrices = self.to_shape
         with np.errstate(all="ignore"):
             # A matrix A turns cross products by det(A) times its inverse transposed.

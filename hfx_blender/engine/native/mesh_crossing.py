@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where straight ways cross a mesh's surface, compiled; see ``volume/mesh_crossing.py``."""
+"""Crossings of straight paths with a mesh's surface, compiled; see ``volume/mesh_crossing.py``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _calls() -> ctypes.CDLL:
 def crossings(
     tree: NativeTree, slack: float, middle: F64, starts: F64, ends: F64
 ) -> tuple[F64, F64]:
-    """When points that move straight first and last cross the surface, (N,) each.
+    """First and last time at which points in straight motion cross the surface, (N,) each.
 
     Parameters
     ----------

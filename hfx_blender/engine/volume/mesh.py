@@ -42,7 +42,7 @@ _SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as 
 
 @dataclass(frozen=True, eq=False)
 class MeshVolume:
-    """A closed triangle mesh; inside is where its winding number is not zero.
+    """Closed triangle mesh; points with a winding number other than zero are inside.
 
     Small holes are closed (see :func:`mesh_topology.closed_surface`), and ``note`` tells so.
     A hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
@@ -98,7 +98,7 @@ class MeshVolume:
 
     @classmethod
     def box(cls, bounds: F64, name: str) -> Self:
-        """The box (2, 3) around a mesh, in its place where nothing comes near. It may be flat."""
+        """Box (2, 3) that replaces a mesh where nothing comes near. It may be flat."""
         made = object.__new__(cls)
         corners = bounds[_BOX_CORNERS, np.arange(3)]
         values = {"vertices": corners, "triangles": _BOX_TRIANGLES, "name": name, "note": ""}
@@ -108,7 +108,7 @@ class MeshVolume:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        """Only what is not made when it is asked for: that may be of this process's memory."""
+        """State to pickle: the fields only; cached members may point into this process's memory."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
@@ -172,11 +172,11 @@ class MeshVolume:
         return clear
 
     def crossings(self, starts: F64, ends: F64) -> tuple[F64, F64]:
-        """When points that move straight cross the surface, see :func:`mesh_crossing.crossings`."""
+        """First and last crossings of straight paths, see :func:`mesh_crossing.crossings`."""
         return crossings(self._tree, self._middle, starts, ends)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
-        """The stretched triangles; remembered, as most stretched volumes do not turn."""
+        """Tree of the stretched triangles; cached, as most stretched volumes do not turn."""
         key = linear.tobytes()
         tree = self._placed_trees.get(key)
         if tree is None:

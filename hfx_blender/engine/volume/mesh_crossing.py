@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where points that move straight cross the surface of a mesh."""
+"""Crossings of straight paths with the surface of a mesh."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 _GRAZE: Final = 1e-9
-"""How far beyond a triangle's edge a crossing counts, as a share: no way slips between two."""
+"""Tolerance of a crossing beyond a triangle's edge, as a share: no path slips between two."""
 
 _SLACK: Final = 1e-12  # of the largest coordinate: boxes are that much too small
 _PAIRS_AT_ONCE: Final = 1 << 18
 
 
 def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[F64, F64]:
-    """When points that move straight, at an even speed, first and last cross the surface.
+    """First and last time at which points in straight, even motion cross the surface.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[
 def _cross(
     tree: TriangleTree, slack: float, starts: F64, way: F64, asked: I64, first: F64, last: F64
 ) -> None:
-    """Fill in ``first`` and ``last`` for those ``asked``: pass over the tree level by level."""
+    """Fill in ``first`` and ``last`` for some paths, by one pass over the tree, level by level."""
     owners, nodes = asked, np.zeros(len(asked), np.int64)
     for level, (low, high) in enumerate(tree.levels):
         if level:
@@ -79,7 +79,7 @@ def _cross(
 
 
 def _hits(starts: F64, way: F64, corners: F64) -> tuple[F64, Bool]:
-    """Where ways (3, n) meet the planes of triangles (3 corners, 3, n), and whether within these.
+    """Intersections of paths (3, n) with triangles' planes: times (n,), and a mask of real hits.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a point is from a volume's boundary, and when a moving point is inside."""
+"""Clearance of points from a volume's boundary, and passage of moving points through it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def clearance(shape: Shape, points: F64) -> F64:
 
 
 def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
-    """When points that move straight, at an even speed, are inside.
+    """First and last time at which points in straight, even motion are inside.
 
     Exact for convex shapes, however thin. Between the first and the last moment inside a mesh
     a point may leave it for a while.
@@ -101,7 +101,7 @@ def _unless_empty(first: F64, last: F64) -> tuple[F64, F64]:
 
 
 def _within_planes(starts: F64, way: F64, half: float) -> tuple[F64, F64]:
-    """When all coordinates are between -half and half."""
+    """Times at which all coordinates are between -half and half, first and last (N,)."""
     one, other = (-half - starts) / way, (half - starts) / way
     still = way == 0.0
     outside = still & (np.abs(starts) > half)
@@ -111,7 +111,7 @@ def _within_planes(starts: F64, way: F64, half: float) -> tuple[F64, F64]:
 
 
 def _within_ball(starts: F64, way: F64) -> tuple[F64, F64]:
-    """When the norm is at most 1."""
+    """Times at which the norm is at most 1, first and last (N,)."""
     speed = np.sqrt(np.einsum("ij,ij->j", way, way))
     still = speed == 0.0
     direction = way / np.where(still, 1.0, speed)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measurement was made on, and the file that measurements are kept in."""
+"""Machine that a measurement was made on, and the file that measurements are stored in."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def describe() -> dict[str, Any]:
 
 
 def as_line(found: dict[str, Any]) -> str:
-    """The same for a terminal or a caption, in one line."""
+    """Description of the machine for a terminal or a caption, in one line."""
     blender = f", Blender {found['blender']}" if found["blender"] else ""
     load = "" if found["load"] is None else f", load {found['load']:.0f}"
     engine = f", engine: {found['engine']}" if "engine" in found else ""  # in older histories
@@ -49,7 +49,7 @@ def as_line(found: dict[str, Any]) -> str:
 
 
 def append(path: Path, record: dict[str, Any]) -> int:
-    """Add a measurement to a history: one JSON object a line; how many there are now.
+    """Append a measurement to a history, one JSON object a line; returns their number.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Safety: how long it takes until a device is silent, whoever fails; and what must never happen.
+"""Safety: time until a device is silent after any failure, and events that must never happen.
 
 Maxima count. A round in which the device did not play when the fault came says nothing about
 silence: it is repeated and counted. A device that plays on after a fault is a failure of its
@@ -127,7 +127,7 @@ def _row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
 
 
 def is_within(row: dict[str, Any]) -> bool:
-    """Whether a figure keeps its limit."""
+    """Test a figure against its limit."""
     if "faults" in row:
         return not row["faults"]
     return (
@@ -190,7 +190,7 @@ def as_markdown(records: Sequence[dict[str, Any]]) -> str:
 
 @contextmanager
 def _load(count: int) -> Iterator[None]:
-    """Processes that do nothing but keep a processor busy."""
+    """Context with processes that keep processors busy."""
     busy = [own_processes.start(own_processes.program("while True: pass")) for _ in range(count)]
     try:
         yield

@@ -41,7 +41,7 @@ def render(haptics):
 """
 _SLOWEST_S: Final = 0.06  # beside a watchdog of 100 ms
 _LATE_S: Final = 0.2
-"""So long after a pause a late answer would have come."""
+"""Time after a pause by which a late answer would have come, seconds."""
 
 _RATES_HZ: Final = (24.0, 30.0, 50.0, 60.0, 72.0, 90.0, 120.0, 144.0, 240.0)
 _DEVICES: Final = 8
@@ -52,7 +52,7 @@ _QUIET: Final = [0.0, 100.0] * 8
 
 
 class _Pauses(WithClient):
-    """A script is late with an answer when everything is paused."""
+    """Trial of a script that answers late after a pause."""
 
     name = "slow"
 
@@ -93,7 +93,7 @@ class _Pauses(WithClient):
 
 
 class _Several(WithClient):
-    """Rounds of several devices at once, which all play."""
+    """Trial with several devices that all play."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -148,7 +148,7 @@ class _Several(WithClient):
 
 
 class _Offsets(_Several):
-    """From what is silent, and the offset, to silence at the port.
+    """Times from silent input, and the device's offset, to silence at the port.
 
     The offset is changed while the device plays.
     """
@@ -175,7 +175,7 @@ class _Offsets(_Several):
 
 
 def _end_of_loud(log: Log, since_s: float) -> float:
-    """When what can be felt was replaced last."""
+    """Time at which the last perceptible values were replaced."""
     rows = log.read()
     loud = [k for k, row in enumerate(rows) if is_loud_row(row)]
     if not loud or "stop" in rows[min(loud[-1] + 1, len(rows) - 1)]:
@@ -184,7 +184,7 @@ def _end_of_loud(log: Log, since_s: float) -> float:
 
 
 class _NothingNew(_Several):
-    """Signs of life come, but no answer to what was asked: nobody knows what is to be felt."""
+    """Trial of heartbeats without answers: nobody knows whether the last values still hold."""
 
     def several(self) -> list[float]:
         self._play()
@@ -202,7 +202,9 @@ class _NothingNew(_Several):
 
 
 class _Sleeps(WithClient):
-    """The computer sleeps: the output process stands still, with old values in its pipe."""
+    """Trial of a sleeping computer: the output process stands still, with old values in
+    its pipe.
+    """
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -246,4 +248,4 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "nothing new": (_NothingNew, 1),
     "computer slept": (_Sleeps, _AT_A_TIME),
 }
-"""Who makes the rounds, and how many of them at a time."""
+"""Makers of rounds, and the number of rounds at a time, by kind."""
