@@ -156,12 +156,17 @@ class CurveEffect:
 
 def is_steady(effect: bpy.types.Object) -> bool:
     """Whether an effect has the shape of a mesh that is the same at all times, or of none."""
+    return is_rigid(effect) and not visibility.is_keyed(effect)
+
+
+def is_rigid(effect: bpy.types.Object) -> bool:
+    """Whether an effect has the shape of a mesh that does not deform, or of none."""
     try:
         if effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
     except NotModelledError:
         return False
-    return not visibility.is_keyed(effect)
+    return True
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:
