@@ -110,7 +110,7 @@ class SceneExport:
             tolerance=self.tolerance,
             with_positions="positions" in settings.record,
             with_velocities="velocities" in settings.record,
-            with_shapes="glb" in settings.formats,
+            with_far="glb" in settings.formats,
         )
         if settings.strict and self.reader.description.warnings:
             told = shortened(self.reader.description.warnings, MOST_LINES)
