@@ -2,6 +2,6 @@
 """Many scenes at once: units of work, the workers that do them, and what was done before.
 
 An export of one scene is a batch of one. :mod:`batch` hands :mod:`units` to workers: this
-process, processes of this machine (:mod:`local_workers`), or a Dask cluster
-(:mod:`dask_workers`). :mod:`work` does one, in a process that has Blender.
+process, or processes of this machine (:mod:`local_workers`). :mod:`work` does one, in a process
+that has Blender. Farms schedule commands, each of which does a piece of a scene (:mod:`pieces`).
 """
