@@ -18,7 +18,6 @@ from ..stored_values import limited, limited_row
 from . import effect_values, visibility
 from .nearness import Box, swept_boxes
 from .response_values import highest_of
-from .scene_description import HapticObjects
 from .scene_rows import Places
 from .stepping import Stepper
 
