@@ -82,10 +82,11 @@ def default_pythons(platform: str) -> tuple[str, ...]:
     return (_LAST_INTEL_MAC,) if platform == "macos-x64" else OFFICIAL
 
 
-def imported(package: Path) -> set[str]:
+def imported(package: Path, left_out: str = "") -> set[str]:
     """Distributions that a package's source imports and Blender does not have.
 
-    What it can do without (imports under ``except ImportError``) is left out.
+    What it can do without (imports under ``except ImportError``) does not count, nor what its
+    folder ``left_out`` imports.
 
     Raises
     ------
@@ -94,6 +95,8 @@ def imported(package: Path) -> set[str]:
     """
     found = set()
     for path in sorted(package.rglob("*.py")):
+        if path.relative_to(package).parts[0] == left_out:
+            continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
         optional = {id(each) for node in ast.walk(tree) for each in _guarded(node)}
         for node in ast.walk(tree):

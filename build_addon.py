@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build the Blender extension: ``python build_addon.py`` makes the zip for this computer.
 
-A zip holds the package, the body models, the device configurations, the library of engine/native
-compiled for the platform, and the wheels of what the package imports and Blender lacks, for every
-Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
+A zip holds the package without its folder ``maintenance``, the body models, the device
+configurations, the library of engine/native compiled for the platform, and the wheels of what these
+modules import and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
 Blender unpacks the wheels that fit. One zip for all platforms would be five times as large.
 """
 
@@ -29,7 +29,9 @@ MANIFEST = "blender_manifest.toml"
 DATA = ("body_models", "device_configs", "effect_library")
 LICENCE = ROOT / "LICENSE"
 WHEELS = ROOT / "build" / "wheels"
-_LEFT_OUT = {"__pycache__", MANIFEST}
+MAINTENANCE = "maintenance"
+"""The folder of the package that an installed Blender never runs: not in the zip."""
+_LEFT_OUT = {"__pycache__", MANIFEST, MAINTENANCE}
 _STRAY = {".tmp", ".bak", ".orig", ".pyc", ".blend1", ".new", ".so", ".dll", ".dylib"}
 _TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content
 
@@ -118,7 +120,7 @@ def build_for(
         The library cannot be compiled.
     """
     lock = addon_wheels.read_lock()
-    wanted = addon_wheels.imported(PACKAGE)
+    wanted = addon_wheels.imported(PACKAGE, MAINTENANCE)
     chosen: dict[str, Path] = {}
     for python in pythons:
         found = addon_wheels.select(lock, wanted, name, python)

@@ -2,6 +2,21 @@
 """HFX: a haptic editor for full-body immersive experiences.
 
 Importing this package imports no ``bpy``; :func:`register` does.
+
+Packages, lowest first: each imports only from those above it in this list.
+
+engine       scene description to samples, tracks and rasters; no bpy
+devices      device configurations, live output; no bpy
+formats      files of other programs; no bpy
+avatars      avatars in Blender, and perceptual models bound to them
+authoring    effects, volumes, surfaces, clips: what a user makes
+reading      Blender's data as a scene description
+playback     preview and live devices
+batch        exports shared among processes and machines
+commands     the command line
+operators    buttons and tools
+ui           panels, menus, gizmos
+maintenance  body building, benches, demo scenes; not in the extension
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from contextlib import redirect_stdout
 from typing import Any, NoReturn
 
 from . import __version__, blender_session, file_limits
+from .commands import left_out
 from .console import Console, is_unread
 from .errors import HfxError, OutputError, UsageError, fault_of_file
 
@@ -39,7 +40,6 @@ class _Parser(argparse.ArgumentParser):
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """The parser of all commands."""
     from .commands import convert, device, export, info, sound, texture, validate
-    from .maintenance.commands import bench, body, demo
 
     parser = _Parser(
         prog=prog,
@@ -49,8 +49,10 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    demo, body, bench = map(left_out.module, ("demo", "body", "bench"))
     for module in (demo, export, sound, info, validate, convert, body, device, texture, bench):
-        module.add_parser(commands)
+        if module is not None:
+            module.add_parser(commands)
     return parser
 
 
@@ -58,6 +60,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
     """Run one command and return its exit code; every fault of the user's becomes one line."""
     console = Console(as_json="--json" in arguments)
     try:
+        left_out.refuse(arguments)
         options = build_parser(prog).parse_args(_joined(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):

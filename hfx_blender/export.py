@@ -28,12 +28,12 @@ from .engine.rendering.devices import renderers_given
 from .engine.rendering.raster import Raster
 from .engine.rendering.render import Renderer
 from .engine.rendering.room import needs_positions
-from .engine.tolerance import Tolerance, parse
+from .engine.tolerance import Tolerance
 from .engine.track import SUFFIX, TrackReader
 from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
-from .errors import InputError, UsageError
+from .errors import InputError
 from .export_report import (
     REPORT_SUFFIX,
     ExportReport,
@@ -50,11 +50,11 @@ from .formats.signals import DEFAULT_TOLERANCE
 from .formats.written import Written, beside
 from .own_processes import cores
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
+from .reading.scene_tolerance import scene_tolerance
 from .recording import Recorded, record_track
 from .report import MOST_LINES, shortened
 from .staging import place, staging
 from .stepwise import Progress, finish
-from .stored_values import bad_values
 
 _THREADS: Final = 2
 """Threads that look at skin for one that reads, renders and writes: it has as much to do as two."""
@@ -392,19 +392,6 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
                 "name devices only. Choose the file with --device."
             )
     return tuple(load_device(device.name) for device in scene.hfx.devices)
-
-
-def scene_tolerance(scene: bpy.types.Scene) -> Tolerance:
-    """Tolerance that a scene asks for."""
-    for bad in bad_values(scene):
-        if bad.path in ("tolerance", "tolerance_custom"):
-            raise InputError(f"Scene '{scene.name}': {bad}.")
-    if scene.hfx.tolerance != "CUSTOM":
-        return parse(scene.hfx.tolerance)
-    try:
-        return parse(scene.hfx.tolerance_custom)
-    except UsageError as error:
-        raise InputError(f"Scene '{scene.name}': {error}.") from error
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from .printable import printable
 
 if TYPE_CHECKING:
-    from .export import ExportReport
+    from .export_report import ExportReport
 
 
 MOST_LINES: Final = 40

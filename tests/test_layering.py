@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+from import_graph import PACKAGE, imports, module_name, modules
 
-PACKAGE = Path(__file__).resolve().parents[1] / "hfx_blender"
-PURE = ("engine", "formats", "devices")
+PURE = ("engine", "formats", "devices", "maintenance/body_building")
 SHARED = {
     "errors",
     "resources",
@@ -57,11 +58,6 @@ def _pure_files() -> list[Path]:
     return sorted(path for name in PURE for path in (PACKAGE / name).rglob("*.py"))
 
 
-def _module_name(path: Path) -> str:
-    parts = path.relative_to(PACKAGE).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
 def _import_without(blocked: tuple[str, ...], names: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, "-c", BLOCKER.format(blocked=set(blocked), names=names)],
@@ -73,11 +69,11 @@ def _import_without(blocked: tuple[str, ...], names: list[str]) -> None:
 
 
 def test_pure_packages_import_where_blender_is_not() -> None:
-    _import_without(BLENDER, [_module_name(path) for path in _pure_files()])
+    _import_without(BLENDER, [module_name(path) for path in _pure_files()])
 
 
 def test_the_everyday_path_needs_numpy_only() -> None:
-    formats = [_module_name(path) for path in (PACKAGE / "formats").glob("*.py")]
+    formats = [module_name(path) for path in (PACKAGE / "formats").glob("*.py")]
     _import_without((*BLENDER, *HEAVY), [*EVERYDAY, *formats])
 
 
@@ -86,32 +82,71 @@ def test_the_blocker_blocks() -> None:
         _import_without(("bpy",), ["properties"])
 
 
-def _imports(path: Path) -> Iterator[str]:
-    """Modules that a file imports anywhere, functions included; ours relative to the package."""
-    package = path.relative_to(PACKAGE).parts[:-1]
+def _blender_imports(path: Path) -> list[str]:
+    """Modules of Blender that a file imports anywhere, functions included."""
+    found: list[str] = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            yield node.module or ""
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1]
-            tail = node.module.split(".") if node.module else []
-            ours = [*base, *tail]
-            names = [[*ours, alias.name] for alias in node.names] if not ours else [ours]
-            yield from (".".join(("hfx_blender", *each)) for each in names)
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.append(node.module or "")
+    return [name for name in found if name.partition(".")[0] in BLENDER]
 
 
-@pytest.mark.parametrize("path", _pure_files(), ids=_module_name)
+@pytest.mark.parametrize("path", _pure_files(), ids=module_name)
 def test_pure_files_look_neither_at_blender_nor_at_its_side(path: Path) -> None:
-    for name in _imports(path):
-        top, _, rest = name.partition(".")
-        assert top not in BLENDER, f"imports {name}"
-        if top == "hfx_blender":
-            assert rest.partition(".")[0] in SHARED, f"imports {name}"
+    assert not _blender_imports(path)
+    for found in imports(path):
+        ours = found.module.startswith("maintenance.body_building") and "maintenance" in path.parts
+        assert ours or found.module.partition(".")[0] in SHARED, f"imports {found.module}"
 
 
-def test_engine_knows_neither_formats_nor_devices() -> None:
-    for path in (PACKAGE / "engine").rglob("*.py"):
-        for name in _imports(path):
-            assert not name.startswith(("hfx_blender.formats", "hfx_blender.devices")), path
+# Order
+
+
+def _stated_order(package: str) -> list[str]:
+    """The list in the docstring of a package, lowest first."""
+    text = ast.get_docstring(ast.parse(modules()[package].read_text(encoding="utf-8")))
+    return re.findall(r"^(\w+)  +\S", text or "", re.MULTILINE)
+
+
+def _units(package: str) -> dict[str, set[str]]:
+    """What each module or folder of a package imports of the others, anywhere in it."""
+    start = f"{package}." if package else ""
+    found: dict[str, set[str]] = {}
+    for name, path in modules().items():
+        if name != package and name.startswith(start):
+            unit = name.removeprefix(start).partition(".")[0]
+            others = (each.module for each in imports(path) if each.module.startswith(start))
+            units = {each.removeprefix(start).partition(".")[0] for each in others}
+            found.setdefault(unit, set()).update(units - {unit, ""})
+    return found
+
+
+@pytest.mark.parametrize("package", ["", "engine"])
+def test_a_package_imports_only_from_those_before_it(package: str) -> None:
+    order, units = _stated_order(package), _units(package)
+    folders = {name for name in units if (PACKAGE / package / name).is_dir()}
+    assert sorted(order) == sorted(units if package else folders)
+    place = {name: number for number, name in enumerate(order)}
+    upward = {
+        (unit, other)
+        for unit in place
+        for other in units[unit] & place.keys()
+        if place[other] > place[unit]
+    }
+    assert not upward
+
+
+@pytest.mark.parametrize("package", ["", "engine"])
+def test_nothing_imports_itself_in_a_circle(package: str) -> None:
+    TopologicalSorter(_units(package)).prepare()
+    whole = {name: {each.module for each in imports(path)} for name, path in modules().items()}
+    del whole[""]  # the package itself imports all to register it, and all may know its version
+    for found in whole.values():
+        found.discard("")
+    TopologicalSorter(whole).prepare()
+
+
+def test_the_spine_of_the_engine_is_short() -> None:
+    assert len([path for path in (PACKAGE / "engine").glob("*.py")]) <= 16  # with __init__

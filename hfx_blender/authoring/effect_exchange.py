@@ -15,7 +15,6 @@ from .. import compat, resources
 from ..engine.body import areas
 from ..engine.body.model import load_model
 from ..errors import InputError
-from ..reading.effect_values import PARAMETER_PROPERTIES
 from . import (
     clips,
     drawn_fades,
@@ -39,6 +38,7 @@ from .effect_file import (
     load,
     parameter_names,
 )
+from .effect_values import PARAMETER_PROPERTIES
 
 OWN = "own/"
 """Begins the names of the user's own sensations."""

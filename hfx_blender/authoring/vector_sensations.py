@@ -40,7 +40,7 @@ def add(
     InputError
         The device has no actuator of the modality, or the body is none.
     """
-    from ..reading.effect_values import PARAMETER_PROPERTIES
+    from .effect_values import PARAMETER_PROPERTIES
 
     modality = modality or device.modalities[0]
     chosen = [each for each in device.actuators if each.type.modality == modality]

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..console import Console
 from ..errors import InputError, UsageError
-from . import texture_source
+from . import left_out, texture_source
 
 _RENDERERS = ("mcha", "textile", "direct")
 _FAINT = 0.01  # of full strength
@@ -66,20 +66,18 @@ def add_parser(commands: Any) -> None:
     for sub in (info, rough):
         sub.add_argument("--cutoff", type=float, default=2.5, metavar="MM", help="(2.5)")
     listing = actions.add_parser("list", help="the materials of the library")
-    board = actions.add_parser(
-        "board", help="the example: 4 x 4 squares of four materials, as a .blend"
-    )
-    board.add_argument("-o", "--output", type=Path, default=Path("board.blend"), metavar="FILE")
     for sub, function in (
         (build, _build),
         (stroke, _stroke),
         (info, _info),
         (rough, _roughness),
         (listing, _list),
-        (board, _board),
     ):
         sub.add_argument("--json", action="store_true", help="the result as JSON")
         sub.set_defaults(run=function)
+    board = left_out.module("texture_board")
+    if board is not None:
+        board.add_parser(actions)
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:
@@ -87,7 +85,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
 
     source = texture_source.read(options)
     stem = options.output or Path(source.name)
-    _check_folder(stem)
+    check_folder(stem)
     written = texture_map.write(source.map, stem, options.bits, source.name)
     for note in (*source.notes, *written.notes):
         console.warn(f"note: {note}")
@@ -97,7 +95,8 @@ def _build(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _check_folder(path: Path) -> None:
+def check_folder(path: Path) -> None:
+    """Refuse a path in a folder that is not there: :class:`UsageError`."""
     if not path.parent.is_dir():
         raise UsageError(f"{path}: there is no folder '{path.parent}'")
 
@@ -112,7 +111,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
 
     for path in options.output:
         stroke_files.check(path)
-        _check_folder(path)
+        check_folder(path)
     stroke = _stroke_of(options)
     source = texture_source.read(options)
     if options.drive is not None and not 0.0 < options.drive < 1e6:
@@ -282,19 +281,4 @@ def _list(options: argparse.Namespace, console: Console) -> int:
     console.result(
         {m.name: {"kind": m.kind, "size_mm": 1000.0 * m.size_m} for m in MATERIALS.values()}
     )
-    return 0
-
-
-def _board(options: argparse.Namespace, console: Console) -> int:
-    from .. import blender_session
-
-    if options.output.suffix != ".blend":
-        raise UsageError(f"{options.output}: expected a name that ends in .blend")
-    _check_folder(options.output)
-    blender_session.start()
-    from ..maintenance.demo import board
-
-    made = board.save(options.output)
-    console.say(f"wrote {options.output}: {len(made)} squares")
-    console.result({"file": str(options.output), "squares": made})
     return 0

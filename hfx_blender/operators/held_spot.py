@@ -12,7 +12,7 @@ from mathutils import Vector
 
 from ..authoring import posed_skin
 from ..errors import HfxError
-from ..ui import path_overlay
+from . import path_overlay
 from .paths import PathOperator, active_spot
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from bpy_extras import view3d_utils
 
 from ..authoring import paths, posed_skin
 from ..errors import HfxError, InputError
-from ..ui import path_overlay
+from . import path_overlay
 from .paths import active_spot
 from .shared import HfxOperator
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty
 
-from ..authoring import response_baking, responses
+from .. import response_baking
+from ..authoring import responses
 from ..response_properties import KINDS
 from .shared import HfxOperator, active_effect
 

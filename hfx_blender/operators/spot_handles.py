@@ -12,7 +12,7 @@ from mathutils import Vector
 
 from ..authoring import paths, posed_skin
 from ..errors import InputError
-from ..ui import path_overlay
+from . import path_overlay
 from .held_spot import HeldSpotOperator, is_for_blender, on_body, view_region
 from .paths import PathOperator, active_spot
 

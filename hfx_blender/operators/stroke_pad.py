@@ -47,7 +47,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         from ..playback.stroke_pad import StrokePad
         from ..playback.stroke_sound import StrokeSound
-        from ..ui.stroke_pad_view import PadPlace, draw
+        from .stroke_pad_view import PadPlace, draw
 
         obj, area = context.object, context.area
         if area is None or area.type not in ("VIEW_3D", "IMAGE_EDITOR"):

@@ -50,8 +50,8 @@ class Evaluation:
 
     def describe(self, context: bpy.types.Context) -> None:
         """Describe the scene anew if it has changed; never from within an update."""
-        from ..export import scene_tolerance
         from ..reading.live_scene import LiveScene, signature_of
+        from ..reading.scene_tolerance import scene_tolerance
 
         scene, layer = context.scene, context.view_layer
         settings = scene.hfx.tolerance, scene.hfx.tolerance_custom

@@ -9,12 +9,12 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..authoring import responses
+from ..authoring import effect_values, responses
 from ..engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..response_properties import HfxResponseFilter
 from ..stored_values import limited
-from . import effect_values, response_values, skin_values, visibility
+from . import response_values, skin_values, visibility
 from .activation import Activation, Source
 from .animation_curves import NotModelledError
 from .own_kinematics import Parents, PlainObject, rest_value

@@ -21,19 +21,11 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..authoring import effects, volumes
+from ..authoring import effect_values, effects, volumes
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
 from ..errors import InputError
-from . import (
-    activation,
-    dormant,
-    effect_values,
-    response_values,
-    scene_description,
-    soundness,
-    stepping,
-)
+from . import activation, dormant, response_values, scene_description, soundness, stepping
 from .animation_time import animation_frames
 from .reached import is_instancer, reached_from
 from .scene_description import HapticObjects

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import bpy
 
+from ..authoring.effect_values import Shapes
 from ..engine.scene import EffectDescription
 from . import instances
-from .effect_values import Shapes
 from .instances import Key
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow

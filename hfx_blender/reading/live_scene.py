@@ -15,12 +15,12 @@ import bpy
 import numpy as np
 
 from ..authoring import effects, responses, surfaces
+from ..authoring.effect_values import Shapes
 from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
 from ..engine.scene import AnimationBlock, HapticVolume
 from ..engine.tolerance import Tolerance
 from . import scene_description, skin_areas, visibility
-from .effect_values import Shapes
 from .live_clock import LiveClock
 from .live_instances import LiveInstances
 from .scene_reader import time_base

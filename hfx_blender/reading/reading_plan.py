@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ..authoring import effect_values
 from ..avatars import avatar_meshes
 from ..engine.body.model import load_model
 from ..engine.scene import (
@@ -28,7 +29,7 @@ from ..engine.scene import (
 )
 from ..engine.tolerance import Tolerance
 from ..engine.volume.placement import world_bounds
-from . import effect_values, response_values, stepping, visibility
+from . import response_values, stepping, visibility
 from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
 from .animation_curves import NotModelledError
 from .animation_time import animation_frames

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import __version__, compat
-from ..authoring import effects
+from ..authoring import effect_values, effects
+from ..authoring.effect_values import Shapes
 from ..avatars import avatar_meshes, body_binding
 from ..engine.body.model import load_model
 from ..engine.scene import (
@@ -35,7 +36,6 @@ from ..file_hash import sha256_of
 from ..stored_values import bad_values
 from . import (
     activation,
-    effect_values,
     reached,
     response_values,
     skin_areas,
@@ -45,7 +45,6 @@ from . import (
 )
 from .animation_time import animation_frames, played_frame
 from .curve_reading import is_steady
-from .effect_values import Shapes
 from .simulation import Simulation, to_bake
 
 IN_SCENE = ("VOLUME", "SURFACE")

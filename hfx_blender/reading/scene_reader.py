@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import stored_values
+from ..authoring.effect_values import Shapes
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
@@ -26,7 +27,6 @@ from ..errors import InputError
 from ..report import shortened
 from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
-from .effect_values import Shapes
 from .reading_plan import Pass, Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
 from .simulation import Simulation, goes_on_by_itself

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import paths
+from ..authoring import effect_values, paths
 from ..engine.scene import ActuatorArea, SpotArea
 from ..errors import InputError
-from . import effect_values
 
 
 def spot_area(effect: bpy.types.Object, body_id: str) -> SpotArea:

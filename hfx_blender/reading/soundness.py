@@ -15,9 +15,9 @@ import bpy
 import numpy as np
 
 from .. import compat, stored_values
+from ..authoring.effect_values import PARAMETER_PROPERTIES
 from ..errors import InputError
 from ..stored_values import BadValue
-from .effect_values import PARAMETER_PROPERTIES
 
 MOST_FILTERS = 64
 """Filters of one contact response; each costs time at every sample."""

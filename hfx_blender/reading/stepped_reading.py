@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import compat
-from ..authoring import volumes
+from ..authoring import effect_values, volumes
 from ..avatars import avatar_meshes, body_binding
 from ..engine.scene import EffectBlock, SceneDescription, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..errors import InputError
-from . import activation, effect_values, response_values, skin_values
+from . import activation, response_values, skin_values
 from .curve_reading import is_rigid
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, PoseRow, Row

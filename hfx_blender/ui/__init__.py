@@ -9,6 +9,7 @@ from .. import registration
 
 
 def _modules() -> tuple[ModuleType, ...]:
+    from ..operators import path_overlay
     from . import (
         asset_library,
         blender_command,
@@ -19,7 +20,6 @@ def _modules() -> tuple[ModuleType, ...]:
         menus,
         paint_panel,
         panels,
-        path_overlay,
         path_panel,
         response_panel,
         spot_gizmo,

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hfx_blender.authoring.effect_values import Shapes
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.reading import reading_plan
-from hfx_blender.reading.effect_values import Shapes
 from hfx_blender.reading.scene_reader import SceneReader
 
 bpy = pytest.importorskip("bpy")

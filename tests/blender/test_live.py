@@ -28,7 +28,7 @@ from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
-from hfx_blender.export import ExportSettings, export_scene, scene_tolerance
+from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.operators import live_setup
 from hfx_blender.playback import live as live_module
 from hfx_blender.playback import live_listening, live_settings, live_targets, look_ahead
@@ -37,6 +37,7 @@ from hfx_blender.playback.live import live
 from hfx_blender.playback.preview_layers import Preview
 from hfx_blender.reading import stepping
 from hfx_blender.reading.live_scene import LiveScene
+from hfx_blender.reading.scene_tolerance import scene_tolerance
 
 pytestmark = pytest.mark.usefixtures("patient_devices")
 

@@ -19,11 +19,11 @@ from hfx_blender.engine.response_filters.controls import Filter, Kind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import HapticSurface, HapticVolume
 from hfx_blender.engine.volume.shape import Falloff
-from hfx_blender.export import scene_tolerance
 from hfx_blender.playback import look_ahead
 from hfx_blender.playback.look_ahead import Ahead, Way
 from hfx_blender.reading import looking_ahead
 from hfx_blender.reading.live_scene import LiveScene
+from hfx_blender.reading.scene_tolerance import scene_tolerance
 
 LATE_MS = (20.0, 80.0)
 

@@ -19,10 +19,11 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.device import DeviceConfig, RoomPlace
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
-from hfx_blender.export import ExportSettings, export_scene, scene_tolerance
+from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.looking_ahead import LookAhead
 from hfx_blender.reading.play_space import pose_now
+from hfx_blender.reading.scene_tolerance import scene_tolerance
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export import ExportSettings, export_scene
+from hfx_blender.operators import path_overlay
 from hfx_blender.reading.live_scene import LiveScene
-from hfx_blender.ui import path_overlay
 
 BACK = (0.09, 0.076, 1.35)
 

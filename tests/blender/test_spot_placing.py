@@ -16,10 +16,10 @@ from mathutils import Vector
 from hfx_blender.authoring import paths, spot_placing
 from hfx_blender.engine.areas.spot import lengths_along, places_on
 from hfx_blender.engine.tolerance import STANDARD
-from hfx_blender.operators import held_spot
+from hfx_blender.operators import held_spot, path_overlay
 from hfx_blender.operators.spot_handles import HFX_OT_resize_spot, HFX_OT_slide_spot
 from hfx_blender.reading.live_scene import LiveScene
-from hfx_blender.ui import path_overlay, spot_gizmo
+from hfx_blender.ui import spot_gizmo
 
 LEFT, RIGHT, LOW = (0.09, 0.076, 1.35), (-0.09, 0.076, 1.35), (0.0, 0.04, 1.15)
 ON_SKIN_M = 0.012  # how far from these places the skin is

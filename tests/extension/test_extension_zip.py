@@ -16,9 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from import_graph import PACKAGE, imports, module_name
 from strange_modules import CHILDREN, fill
 
 import hfx_blender
+from hfx_blender import cli
+from hfx_blender.commands import left_out
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -27,6 +30,9 @@ import addon_wheels  # noqa: E402 (beside the package, not installed)
 import build_addon  # noqa: E402
 import native_build  # noqa: E402
 import native_wheel  # noqa: E402
+
+SHIPPED = [path for path in PACKAGE.rglob("*.py") if PACKAGE / "maintenance" not in path.parents]
+SHIPPED_CHILDREN = [name for name in CHILDREN if not name.startswith("maintenance.")]
 
 
 def manifest_of(path: Path) -> dict[str, Any]:
@@ -85,13 +91,31 @@ def zig(monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_zip_holds_the_package_the_data_and_the_licence(small: Path) -> None:
     names = set(zipfile.ZipFile(small).namelist())
-    expected = {
-        path.relative_to(ROOT / "hfx_blender").as_posix()
-        for path in (ROOT / "hfx_blender").rglob("*.py")
-    }
+    expected = {path.relative_to(PACKAGE).as_posix() for path in SHIPPED}
+    assert not [name for name in names if name.startswith("maintenance/")]
     for folder in ("body_models", "device_configs"):
         expected |= {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).glob("*.json")}
     assert expected | {"LICENSE", "blender_manifest.toml"} <= names
+
+
+def test_what_the_zip_holds_imports_nothing_that_it_leaves_out() -> None:
+    held = {module_name(path) for path in SHIPPED}
+    for path in SHIPPED:
+        for found in imports(path):
+            assert found.module in held, f"{module_name(path)}:{found.line} imports {found.module}"
+        if path.name != "left_out.py":  # finds the commands of an installation by pip
+            code = re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text(encoding="utf-8"))
+            assert "maintenance" not in code, path
+
+
+def test_left_out_commands_say_where_they_are(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(left_out, "_PACKAGE", "hfx_blender.nowhere")
+    for command in ("demo", "body", "bench", "texture board"):
+        assert cli.run([*command.split(), "--json"]) == 2
+        assert f"'{command}' is not part of the extension" in capsys.readouterr().err
+    assert cli.run(["texture", "list"]) == 0
 
 
 def test_nothing_else_strays_into_the_zip(small: Path) -> None:
@@ -259,7 +283,7 @@ def test_it_is_installed_used_switched_and_uninstalled(small: Path, tmp_path: Pa
     resources.mkdir()
     fill(tmp_path / "strange")
     done = subprocess.run(
-        [sys.executable, "-c", INSTALL, str(small), str(tmp_path / "strange"), *CHILDREN],
+        [sys.executable, "-c", INSTALL, str(small), str(tmp_path / "strange"), *SHIPPED_CHILDREN],
         env={
             **os.environ,
             "BLENDER_USER_RESOURCES": str(resources),
@@ -320,7 +344,7 @@ def test_wheels_go_where_they_run(tag: str, platforms: set[str]) -> None:
 
 
 def test_wheels_are_those_of_what_the_package_imports(wheels: Path, tmp_path: Path) -> None:
-    imported = addon_wheels.imported(ROOT / "hfx_blender")
+    imported = addon_wheels.imported(PACKAGE, "maintenance")
     assert "scipy" in imported and "numpy" not in imported
     built = build_addon.build_for("linux-x64", ("3.13",), tmp_path, wheels)
     found = {
@@ -347,7 +371,8 @@ def test_what_the_package_can_do_without_is_not_bundled(tmp_path: Path) -> None:
 
 
 def test_a_wheel_with_other_bytes_is_refused(wheels: Path, tmp_path: Path) -> None:
-    name = next(name for name in addon_wheels.read_lock() if "cp313-manylinux" in name)
+    scipy = [name for name in addon_wheels.read_lock() if name.startswith("scipy-")]
+    name = next(name for name in scipy if "cp313-manylinux" in name)
     (wheels / name).write_bytes((wheels / name).read_bytes() + b" ")
     with pytest.raises(addon_wheels.WheelError, match="not the file"):
         build_addon.build_for("linux-x64", ("3.13",), tmp_path, wheels)

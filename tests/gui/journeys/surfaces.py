@@ -44,7 +44,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.press_button("HFX_OT_stroke_pad")
     yield 0.5
     region = h.region()
-    view, pad = hands.module("ui.stroke_pad_view"), hands.module("operators.stroke_pad")
+    view, pad = hands.module("operators.stroke_pad_view"), hands.module("operators.stroke_pad")
     place = view.PadPlace(region.width, region.height)
     low = h.window.height - (region.y + place.bottom)
     x = region.x + place.left + place.side / 2
@@ -119,7 +119,7 @@ def stroke(h: Any, way: list[tuple[float, float]], shot: str) -> Iterator[float]
 def reach(h: Any, pixels: Any, row: int) -> tuple[int, int]:
     """Where one of the plots' curves is highest and lowest, pixels from the plot's lower edge."""
     region = h.region()
-    view = hands.module("ui.stroke_pad_view")
+    view = hands.module("operators.stroke_pad_view")
     place = view.PadPlace(region.width, region.height)
     wide, high = view._PLOT_PX
     left = region.x + place.left + place.side + 16

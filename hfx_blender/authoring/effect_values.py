@@ -7,10 +7,10 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..authoring import volumes
 from ..engine.volume.mesh import MeshVolume
 from ..engine.volume.shape import Falloff, FalloffKind, Shape
 from ..stored_values import limited
+from . import volumes
 
 F64 = npt.NDArray[np.float64]
 

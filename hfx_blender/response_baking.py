@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import bpy
 
-from .. import compat
-from ..errors import InputError
+from . import compat
+from .errors import InputError
 
 TARGETS = (
     (
@@ -41,9 +41,9 @@ def bake(
     """
     import numpy as np
 
-    from ..engine.evaluate import Engine
-    from ..reading.animation_time import animation_frames
-    from ..reading.scene_reader import SceneReader
+    from .engine.evaluate import Engine
+    from .reading.animation_time import animation_frames
+    from .reading.scene_reader import SceneReader
 
     reader = SceneReader(scene, frames=frames)
     ids = [e.id for e in reader.description.effects if e.name == effect.name]
