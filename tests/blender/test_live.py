@@ -47,7 +47,7 @@ PATIENCE_S = 120.0
 @pytest.fixture
 def log(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A vibrating back in the scene, and the file of a simulated pad that is connected."""
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data")
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_painted(modality="vibration", name="Rumble")
     bpy.ops.hfx.fill_part(part="torso", side="both")
@@ -548,7 +548,7 @@ def test_an_approval_on_the_list_is_withdrawn_also_where_its_files_are_gone(
 ) -> None:
     from hfx_blender.devices.live import approval
 
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path)
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path))
     (tmp_path / "gone.json").write_bytes((resources.device_configs() / f"{PAD}.json").read_bytes())
     (tmp_path / "gone.py").write_text("render = None")
     found = approval.script_of(tmp_path / "gone.json")

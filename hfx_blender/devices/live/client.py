@@ -76,8 +76,8 @@ class LiveClient:
         folder : Path, optional
             Of the user's own configurations.
         script : mapping, optional
-            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of a script that the
-            user has approved.
+            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's script. If
+            the user has not approved these bytes, it is not run and the device has a fault.
         offset_ms : float
             How long its values are held back.
         is_armed : bool
