@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -151,6 +152,27 @@ def locked(path: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)  # which gives it back
+
+
+def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
+    """Replace a JSON file that several processes write, each of which changes a part of it.
+
+    Parameters
+    ----------
+    path : Path
+    content : callable
+        Reads the file and gives what it is to hold. Nobody else who amends the file writes it
+        between the two; what it raises leaves the file as it was.
+
+    Raises
+    ------
+    OutputError
+        Somebody else keeps it for longer than :data:`PATIENCE_S`, or it cannot be written.
+    """
+    with locked(path):
+        made = json.dumps(content(), indent=1).encode()
+        with atomic_file(path) as file:
+            file.write(made)
 
 
 def _is_taken(descriptor: int) -> bool:

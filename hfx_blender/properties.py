@@ -380,10 +380,19 @@ PALETTES = (
 )
 
 
+def _turn_down(self: HfxDeviceName, context: bpy.types.Context) -> None:
+    from .playback.live import live
+
+    if self.id_data == context.scene:
+        live.turn_down(context.scene)
+
+
 class HfxDeviceName(bpy.types.PropertyGroup):
     """A device of the user's registry, by name; a .blend never brings its configuration."""
 
-    is_muted: BoolProperty(name="Mute", description="Silent while designing", default=False)
+    is_muted: BoolProperty(
+        name="Mute", description="Silent while designing", default=False, update=_turn_down
+    )
     gain: FloatProperty(
         name="Gain",
         description="Times every strength while designing; the device's limits stay",

@@ -10,6 +10,7 @@ from .errors import HfxError
 BODY_MODELS_VARIABLE = "HFX_BODY_MODELS"
 DEVICES_VARIABLE = "HFX_DEVICES"
 EFFECTS_VARIABLE = "HFX_EFFECTS"
+USER_DATA_VARIABLE = "HFX_USER_DATA"
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -88,7 +89,10 @@ def surface_calibration() -> Path:
 
 
 def _user_data() -> Path:
-    """Folder for our user data by the platform's convention."""
+    """Where the platform wants a user's data of ours, or the variable ``HFX_USER_DATA``."""
+    named = os.environ.get(USER_DATA_VARIABLE)
+    if named:
+        return Path(named).expanduser()
     if sys.platform == "win32":
         return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming") / "hfx"
     if sys.platform == "darwin":

@@ -10,7 +10,7 @@ import json
 import math
 
 from .. import resources
-from ..atomic_files import atomic_file
+from ..atomic_files import amend_json
 from ..engine.texture.surface_names import DRIVE_PER_M
 from ..errors import InputError
 
@@ -44,7 +44,7 @@ def of_device(*names: str) -> float | None:
 
 
 def store(value_per_m: float, device: str = ANY_DEVICE) -> None:
-    """Remember c_v for a device.
+    """Remember c_v for a device; what another process remembers meanwhile stays.
 
     Raises
     ------
@@ -55,11 +55,10 @@ def store(value_per_m: float, device: str = ANY_DEVICE) -> None:
     """
     if not _is_good(value_per_m):
         raise InputError(f"Calibration: {value_per_m} per metre; expected a number above 0.")
-    path = resources.surface_calibration()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    known = load() | {device: float(value_per_m)}
-    with atomic_file(path) as file:
-        file.write(json.dumps(known, indent=1, sort_keys=True).encode())
+    amend_json(
+        resources.surface_calibration(),
+        lambda: dict(sorted({**load(), device: float(value_per_m)}.items())),
+    )
 
 
 def _is_good(value: object) -> bool:

@@ -186,7 +186,7 @@ class Live:
     def send_vibration(
         self, amplitude_m_s2: float, frequency_hz: float, drive: SurfaceDrive | None = None
     ) -> None:
-        """Play a vibration on every vibration actuator now, within its device's limits.
+        """Let every vibration actuator play this now, times its device's gain, within its limits.
 
         For what is tried by hand, without a body. A device that a script drives is left alone.
         What a surface drives (``drive``) is as strong as was calibrated for each device.
@@ -194,13 +194,16 @@ class Live:
         if self._client is None or not self.is_armed:
             return
         self._changed_s, self._is_held = time.monotonic(), False
+        gains = self._gains(bpy.context.scene)
         for name, each in self._devices.items():
             if each.has_script:
                 continue
+            gain = gains.get(self._client.devices[name].number, 1.0)
             own, played = each.device.surface_drive_per_m, amplitude_m_s2
             if drive is not None:
                 played = float(drive.amplitude(amplitude_m_s2, own))
-            self._client.send(name, live_targets.vibrating(each.device, played, frequency_hz))
+            values = live_targets.vibrating(each.device, gain * played, frequency_hz)
+            self._client.send(name, values)
 
     def close(self) -> None:
         """Silence everything and end the output process."""
@@ -321,12 +324,27 @@ class Live:
         from .live_moment import moment_now
 
         self._changed_s, self._is_held = time.monotonic(), False
-        numbers = {name: state.number for name, state in self.states.items()}
+        numbers = self._numbers()
         playhead = self.ahead.playhead(scene, live_listening.is_playing())
         moment = moment_now(scene, numbers, self.ahead.edition, playhead)
         self._time_s = moment.time_s
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
         self._client.show(moment)
+
+    def turn_down(self, scene: bpy.types.Scene) -> None:
+        """The user has pressed a mute: that device is silent at once, whatever Blender does."""
+        if self._client is not None:
+            self._client.set_gains(self._gains(scene))
+            live_listening.request_update()
+
+    def _numbers(self) -> dict[str, int]:
+        """Numbers of the connected devices."""
+        return {name: state.number for name, state in self.states.items()}
+
+    def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
+        from .live_moment import gains
+
+        return gains(scene, self._numbers())
 
 
 live = Live()

@@ -42,15 +42,15 @@ def moment_now(
     return Moment(
         playhead.frame / playhead.fps,
         evaluation.runs(),
-        _gains(scene, numbers),
+        gains(scene, numbers),
         play_space,
         edition,
         playhead,
     )
 
 
-def _gains(scene: bpy.types.Scene, numbers: Mapping[str, int]) -> dict[int, float]:
-    """Gains set by the user, by device number; 0 is mute."""
+def gains(scene: bpy.types.Scene, numbers: Mapping[str, int]) -> dict[int, float]:
+    """Gains that the user has set, by a device's number; 0 is mute."""
     found = {}
     for name, number in numbers.items():
         item = scene.hfx.devices.get(name)

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from .. import resources
-from ..atomic_files import atomic_file
+from ..atomic_files import amend_json
 
 MAX_OFFSET_MS = 1000.0
 
@@ -40,22 +40,21 @@ def load() -> dict[str, LiveSettings]:
 
 
 def store(name: str, settings: LiveSettings) -> None:
-    """Remember how a device is connected.
+    """Remember how a device is connected; what another process remembers meanwhile stays.
 
     Raises
     ------
     OutputError
         It cannot be stored.
     """
-    known = load()
-    if known.get(name) == settings:
+    if load().get(name) == settings:
         return
-    known[name] = settings
-    path = resources.live_settings()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as file:
-        content = {each: asdict(known[each]) for each in sorted(known)}
-        file.write(json.dumps(content, indent=1).encode())
+
+    def content() -> dict[str, Any]:
+        known = {**load(), name: settings}
+        return {each: asdict(known[each]) for each in sorted(known)}
+
+    amend_json(resources.live_settings(), content)
 
 
 def _one(found: dict[str, Any]) -> LiveSettings:

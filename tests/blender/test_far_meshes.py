@@ -10,26 +10,11 @@ import pytest
 
 from hfx_blender.authoring.effect_values import Shapes
 from hfx_blender.engine.tolerance import STANDARD
-from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.reading import reading_plan
 from hfx_blender.reading.scene_reader import SceneReader
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
-
-
-@pytest.fixture
-def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the mesh volumes that are made from now on."""
-    names: list[str] = []
-    real = MeshVolume.__post_init__
-
-    def post_init(self: MeshVolume) -> None:
-        names.append(self.name)
-        real(self)
-
-    monkeypatch.setattr(MeshVolume, "__post_init__", post_init)
-    return names
 
 
 @pytest.fixture

@@ -2,7 +2,9 @@
 """Approval of device scripts: shipped ones, and those that the user has approved, may run.
 
 An approval is for the bytes of script and configuration and for the version of the interface;
-a changed byte asks again. It is not a sandbox: an approved script has its user's rights.
+a changed byte asks again. The process that runs a script asks :func:`may_run` of the very bytes
+it has read, whoever has it run; all others ask only to tell people sooner. It is not a sandbox:
+an approved script has its user's rights.
 """
 
 from __future__ import annotations
@@ -11,13 +13,12 @@ import hashlib
 import json
 import re
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from ... import resources
-from ...atomic_files import atomic_file, locked
+from ...atomic_files import amend_json
 from ...errors import InputError
 from ..configuration import find_file, script_beside
 from .haptics import API_VERSION
@@ -65,7 +66,12 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
     if configuration is None or path is None:
         return None
     mark = fingerprint(path, configuration)
-    return DeviceScript(path, configuration, mark, is_shipped(path) or mark in approved())
+    return DeviceScript(path, configuration, mark, may_run(path, mark))
+
+
+def may_run(script: Path, mark: str) -> bool:
+    """Whether a script of this fingerprint may run."""
+    return is_shipped(script) or mark in approved()
 
 
 def is_shipped(script: Path) -> bool:
@@ -108,8 +114,8 @@ def approve(script: DeviceScript) -> None:
     """
     if fingerprint(script.path, script.configuration) != script.fingerprint:
         raise InputError(f"{script.path}: has changed just now; look at it again.")
-    with locked(resources.approved_scripts()):
-        _store({**_read(), script.fingerprint: str(script.path.absolute())})
+    path = str(script.path.absolute())
+    amend_json(resources.approved_scripts(), lambda: {**_read(), script.fingerprint: path})
 
 
 def revoke(script: DeviceScript) -> None:
@@ -125,9 +131,10 @@ def revoke(script: DeviceScript) -> None:
         It cannot be stored.
     """
     path = str(script.path.absolute())
-    with locked(resources.approved_scripts()):
-        found = _read()
-        _store({m: p for m, p in found.items() if m != script.fingerprint and p != path})
+    amend_json(
+        resources.approved_scripts(),
+        lambda: {m: p for m, p in _read().items() if m != script.fingerprint and p != path},
+    )
 
 
 def revoke_fingerprint(mark: str) -> None:
@@ -140,11 +147,14 @@ def revoke_fingerprint(mark: str) -> None:
     OutputError
         It cannot be stored.
     """
-    with locked(resources.approved_scripts()):
+
+    def content() -> dict[str, str]:
         found = _read()
         if mark not in found:
             raise InputError(f"{resources.approved_scripts()}: '{mark[:64]}' is not approved.")
-        _store({m: path for m, path in found.items() if m != mark})
+        return {m: path for m, path in found.items() if m != mark}
+
+    amend_json(resources.approved_scripts(), content)
 
 
 def approved() -> dict[str, str]:
@@ -227,8 +237,3 @@ def _unreadable(path: Path, why: str) -> InputError:
         f"{path}: the list of approved scripts cannot be read ({why}), so none is approved; "
         "repair it or move it away."
     )
-
-
-def _store(approved: Mapping[str, str]) -> None:
-    with atomic_file(resources.approved_scripts()) as file:
-        file.write(json.dumps(dict(approved), indent=1).encode())

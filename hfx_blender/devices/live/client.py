@@ -76,8 +76,8 @@ class LiveClient:
         folder : Path, optional
             Of the user's own configurations.
         script : mapping, optional
-            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of a script that the
-            user has approved.
+            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's script. If
+            the user has not approved these bytes, it is not run and the device has a fault.
         offset_ms : float
             How long its values are held back.
         is_armed : bool
@@ -142,13 +142,19 @@ class LiveClient:
         It is handed over as it is: nothing of it may be changed any more. A device that is muted
         by it is silent at once.
         """
-        for number, gain in moment.gains.items():
+        self.set_gains(moment.gains)
+        self._pipe.replace(EVERY_DEVICE, moment)
+
+    def set_gains(self, gains: Mapping[int, float]) -> None:
+        """Turn devices down, by their numbers, in moments from now on; 0 is mute, and silence at
+        once. What was not sent yet is void where one is muted: show it anew.
+        """
+        for number, gain in gains.items():
             if not gain and self._gains.get(number, 1.0):
                 self._pipe.void(EVERY_DEVICE)
                 self._pipe.void(number)
                 self._pipe.tell(Kind.PAUSE, number)
-        self._gains = moment.gains
-        self._pipe.replace(EVERY_DEVICE, moment)
+        self._gains = gains
 
     def foresee(self, body: bytes, *, is_scene: bool) -> None:
         """Send upcoming state of the scene, for actuators with latency.

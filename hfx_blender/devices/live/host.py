@@ -31,7 +31,7 @@ from ...errors import InputError
 from ..configuration import load_device
 from .clock import SYSTEM, Clock
 from .kept_accounts import KeptAccounts, identities
-from .lane import FREEZE_S, MAX_OFFSET_S, Lane
+from .lane import FREEZE_S, Lane
 from .messages import (
     EVERY_DEVICE,
     Kind,
@@ -46,6 +46,7 @@ from .outputs import open_output
 from .render_process import Questions, RenderProcess
 from .script_process import ScriptProcess
 from .time_on import Account
+from .waiting import MAX_OFFSET_S
 
 HEARTBEAT_S: Final = 0.25
 """Longest time between messages, seconds; beyond it Blender counts as frozen."""
@@ -100,7 +101,7 @@ class Host:
         self._end = ""
         self._patience_s = HEARTBEAT_S
         self._is_frozen = False
-        self._accounts = KeptAccounts(resources.time_on())
+        self._accounts = KeptAccounts(resources.time_on(), clock)
         threading.Thread(target=self._accounts.keep_on, name="time on", daemon=True).start()
         self._rendering = RenderProcess(self._rendered, self._cannot_render, clock)
 

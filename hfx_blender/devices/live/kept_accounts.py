@@ -24,7 +24,7 @@ from ...atomic_files import atomic_file
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.device_output import BhapticsEncoder, ButtplugEncoder
 from ...errors import HfxError
-from .clock import SYSTEM
+from .clock import SYSTEM, Clock
 from .discovery import FoundPort, serial_ports
 from .opening import kind_of
 from .time_on import Account
@@ -91,10 +91,12 @@ class KeptAccounts:
     ----------
     folder : Path
         Of their files; it need not exist.
+    clock : Clock
+        The one that those who play go by.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, clock: Clock = SYSTEM) -> None:
+        self._folder, self._clock = folder, clock
         self._kept: dict[str, _Kept] = {}
         self._lock = threading.Lock()
         self._is_told = False
@@ -107,7 +109,7 @@ class KeptAccounts:
             if known is None:
                 name = hashlib.sha256(identity.encode()).hexdigest()[:32] + ".json"
                 path = self._folder / name
-                known = self._kept[identity] = _Kept(_read(path), path)
+                known = self._kept[identity] = _Kept(_read(path, self._clock.now()), path)
                 known.account.on_begin = self._changed.set
             return known.account
 
@@ -119,7 +121,7 @@ class KeptAccounts:
                 if state == each.written:
                     continue
                 try:
-                    _write(each.path, identity, state)
+                    _write(each.path, identity, state, self._clock.now())
                 except (HfxError, OSError) as error:
                     if not self._is_told:
                         self._is_told = True
@@ -146,9 +148,8 @@ def _state(account: Account) -> tuple[Any, ...]:
         )
 
 
-def _write(path: Path, identity: str, state: tuple[Any, ...]) -> None:
+def _write(path: Path, identity: str, state: tuple[Any, ...], now_s: float) -> None:
     filled, is_resting, is_open, idle_since_s = state
-    now_s = SYSTEM.now()
     idle_s = max(now_s - idle_since_s, 0.0) if math.isfinite(idle_since_s) else 0.0
     content = {
         "device": identity,
@@ -163,8 +164,7 @@ def _write(path: Path, identity: str, state: tuple[Any, ...]) -> None:
         file.write(json.dumps(content).encode())
 
 
-def _read(path: Path) -> Account:
-    now_s = SYSTEM.now()
+def _read(path: Path, now_s: float) -> Account:
     try:
         with open(path, "rb") as file:
             found = json.loads(file.read(_MOST_BYTES))

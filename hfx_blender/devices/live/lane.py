@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple, Protocol
@@ -21,6 +20,7 @@ from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
 from .time_on import Account
 from .tones import Sounding
+from .waiting import Waiting
 
 F64 = npt.NDArray[np.float64]
 
@@ -38,12 +38,8 @@ FREEZE_S: Final = 0.28
 """Time without a sign that the last values still hold, after which a lane is silent, seconds; the
 limit is 0.3."""
 
-MAX_OFFSET_S: Final = 1.0
-
 _LEVELS_S: Final = 0.1
 _IDLE_S: Final = 1.0
-_LEAST_APART_S: Final = 0.001
-"""Frames that come closer are one, so that those that wait for an offset have a bound."""
 
 _log = logging.getLogger(__name__)
 
@@ -128,7 +124,7 @@ class Lane:
         self._output: Output | None = None
         self._wake = threading.Condition()
         self._port = threading.Lock()  # held while values are handed over
-        self._waiting: deque[tuple[float, F64]] = deque()  # when they came, values
+        self._waiting = Waiting(device, self._tick_s, FREEZE_S)
         self._generation = 0  # raised by whatever voids all that was asked before
         self._sign_s = -math.inf  # when what is played, or waits, was last known to hold
         self._asked = self._answered = 0  # numbers of the newest questions
@@ -188,11 +184,7 @@ class Lane:
             if not fault:
                 self._answered = question.number
                 self._sign_s = max(self._sign_s, question.asked_s)
-                if self._waiting and now - self._waiting[-1][0] < _LEAST_APART_S:
-                    now = self._waiting.pop()[0]
-                self._waiting.append((now, values))
-                while self._waiting[0][0] < now - MAX_OFFSET_S - FREEZE_S:
-                    self._waiting.popleft()  # nobody took it, and it would not be played any more
+                self._waiting.add(values, now)
                 self._wake.notify()
         if fault:
             self.fault(fault)
@@ -392,8 +384,8 @@ class Lane:
             return -math.inf
         due = self._due_s
         if self._waiting:  # a frame goes out as soon as the device can take it
-            came_s = self._waiting[0][0]
-            due = min(due, max(came_s + self._offset_s, self._changed_s + self._tick_s))
+            asked_s = self._waiting.due_s(self._offset_s)
+            due = min(due, max(asked_s, self._changed_s + self._tick_s))
         if self._ramp.is_going:
             due = min(due, self._holds_until_s())
         return due
@@ -421,8 +413,10 @@ class Lane:
                 self._waiting.clear()
             generation, is_cut, newest = self._generation, self._is_cut, None
             self._is_cut = False
-            while self._waiting and self._waiting[0][0] + self._offset_s <= now:
-                newest = self._waiting.popleft()[1]
+            if self._ramp.share < 1.0 and self._waiting.due_s(self._offset_s) <= now:
+                self._ramp.complete()  # what was asked for is played before what comes next
+            else:
+                newest = self._waiting.taken(now, self._offset_s)
         if self.script is not None and self.script.is_overdue(now):
             self.fault(f"its script did not answer within {PATIENCE_S * 1000:.0f} ms")
             return

@@ -8,6 +8,7 @@ import json
 import os
 import platform
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,22 @@ def as_line(found: dict[str, Any]) -> str:
     return (
         f"hfx {found['hfx']}{blender}, Python {found['python']}, numpy {found['numpy']}{engine}, "
         f"{found['processors']} x {found['processor']}, {found['system']}, "
-        f"{found['date'][:10]}{load}"
+        f"{found['date'].partition('T')[0]}{load}"
     )
+
+
+def as_one_line(machines: Sequence[dict[str, Any]]) -> str:
+    """The same of measurements that are shown together: what differs is listed, without the load.
+
+    A process that did not start Blender tells of none.
+    """
+    together: dict[str, Any] = {}
+    for key in dict.fromkeys(key for each in machines for key in each):
+        told = [each[key] for each in machines if each.get(key) is not None]
+        if key == "date":
+            told = sorted(each.partition("T")[0] for each in told)
+        together[key] = " and ".join(dict.fromkeys(map(str, told))) or None
+    return as_line({**together, "load": None})
 
 
 def append(path: Path, record: dict[str, Any]) -> int:

@@ -25,6 +25,7 @@ from .safety_stops import (
     Log,
     NotPlayedError,
     NotSilentError,
+    OfBand,
     Rounds,
     WithClient,
     connect_scripted,
@@ -201,43 +202,25 @@ class _NothingNew(_Several):
         return self._silences(dict.fromkeys(self._logs, asked_s + 0.005))
 
 
-class _Sleeps(WithClient):
-    """Trial of a sleeping computer: the output process stands still, with old values in
-    its pipe.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        self._log, self._count = Log(folder / "log"), 0
-
-    def _feed(self) -> None:
-        self._client.events()
-        self._client.send("band", playing())
-        self._client.heartbeat()
+class _Sleeps(OfBand):
+    """The computer sleeps: the output process stands still, with old values in its pipe."""
 
     def round(self) -> float:
-        if not self._client.is_running:
-            self._count += 1
-            path = self._folder / f"log{self._count}"
-            self._log = Log(path)
-            self._client.connect("band", DEVICE, {"kind": "simulator", "path": str(path)})
-        self._log.forget()
-        self._client.arm()
-        self.until_played(self._log.is_loud, partial(self.patiently, self._feed))
+        self.play()
         pid = self._client.pid
         assert pid is not None
-        self._feed()
+        self.feed()
         os.kill(pid, signal.SIGSTOP)
         try:
             for _ in range(3):
-                self._feed()
+                self.feed()
                 time.sleep(0.01)
             time.sleep(_ASLEEP_S)
             fault_s = time.monotonic()
         finally:
             os.kill(pid, signal.SIGCONT)
-        found = self.silence(self._log, fault_s)
-        if any(is_loud_row(row) and row["time_s"] > fault_s for row in self._log.rows):
+        found = self.silence(self.log, fault_s)
+        if any(is_loud_row(row) and row["time_s"] > fault_s for row in self.log.rows):
             raise NotSilentError
         return found
 

@@ -318,29 +318,38 @@ class WithClient(Rounds):
         return state is None or state.state in ("stopped", "fault", "lost", "closed")
 
 
-class _OperatorStops(WithClient):
+class OfBand(WithClient):
+    """Rounds of one device, which plays at the beginning of each."""
+
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self._log = Log(folder / "log")
+        self.log = Log(folder / "log")
         self._count = 0
 
-    def _feed(self) -> None:
+    def feed(self) -> None:
+        """What Blender does for each frame."""
         self._client.events()
         self._client.send("band", playing())
         self._client.heartbeat()
 
-    def round(self) -> float:
+    def play(self) -> None:
+        """Connect it, where it is not, and wait until it plays."""
         if not self._client.is_running:
             self._count += 1
             path = self._folder / f"log{self._count}"
-            self._log = Log(path)
+            self.log = Log(path)
             self._client.connect("band", DEVICE, {"kind": "simulator", "path": str(path)})
-        self._log.forget()
+        self.log.forget()
         self._client.arm()
-        self.until_played(self._log.is_loud, partial(self.patiently, self._feed))
+        self.until_played(self.log.is_loud, partial(self.patiently, self.feed))
+
+
+class _OperatorStops(OfBand):
+    def round(self) -> float:
+        self.play()
         fault_s = time.monotonic()
         self._client.stop_all()
-        return self.silence(self._log, fault_s)
+        return self.silence(self.log, fault_s)
 
 
 class _ScriptFails(WithClient):
@@ -461,13 +470,14 @@ def gaps_of(rows: list[dict[str, Any]]) -> Trials:
 
 
 def scripted(folder: Path, name: str, source: str) -> dict[str, str]:
-    """Make a device of that name with a script, in a folder of its own."""
+    """A device of that name with a script, in a folder of its own; the bench approves it."""
     text = (resources.device_configs() / "forearm_band.json").read_text(encoding="utf-8")
     configuration = folder / f"{name}.json"
     configuration.write_text(text.replace('"id": "forearm_band"', f'"id": "{name}"'))
     configuration.with_suffix(".py").write_text(source)
     found = approval.script_of(f"{name}_left", folder)
     assert found is not None
+    approval.approve(found)
     return found.as_wish()
 
 

@@ -5,10 +5,10 @@ import struct
 import zlib
 
 import pytest
-from firmware_core import Board, built, compiler
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hfx_blender.bench.firmware_core import Board, built, compiler
 from hfx_blender.devices.live import wire
 from hfx_blender.devices.live.wire import Kind, Reason
 
