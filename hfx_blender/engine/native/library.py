@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from . import sources
 
-INTERFACE: Final = 4
+INTERFACE: Final = 5
 """That of ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
