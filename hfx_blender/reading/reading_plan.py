@@ -151,9 +151,7 @@ class Pass:
         self._is_judged = goes_back and not is_spotty
         # Of meshes only boxes are read where places and values are compared.
         reading.far = frozenset(self._effects if is_spotty else ())
-        placed = [
-            k for k in self._effects if self._is_judged and is_placeable(found.effects[k])
-        ]
+        placed = [k for k in self._effects if self._is_judged and is_placeable(found.effects[k])]
         self._placed = SteppedVolumes([found.effects[k] for k in placed])
         self._far = dict(enumerate(placed))  # of which only the place is read, by their number
         self._full = [k for k in self._effects if k not in placed]

@@ -12,7 +12,7 @@ import pytest
 
 from hfx_blender.devices.live.guard import Guard
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.bench import safety, safety_silences, safety_stops, safety_values
+from hfx_blender.maintenance.bench import safety, safety_stops, safety_values
 from hfx_blender.maintenance.bench.safety_stops import Log, NotPlayedError, NotSilentError, gaps_of
 
 

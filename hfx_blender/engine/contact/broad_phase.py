@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ..kinematics.motion import turns_since_before
+from ..kinematics.motion import Motion, turns_since_before
 from ..native.skin import PosedBones
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
+from ..volume.mesh import MeshVolume
 from ..volume.placement import world_bounds
 from ..volume.shape import Falloff, Shape
 from . import continuous_collision
@@ -23,6 +26,9 @@ from .target import Target
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
+
+
+_PARTS: Final = 8  # of the way of a turning mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,13 +159,10 @@ class Placed:
             return followed
         later = np.flatnonzero(follows)
         earlier = later - 1
-        swing = self._swings(later)
-        low, high = self.boxes[:, 0], self.boxes[:, 1]
-        near = np.minimum(low[later], low[earlier]) - swing[:, None]
-        far = np.maximum(high[later], high[earlier]) + swing[:, None]
+        low, high = self._swept_boxes(later)
         meets = (
-            (np.minimum(self.low[later], self.low[earlier]) <= far[:, None])
-            & (np.maximum(self.high[later], self.high[earlier]) >= near[:, None])
+            (np.minimum(self.low[later], self.low[earlier]) <= high[:, None])
+            & (np.maximum(self.high[later], self.high[earlier]) >= low[:, None])
         ).all(axis=2)
         if self.target.falloff.is_flat:
             # From wholly inside nothing enters; to there it is felt anyway.
@@ -189,13 +192,43 @@ class Placed:
             )
         return limits
 
-    def _swings(self, later: I64) -> F64:
-        """Largest distance that rotation may take anything out of both ends' boxes, metres (n,)."""
+    def _swept_boxes(self, later: I64) -> tuple[F64, F64]:
+        """World boxes of what the volume may meet since the rows before some, (n, 3) each.
+
+        A mesh that turns is looked at in parts of its way: there its skin costs most, and the
+        ends of half a turn do not show how little a blade passes through.
+        """
+        earlier = later - 1
+        low = np.minimum(self.boxes[later, 0], self.boxes[earlier, 0])
+        high = np.maximum(self.boxes[later, 1], self.boxes[earlier, 1])
+        is_turning = self._turns[0, later] > 0.0
+        parts = np.ones(len(later))
+        for shape, mine in self._meshes:
+            some = np.flatnonzero(is_turning & mine[later])
+            rows, parts[some] = later[some], _PARTS
+            motion = Motion.between(self.matrices[rows - 1], self.matrices[rows])
+            for share in np.arange(1, _PARTS) / _PARTS:
+                boxes = world_bounds(shape, motion.at(share))
+                low[some] = np.minimum(low[some], boxes[:, 0])
+                high[some] = np.maximum(high[some], boxes[:, 1])
+        swing = self._swings(later, parts)[:, None]
+        return low - swing, high + swing
+
+    @property
+    def _meshes(self) -> Iterator[tuple[Shape, Bool]]:
+        """Meshes that occur, and whether a row has them, (n,)."""
+        for k in np.unique(self.target.which).tolist():
+            if isinstance(self.target.shapes[k], MeshVolume):
+                yield self.target.shapes[k], self.target.which == k
+
+    def _swings(self, later: I64, parts: F64) -> F64:
+        """How far turning may take anything out of the boxes of ``parts`` (n,) of the volume's
+        way, and of both ends of the skin's, metres (n,)."""
         swing = np.zeros(len(later))
-        own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1]
-        skin = self.pose.to_world[self.rows], self.low, self.high
-        for turns, (matrices, low, high) in zip(self._turns, (own, skin), strict=True):
-            angles = turns[later]
+        own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1], parts
+        skin = self.pose.to_world[self.rows], self.low, self.high, 1.0
+        for turns, (matrices, low, high, share) in zip(self._turns, (own, skin), strict=True):
+            angles = turns[later] / share
             if angles.any():
                 lowest, highest = low.min(axis=1), high.max(axis=1)
                 origins = matrices[:, :3, 3]

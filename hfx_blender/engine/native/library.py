@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from . import sources
 
-INTERFACE: Final = 4
-"""Version of the interface in ``source/hfx_native.h``: any other library is not loaded."""
+INTERFACE: Final = 5
+"""That of ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
 """Environment variable: 0 leaves the library out."""

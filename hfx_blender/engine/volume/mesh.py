@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ..native.library import library
-from .mesh_crossing import crossings
+from .mesh_crossing import comes_near, crossings
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
+from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -171,9 +172,13 @@ class MeshVolume:
             clear[asked] = np.where(self.contains(near), -away, away)
         return clear
 
-    def crossings(self, starts: F64, ends: F64) -> tuple[F64, F64]:
-        """First and last crossings of straight paths, see :func:`mesh_crossing.crossings`."""
-        return crossings(self._tree, self._middle, starts, ends)
+    def crossings(self, ways: Ways) -> tuple[F64, F64]:
+        """When points cross the surface on their ways, see :func:`mesh_crossing.crossings`."""
+        return crossings(self._tree, self._middle, ways)
+
+    def comes_near(self, ways: Ways, reaches: F64) -> Bool | None:
+        """Which points come near the surface, see :func:`mesh_crossing.comes_near`."""
+        return comes_near(self._tree, self._middle, ways, reaches)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
         """Tree of the stretched triangles; cached, as most stretched volumes do not turn."""

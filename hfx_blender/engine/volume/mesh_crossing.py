@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Crossings of straight paths with the surface of a mesh."""
+"""Where points on their ways cross the surface of a mesh."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from ..native import mesh_crossing as native
 from .mesh_distance import TriangleTree
+from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -22,15 +24,16 @@ _SLACK: Final = 1e-12  # of the largest coordinate: boxes are that much too smal
 _PAIRS_AT_ONCE: Final = 1 << 18
 
 
-def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[F64, F64]:
-    """First and last time at which points in straight, even motion cross the surface.
+def crossings(tree: TriangleTree, middle: F64, ways: Ways) -> tuple[F64, F64]:
+    """When points that move at an even speed first and last cross the surface.
 
     Parameters
     ----------
     tree : TriangleTree
     middle : (3,) float64
         What the tree is about, in the points' space.
-    starts, ends : (3, N) float64
+    ways : Ways
+        Of N points.
 
     Returns
     -------
@@ -38,15 +41,32 @@ def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[
         From 0 at the start to 1 at the end; infinite, and minus infinity, where nothing is
         crossed and where a place is not finite.
     """
-    root_low, root_high = tree.levels[0] if tree.compiled is None else tree.compiled.extent
-    slack = _SLACK * float(max(np.abs(root_low).max(), np.abs(root_high).max()))
     if tree.compiled is not None:
-        return native.crossings(tree.compiled, slack, middle, starts, ends)
-    first = np.full(starts.shape[1], np.inf)
+        return native.crossings(tree.compiled, _slack(tree), middle, ways)
+    path = ways.path() - middle[:, None]
+    usable = np.flatnonzero(np.isfinite(path).all(axis=(0, 1)))
+    first = np.full(path.shape[2], np.inf)
     last = -first
-    usable = np.flatnonzero(np.isfinite(starts + ends).all(axis=0))
-    _cross(tree, slack, starts - middle[:, None], ends - starts, usable, first, last)
+    for k, (start, end) in enumerate(pairwise(path)):
+        enter = np.full(path.shape[2], np.inf)
+        leave = -enter
+        _cross(tree, _slack(tree), start, end - start, usable, enter, leave)
+        first = np.minimum(first, (k + enter) / ways.steps)
+        last = np.maximum(last, (k + leave) / ways.steps)
     return first, last
+
+
+def comes_near(tree: TriangleTree, middle: F64, ways: Ways, reaches: F64) -> Bool | None:
+    """Which points may come within ``reaches`` (N,) of the surface; None where nothing compiled
+    tells it."""
+    if tree.compiled is None:
+        return None
+    return native.comes_near(tree.compiled, _slack(tree), middle, ways, reaches)
+
+
+def _slack(tree: TriangleTree) -> float:
+    low, high = tree.levels[0] if tree.compiled is None else tree.compiled.extent
+    return _SLACK * float(max(np.abs(low).max(), np.abs(high).max()))
 
 
 def _cross(

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
 from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .mesh import MeshVolume
 from .shape import Shape
+from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 
@@ -86,9 +89,22 @@ def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
                 one, other = _unless_empty(*_within_ball(starts - centre, way))
                 first, last = np.minimum(first, one), np.maximum(last, other)
         else:
-            first, last = _through_mesh(shape, starts, ends)
+            first, last = _through_mesh(shape, Ways.straight(starts, ends))
     first, last = np.maximum(first, 0.0), np.minimum(last, 1.0)
     return _unless_empty(first, last)
+
+
+def passage_along(shape: Shape, ways: Ways) -> tuple[F64, F64]:
+    """As :func:`passage`, of ways that may have several steps."""
+    if isinstance(shape, MeshVolume):
+        return _unless_empty(*_through_mesh(shape, ways))
+    first = np.full(len(ways.intervals), np.inf)
+    last = -first
+    for k, (start, end) in enumerate(pairwise(ways.path())):
+        enter, leave = passage(shape, start, end)
+        first = np.minimum(first, (k + enter) / ways.steps)
+        last = np.maximum(last, (k + leave) / ways.steps)
+    return first, last
 
 
 def _both(one: tuple[F64, F64], other: tuple[F64, F64]) -> tuple[F64, F64]:
@@ -126,9 +142,9 @@ def _within_ball(starts: F64, way: F64) -> tuple[F64, F64]:
     return np.where(missed, np.inf, first), np.where(missed, -np.inf, last)
 
 
-def _through_mesh(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
+def _through_mesh(shape: Shape, ways: Ways) -> tuple[F64, F64]:
     assert isinstance(shape, MeshVolume)
-    first, last = shape.crossings(starts, ends)
-    first = np.where(shape.contains(starts), 0.0, first)
-    last = np.where(shape.contains(ends), 1.0, last)
+    first, last = shape.crossings(ways)
+    first = np.where(shape.contains(ways.before), 0.0, first)
+    last = np.where(shape.contains(ways.after), 1.0, last)
     return first, last

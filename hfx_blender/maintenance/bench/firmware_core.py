@@ -16,7 +16,7 @@ from typing import Any, Final
 from ...devices.live import wire
 from ...errors import InputError
 
-SOURCES: Final = Path(__file__).resolve().parents[2] / "firmware" / "hfx_pwm"
+SOURCES: Final = Path(__file__).resolve().parents[3] / "firmware" / "hfx_pwm"
 """Only a checkout has them."""
 
 _GLUE: Final = """

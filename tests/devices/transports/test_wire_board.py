@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from bench_devices import device, vibration
 
-from hfx_blender.bench.firmware_core import PluggedBoard, built, compiler
 from hfx_blender.devices.live import wire
 from hfx_blender.devices.live.opening import open_output
 from hfx_blender.devices.live.output import OutputLostError
@@ -19,6 +18,7 @@ from hfx_blender.engine.rendering.device_output import (
     SerialTransport,
     WireEncoder,
 )
+from hfx_blender.maintenance.bench.firmware_core import PluggedBoard, built, compiler
 
 pytest.importorskip("serial")
 pytestmark = pytest.mark.skipif(
