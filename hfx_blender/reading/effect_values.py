@@ -44,10 +44,14 @@ def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
 
 
 def directions(world: F64) -> F64:
-    """Unit vectors along the local Z axis of world matrices (..., 4, 4): where wind blows to."""
+    """Unit vectors along the local Z axis of world matrices (..., 4, 4): where wind blows to.
+
+    (0, 0, 0) where it has no length, or is no number, which the engine tells.
+    """
     along = world[..., :3, 2]
     lengths = np.linalg.norm(along, axis=-1, keepdims=True)
-    return np.where(lengths > 0.0, along / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
+    is_known = (lengths > 0.0) & np.isfinite(lengths)
+    return np.where(is_known, along / np.where(is_known, lengths, 1.0), 0.0)
 
 
 def shape_matrices(world: F64, unit_m: float, hfx: bpy.types.PropertyGroup) -> F64:

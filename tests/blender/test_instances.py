@@ -183,3 +183,17 @@ def test_live_feels_instances_as_they_stand(ball: Any) -> None:
     bpy.data.objects["Here 1"].location = (0.0, 9.0, 0.0)
     bpy.context.view_layer.update()
     assert len(live.runs()) == 1
+
+
+def test_a_source_that_is_not_felt_is_told(ball: Any) -> None:
+    """It is in no scene: nobody else tells of it."""
+    _empty("Here", BELLY)
+    effects.add_volume(bpy.context.scene, "pressure", "SPHERE", "Own")
+    bpy.context.view_layer.update()
+    assert _read()[1].description.warnings == () == _read()[1].notes
+    ball.hfx.is_muted = True
+    assert "effect 'Ball' is muted: it is not felt" in _read()[1].description.warnings
+    ball.hfx.is_muted, ball.hfx.intensity = False, 0.0
+    reader = _read()[1]
+    assert reader.notes == ("effect 'Ball' has intensity 0: nothing of it was read",)
+    assert reader.description.warnings == ()
