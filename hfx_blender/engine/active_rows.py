@@ -88,6 +88,17 @@ def with_directions(
     return block if found is None else replace(block, effects=tuple(found))
 
 
+def warn_of_controls(
+    effect: EffectDescription, animated: EffectBlock, rows: I64, counters: Counters
+) -> None:
+    """Warn of a contact response whose controls are no numbers at rows where it is on."""
+    if animated.response is None or np.isfinite(animated.response[rows]).all():
+        return
+    bad = ~np.isfinite(animated.response[rows]).all(axis=(1, 2))
+    text = f"effect '{effect.name}': a value of its contact response is not a finite number"
+    counters.warn(f"{text}; the default is taken there", int(np.count_nonzero(bad)))
+
+
 def posed_rows(pose: PoseBlock) -> I64:
     """Rows that were read and hold nothing but numbers that a place can have."""
     finite = pose.valid.copy()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from .active_rows import active_rows, warn_of_point, with_directions
+from .active_rows import active_rows, warn_of_controls, warn_of_point, with_directions
 from .allocentric import AllocentricAreas
 from .body.model import PerceptualModel, load_model
 from .bound_skins import BoundSkins
@@ -134,6 +134,7 @@ class Engine:
         """
         area, bodies = effect.area, self.scene.bodies
         if isinstance(area, HapticVolume):
+            warn_of_controls(effect, animated, rows, self.counters)
             begun = [
                 self._allocentric.volume(effect, area, animated, rows, body, block, reach)
                 for body in bodies

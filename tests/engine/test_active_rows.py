@@ -12,6 +12,7 @@ from hfx_blender.engine.active_rows import (
     active_rows,
     followed,
     posed_rows,
+    warn_of_controls,
     with_directions,
     with_pose,
 )
@@ -119,3 +120,16 @@ def test_a_wind_without_a_direction_blows_up_and_is_told():
     assert (parameters[0, 1:] == 0.0).all()
     same = AnimationBlock(np.arange(4), (EffectBlock(levels, found),), (), 1)
     assert with_directions([effect], same, counters) is same
+
+
+def test_controls_of_a_response_that_are_no_numbers_are_told():
+    response = np.ones((3, 1, 2))
+    response[1, 0, 1] = np.nan
+    effect = EffectDescription("v", "Wall", "vibration", "m", HapticVolume(Falloff()))
+    animated = EffectBlock(np.ones(3), np.ones((3, 2)), response=response)
+    counters = Counters()
+    warn_of_controls(effect, animated, np.array([0, 2]), counters)
+    assert not counters.warnings
+    warn_of_controls(effect, animated, np.array([0, 1]), counters)
+    (told,) = counters.warnings.items()
+    assert "'Wall'" in told[0] and told[1] == 1
