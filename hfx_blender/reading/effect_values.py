@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ..authoring import volumes
 from ..engine.volume.mesh import MeshVolume
 from ..engine.volume.shape import Falloff, FalloffKind, Shape
+from ..errors import InputError
 from ..stored_values import limited
 
 F64 = npt.NDArray[np.float64]
@@ -83,9 +84,21 @@ class Shapes:
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
     ) -> Shape:
-        """The shape of an effect as it is evaluated at a time; instances may have several."""
+        """The shape of an effect as it is evaluated at a time; instances may have several.
+
+        Raises
+        ------
+        InputError
+            It is to be a mesh, and is none, or none with an inside.
+        """
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
+        if evaluated.type != "MESH":
+            kind = evaluated.type.lower()
+            raise InputError(
+                f"Volume '{effect.name}' has the shape of a mesh, but is a {kind} object: convert "
+                "it to a mesh, or choose another shape."
+            )
         if not evaluated.data.is_editmode:
             return self._mesh_volume(effect, evaluated.data, part)
         try:  # what is being edited is not in the evaluated mesh itself

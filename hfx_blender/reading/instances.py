@@ -240,10 +240,9 @@ class Sources:
         )
 
     def _shape(self, name: str, evaluated: bpy.types.Object, part: int, index: int) -> Shape | None:
-        """The shape of an instance; None: it holds nothing."""
-        if evaluated.hfx.shape == "MESH":
-            if evaluated.type != "MESH" or effect_values.is_empty(evaluated):
-                return None
+        """The shape of an instance; None: it has none, of which a fault is told."""
+        if evaluated.hfx.shape == "MESH" and effect_values.is_empty(evaluated):
+            return None  # nodes made instances of all of it, which come by themselves
         source = self.objects[name]
         try:
             return self._shapes.shape_of(source, evaluated, part)

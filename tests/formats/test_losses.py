@@ -14,6 +14,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.frequency import Partial
 from hfx_blender.errors import InputError
 from hfx_blender.formats import ahap, conversion, haptic, he, registry, signal_raster, tact
+from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.hjif import from_actuators
 from hfx_blender.formats.registry import DEVICE_FORMATS
 from hfx_blender.formats.signals import FrequencyRange, Transient
@@ -145,6 +146,18 @@ def test_values_that_a_reader_cuts_are_told():
     document = {"Metadata": {"Version": 1}, "Pattern": [{"Event": event}]}
     (found,), _ = he.decode(json.dumps(document).encode(), "x.he")
     assert found.left_out == ("4 frequencies of curves beyond 0 to 100, taken as the nearest",)
+
+
+def test_ticks_of_hjif_that_are_louder_than_full_scale_are_told(tmp_path):
+    content = replace(signal(LOUD), transients=(Transient(0.01, 0.9, 120.0),))
+    (path,) = from_actuators.write_signals([content], RANGE, tmp_path / "x").files
+    document = json.loads(path.read_text())
+    document["perceptions"][0]["channels"][0]["gain"] = 2.0
+    path.write_text(json.dumps(document))
+    ((found,), _) = read_signals(path)
+    (tick,) = found.transients
+    assert tick.amplitude == 1.0
+    assert "'r1c1': 1 effects are ticks louder than full scale: cut to it" in found.left_out
 
 
 def test_an_option_that_says_nothing_is_told(tmp_path):
