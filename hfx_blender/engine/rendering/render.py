@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
+from ...sentences import counted
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
@@ -26,6 +27,7 @@ from .frequency import Partial, Partials, StrongestContributor
 from .hold import held
 from .latency import advanced, rows_of
 from .limits import DeviceLimits, limited
+from .missing import MissingActuators
 from .mixing import Contribution, Mixed, merged, mix, substituted
 from .raster import Column, Felt, Raster, Reason, Shortfall
 from .room import PlaySpace
@@ -160,6 +162,7 @@ class Renderer:
         }
         self._sounding = [a for a in device.actuators if a.type.takes_waveform]
         self._partials = Partials(len(self._sounding))
+        self._missing = MissingActuators(device)
 
     @property
     def body_id(self) -> str:
@@ -217,6 +220,8 @@ class Renderer:
                 is_off[k] |= group.is_off_frequency(each.run, fires)
                 is_over[k] |= (fires & is_cut[each.positions]).any(axis=1)
                 is_faint[k] |= group.is_faint(each.run, self._device.gain * each.gains)
+        for run in runs:
+            self._missing.look_at(run)
         for run, rendered, off, over, faint in zip(
             runs, is_rendered, is_off, is_over, is_faint, strict=True
         ):
@@ -227,6 +232,22 @@ class Renderer:
             tally.off_frequency += int(np.count_nonzero(off))
             tally.over_limit += int(np.count_nonzero(over))
             tally.below_threshold += int(np.count_nonzero(faint))
+
+    def notes(self) -> tuple[str, ...]:
+        """What of the rendering is otherwise than the device is configured, when all is added.
+
+        Tell it before :meth:`raster`, which looks ahead.
+        """
+        name = f"device '{self._device.id}'"
+        found = [note for group in self._groups for note in group.notes()]
+        found += self._missing.notes(self._header)
+        late = []
+        for actuator, (part, kind) in zip(self._device.actuators, self._parts(), strict=True):
+            rows = self._late_rows(kind)
+            if (self._values[:rows, part.start] != self._neutral[part.start]).any():
+                late.append(actuator.id)
+        text = f"{name}: what is felt right at the beginning comes late, or not, at actuators"
+        return tuple(dict.fromkeys([*found, *counted(late, f"{text} that answer late")]))
 
     def _neutral_c(self, stream: Stream) -> float:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
