@@ -174,7 +174,7 @@ def _renderers(
     for device in devices_of(scene, faults):
         for body in header.bodies:
             renderer = Renderer(
-                header, device, load_model, body_id=body.id, looks_ahead=False
+                header, device, load_model, body_id=body.id, compensates_latency=False
             )  # what is drawn is of the frame that is shown
             found.append((device, renderer))
     return found

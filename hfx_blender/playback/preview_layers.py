@@ -16,8 +16,8 @@ from ..reading.live_scene import LiveScene
 from .actuator_glow import ActuatorGlow, Discs
 from .coloured_mesh import ColouredMesh, Layer
 from .evaluation import evaluation
-from .kept_frames import KeptFrames, Meshes
 from .over_time import OverTime
+from .preview_frame_cache import Meshes, PreviewFrameCache
 from .skin_now import Skins
 
 F64 = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ class Preview:
         self._key: tuple[object, ...] = ()
         self._spreads: dict[tuple[str, str], Spread] = {}
         self._meshes: dict[str, ColouredMesh] = {}
-        self._kept = KeptFrames()
+        self._kept = PreviewFrameCache()
         self._skins = Skins()
         self._contact: frozenset[str] = frozenset()
         self._layers: list[Layer] | None = None

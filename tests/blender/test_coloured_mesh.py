@@ -17,7 +17,7 @@ from mathutils.bvhtree import BVHTree
 from hfx_blender.authoring import clips
 from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread
 from hfx_blender.engine.samples import Sample, Stream
-from hfx_blender.playback import kept_frames
+from hfx_blender.playback import preview_frame_cache
 from hfx_blender.playback.coloured_mesh import ColouredMesh, Layer
 from hfx_blender.playback.incidence import Incidence
 from hfx_blender.playback.over_time import OverTime, record
@@ -198,7 +198,7 @@ def test_colours_of_ones_own_are_taken_when_they_change(
 def test_what_does_not_fit_into_memory_is_worked_out_when_it_is_drawn(
     touch: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kept_frames, "MOST_BYTES", -1)
+    monkeypatch.setattr(preview_frame_cache, "MOST_BYTES", -1)
     preview, found = Preview(), recorded(scene)
     first = now(preview, found, 5)
     assert not preview.prepare("PAPER", found, 1, 8)

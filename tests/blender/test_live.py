@@ -31,7 +31,7 @@ from hfx_blender.errors import DeviceError
 from hfx_blender.export import ExportSettings, export_scene, scene_tolerance
 from hfx_blender.operators import live_setup
 from hfx_blender.playback import live as live_module
-from hfx_blender.playback import live_listening, live_settings, live_targets, look_ahead
+from hfx_blender.playback import live_listening, live_settings, live_targets, lookahead_scheduler
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live
 from hfx_blender.playback.preview_layers import Preview
@@ -246,7 +246,7 @@ def test_an_export_is_not_played(log: Path) -> None:
 
 def test_an_export_is_no_edit_of_what_comes(log: Path) -> None:
     play(log)
-    edition = live.ahead.edition
+    edition = live.lookahead.edition
     rumble = bpy.data.objects["Rumble"]
 
     def change() -> None:
@@ -255,9 +255,9 @@ def test_an_export_is_no_edit_of_what_comes(log: Path) -> None:
 
     with stepping.scratch_scene(bpy.context.scene, [rumble]):
         change()
-    assert live.ahead.edition == edition
+    assert live.lookahead.edition == edition
     change()
-    assert live.ahead.edition > edition
+    assert live.lookahead.edition > edition
 
 
 def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -342,7 +342,7 @@ def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "devices"
     folder.mkdir()
     monkeypatch.setenv("HFX_DEVICES", str(folder))
-    monkeypatch.setattr(look_ahead, "SETTLE_S", 0.0)
+    monkeypatch.setattr(lookahead_scheduler, "SETTLE_S", 0.0)
     content = json.loads((resources.device_configs() / f"{PAD}.json").read_text())
     content["id"] = "late"
     for kind in content["actuator_types"].values():
@@ -359,7 +359,7 @@ def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def is_read() -> bool:
     """Whether all that comes has been read."""
-    return live.ahead.is_read
+    return live.lookahead.is_read
 
 
 def last(path: Path) -> list[float]:
@@ -381,7 +381,7 @@ def test_late_actuators_are_given_what_an_export_has_when_they_answer(
     export_scene(scene, tmp_path, "x", ExportSettings(full_precision=True))
     with TrackReader(tmp_path / f"x{SUFFIX}") as track:
         ((_, exported),) = render_devices(track, [replace_latency(load_device(PAD))])
-    assert live.ahead.reason == ""
+    assert live.lookahead.reason == ""
     monkeypatch.setattr(live_listening, "is_playing", lambda: True)
     for frame in (8, 11, 14):  # the clip is from 10 to 20
         time_s = (frame - 1) / 25.0 + 0.16
@@ -447,7 +447,7 @@ def test_what_cannot_be_known_ahead_says_why_and_is_known_when_it_comes_by_again
     bpy.context.view_layer.update()
     evaluation.forget()
     live_listening._describe()
-    until(lambda: "constraints" in live.ahead.reason)
+    until(lambda: "constraints" in live.lookahead.reason)
     monkeypatch.setattr(live_listening, "is_playing", lambda: True)
     go(7)
     until(lambda: not is_loud(late) and not is_loud(log))

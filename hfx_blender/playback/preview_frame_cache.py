@@ -15,7 +15,7 @@ MOST_BYTES = 96_000_000
 Meshes = Sequence[tuple[ColouredMesh, Shown]]
 
 
-class KeptFrames:
+class PreviewFrameCache:
     """Cache of the visible parts at times of one record, in one palette."""
 
     def __init__(self) -> None:
