@@ -258,7 +258,7 @@ def _in_blender(
     bpy = blender_session.start()
 
     from ..demo import garage
-    from ..playback import live_listening, lookahead_scheduler
+    from ..playback import live_handlers, lookahead_scheduler
     from ..playback.evaluation import evaluation
     from ..playback.live import Live
     from ..playback.live_settings import LiveSettings
@@ -279,17 +279,17 @@ def _in_blender(
         (f"{garage.DEVICES[0]}, {late}", garage.DEVICES[:1], True),
         (f"{every}, {late}", garage.DEVICES, True),
     )
-    was_playing, was_settled_s = live_listening.is_playing, lookahead_scheduler.SETTLE_S
+    was_playing, was_settled_s = live_handlers.is_playing, lookahead_scheduler.SETTLE_S
     lookahead_scheduler.SETTLE_S = 0.0
     for name, devices, plays in ways:
         live = Live()
-        live_listening.is_playing = lambda plays=plays: plays
+        live_handlers.is_playing = lambda plays=plays: plays
         times: list[float] = []
         work: list[float] = []
         try:
             for each in devices:
                 live.connect(each, LiveSettings())
-            live_listening.do_not_listen()  # we call what it would call
+            live_handlers.stop_listening()  # we call what it would call
             end = time.monotonic() + _PATIENCE_S
             while sum(each.is_armed for each in live.states.values()) < len(devices):
                 live.beat()
@@ -316,7 +316,7 @@ def _in_blender(
                 packed.append(_packing(evaluation))
         finally:
             live.close()
-            live_listening.is_playing = was_playing
+            live_handlers.is_playing = was_playing
         handed[name] = times, work
     lookahead_scheduler.SETTLE_S = was_settled_s
     return evaluated, packed, slices, handed

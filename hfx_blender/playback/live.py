@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from .. import resources
-from . import live_listening, live_settings, live_targets
+from . import live_handlers, live_settings, live_targets
 from .evaluation import evaluation
 
 if TYPE_CHECKING:
@@ -135,8 +135,8 @@ class Live:
         self._generation = -1
         self._set_latencies()
         evaluation.before_describing = self._pause
-        live_listening.listen(self)
-        live_listening.request_update()
+        live_handlers.listen(self)
+        live_handlers.request_update()
 
     def disconnect(self, name: str) -> None:
         self._devices.pop(name, None)
@@ -164,7 +164,7 @@ class Live:
         if self._client is not None:
             self._client.arm()
             self.fault = ""
-            live_listening.request_update()
+            live_handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""
@@ -207,7 +207,7 @@ class Live:
         client, self._client = self._client, None
         self._devices.clear()
         self.forget()
-        live_listening.do_not_listen()
+        live_handlers.stop_listening()
         if client is not None:
             client.close()
 
@@ -250,7 +250,7 @@ class Live:
         self._client.heartbeat()
         news = self._client.events()
         if any(each.event == "armed" for each in news):
-            live_listening.request_update()  # it plays from now on: let it know what is felt
+            live_handlers.request_update()  # it plays from now on: let it know what is felt
         if evaluation.scene is not None and evaluation.scene.rings:
             evaluation.touch()  # nothing moved, but what was touched dies away
             self.update(evaluation.scene.objects.scene)
@@ -282,7 +282,7 @@ class Live:
             return
         if evaluation.generation != self._generation:
             return
-        playhead = self.lookahead.playhead(found.objects.scene, live_listening.is_playing())
+        playhead = self.lookahead.playhead(found.objects.scene, live_handlers.is_playing())
         self.lookahead.work(
             playhead, found, lambda body, is_scene: client.send_lookahead(body, is_scene=is_scene)
         )
@@ -322,7 +322,7 @@ class Live:
 
         self._changed_s, self._is_held = time.monotonic(), False
         numbers = {name: state.number for name, state in self.states.items()}
-        playhead = self.lookahead.playhead(scene, live_listening.is_playing())
+        playhead = self.lookahead.playhead(scene, live_handlers.is_playing())
         moment = moment_now(scene, numbers, self.lookahead.edition, playhead)
         self._time_s = moment.time_s
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
