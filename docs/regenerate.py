@@ -48,7 +48,7 @@ def main() -> None:
         devices()
     if "assets" in subjects:
         folder = str(DOCS.parent / "effect_library")
-        module = "hfx_blender.demo.effect_assets"
+        module = "hfx_blender.maintenance.demo.effect_assets"
         subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
     if "surfaces" in subjects:
         surfaces()
@@ -73,7 +73,7 @@ def demo() -> None:
 
 def surfaces() -> None:
     """The textile renderer's output against measured roughness."""
-    from hfx_blender.bench import texture, texture_chart
+    from hfx_blender.maintenance.bench import texture, texture_chart
 
     chart = texture_chart.svg(texture.correlation(20))
     (PICTURES / "surfaces-roughness.svg").write_text(chart, encoding="utf-8")
@@ -94,7 +94,7 @@ def devices() -> None:
 
 def trade(scene: str, short: bool) -> None:
     """One scene's plot, CSV and table in ``trade.md``."""
-    from hfx_blender.bench import machine, trade_report
+    from hfx_blender.maintenance.bench import machine, trade_report
 
     command = ["bench", "trade", scene, *(["--short"] if short else [])]
     done = hfx(*command, "--json", "-o", str(PICTURES))
@@ -117,7 +117,7 @@ def trade(scene: str, short: bool) -> None:
 
 def safety(records: list[dict[str, Any]]) -> None:
     """The table of silence in ``live.md``."""
-    from hfx_blender.bench import machine, safety
+    from hfx_blender.maintenance.bench import machine, safety
 
     made_on = dict.fromkeys(machine.as_line({**each["machine"], "load": None}) for each in records)
     caption = f"Measured on {'; '.join(made_on)}."

@@ -20,7 +20,7 @@ def main() -> None:
     from hfx_blender import blender_session
 
     bpy = blender_session.start()
-    from hfx_blender.demo import board
+    from hfx_blender.maintenance.demo import board
 
     bpy.ops.wm.read_homefile(use_empty=True)
     board.build(bpy.context)

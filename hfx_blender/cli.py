@@ -38,7 +38,8 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """The parser of all commands."""
-    from .commands import bench, body, convert, demo, device, export, info, sound, texture, validate
+    from .commands import convert, device, export, info, sound, texture, validate
+    from .maintenance.commands import bench, body, demo
 
     parser = _Parser(
         prog=prog,

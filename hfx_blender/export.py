@@ -70,7 +70,7 @@ class ExportSettings:
     rate_hz: Fraction | None = None  # None: the scene's own
     tolerance: Tolerance | None = None  # None: the scene's own
     full_precision: bool = False  # weights as 32-bit floats instead of 8 bits
-    record: tuple[str, ...] = ()  # engine.on_demand.ON_DEMAND
+    record: tuple[str, ...] = ()  # engine.areas.on_demand.ON_DEMAND
     strict: bool = False  # a warning about the scene is an error
     processes: int = field(default_factory=cores)  # at most; the results are the same
     per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
@@ -110,7 +110,7 @@ class SceneExport:
             tolerance=self.tolerance,
             with_positions="positions" in settings.record,
             with_velocities="velocities" in settings.record,
-            with_shapes="glb" in settings.formats,
+            with_far="glb" in settings.formats,
         )
         if settings.strict and self.reader.description.warnings:
             told = shortened(self.reader.description.warnings, MOST_LINES)

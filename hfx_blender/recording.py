@@ -16,7 +16,6 @@ from . import __version__
 from .engine.body.model import load_model
 from .engine.counters import Counters
 from .engine.evaluate import Engine
-from .engine.joining import joined
 from .engine.parallel.evaluating import evaluated
 from .engine.parallel.overlapping import in_turn, overlapped
 from .engine.rendering.device import DeviceConfig
@@ -25,6 +24,7 @@ from .engine.rendering.render import Renderer
 from .engine.samples import SampleRun
 from .engine.scene import AnimationBlock, HapticSurface, SceneDescription
 from .engine.track import TrackHeader, TrackWriter, as_kept
+from .engine.track.joining import joined
 from .engine.track.layout import SAMPLES_PER_CHUNK
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 

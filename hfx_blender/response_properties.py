@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from .engine.response.controls import CONTROLS, Kind
+from .engine.response_filters.controls import CONTROLS, Kind
 
 _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 

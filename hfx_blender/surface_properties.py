@@ -16,7 +16,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .engine.surface_names import DRIVE_PER_M, FABRICS, MATERIAL_TITLES
+from .engine.texture.surface_names import DRIVE_PER_M, FABRICS, MATERIAL_TITLES
 
 SOURCES = (
     ("MATERIAL", "Material", "Displacement, bump, normals and roughness, baked by Cycles"),

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from hfx_blender import cli
-from hfx_blender.bench import economy, machine, trade_chart, trade_report, volumes
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.bench import economy, machine, trade_chart, trade_report, volumes
 
 
 def row(setting: str, cost: float, error: float, **others: Any) -> dict[str, Any]:

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hfx_blender.bench import trade_errors
 from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.volume.analytic import Cuboid, Sphere
+from hfx_blender.maintenance.bench import trade_errors
 
 STREAM = Stream("e", "b", "pressure", "m")
 

@@ -38,7 +38,7 @@ def test_all_kinds_of_children_are_tried() -> None:
         for path in PACKAGE.rglob("*.py")
         if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
     }
-    of_people = {"cli", "demo.effect_assets"}
+    of_people = {"cli", "maintenance.demo.effect_assets"}
     assert runs - of_people - {"child_process"} == set(CHILDREN)
 
 
@@ -63,7 +63,7 @@ def test_no_child_runs_what_lies_in_the_current_folder(
 
 def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:
     """As the measurements start them: given as source."""
-    source = "import sys, json, queue, numpy, hfx_blender.bench.safety; print(sys.argv)"
+    source = "import sys, json, queue, numpy, hfx_blender.maintenance.bench.safety; print(sys.argv)"
     command = own_processes.program(source, "x", "y")
     done = subprocess.run(
         command, env=own_processes.environment(), cwd=strange, capture_output=True, text=True

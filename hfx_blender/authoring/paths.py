@@ -209,7 +209,7 @@ def length_m(effect: bpy.types.Object) -> float:
 
 
 def _length(path: F64) -> float:
-    from ..engine.spot import lengths_along
+    from ..engine.areas.spot import lengths_along
 
     return float(lengths_along(path)[-1]) if len(path) else 0.0
 

@@ -9,7 +9,7 @@ import bpy
 from mathutils import Vector
 
 from .. import compat
-from ..engine.response.controls import CONTROLS, Kind
+from ..engine.response_filters.controls import CONTROLS, Kind
 from . import response_animation, responses
 from .response_recipes import FilterRecipe, Keys, SwarmRecipe, abouts_of
 

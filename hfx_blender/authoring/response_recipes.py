@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from ..devices.strict_json import Node
-from ..engine.response.controls import CONTROLS, About, Kind, Operation
+from ..engine.response_filters.controls import CONTROLS, About, Kind, Operation
 
 MOST_FILTERS: Final = 32
 MOST_KEYS: Final = 100_000

@@ -7,7 +7,7 @@ from typing import Final
 
 import bpy
 
-from ..engine.response.controls import About, Filter, Kind, Operation
+from ..engine.response_filters.controls import About, Filter, Kind, Operation
 from ..errors import InputError
 from ..response_properties import KINDS
 from . import response_animation

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from .. import compat
-from ..engine.spot import lengths_along, places_on
+from ..engine.areas.spot import lengths_along, places_on
 from ..errors import InputError
 from . import paths
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..engine.body.model import SkinWeights
-    from ..engine.body.retargeting.target import TargetAvatar
     from ..engine.body.rigs.mapping import BoneMapping, RigBone
+    from ..engine.retargeting.target import TargetAvatar
 
 
 def meshes_of(body: bpy.types.Object) -> list[bpy.types.Object]:
@@ -72,7 +72,7 @@ def skin_among(
 ) -> list[bpy.types.Object]:
     """Meshes of an armature that together form its skin."""
     from ..engine.body.model import load_avatar
-    from ..engine.body.retargeting import skin_parts
+    from ..engine.retargeting import skin_parts
 
     if len(meshes) < 2:
         return list(meshes)
@@ -127,7 +127,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     """Read a mesh in the rest space of its armature."""
     import numpy as np
 
-    from ..engine.body.retargeting.target import TargetAvatar
+    from ..engine.retargeting.target import TargetAvatar
 
     if mesh_object.type != "MESH":
         raise InputError(

@@ -11,9 +11,9 @@ import numpy as np
 from mathutils import Matrix
 
 from .. import compat
-from ..engine.body import variants
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.body.rigs.mapping import BoneMapping
+from ..engine.retargeting import variants
 from ..errors import InputError
 from . import avatar_meshes, body_binding, bone_table, retargeting
 

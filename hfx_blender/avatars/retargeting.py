@@ -20,17 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
-from ..engine.body.retargeting import skin_parts
-from ..engine.body.retargeting import target as retarget_target
-from ..engine.body.retargeting.quality import (
-    AREA_RATIOS,
-    FARTHEST_MM,
-    IN_PLACE,
-    PartQuality,
-    Quality,
-)
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.modality import MODALITIES
+from ..engine.retargeting import skin_parts
+from ..engine.retargeting import target as retarget_target
+from ..engine.retargeting.quality import AREA_RATIOS, FARTHEST_MM, IN_PLACE, PartQuality, Quality
 from ..engine.scene import FittedModel, SurfaceAnchors
 from ..errors import InputError
 from . import avatar_meshes
@@ -84,7 +78,7 @@ def fit_body(
         The avatar cannot be fitted to.
     """
     # Fitting is half of what this module would load, and Blender's start must not wait for it.
-    from ..engine.body.retargeting import retarget
+    from ..engine.retargeting import retarget
 
     targets = avatar_meshes.read_meshes(armature, meshes)
     name = meshes[0].name

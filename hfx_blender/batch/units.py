@@ -4,8 +4,7 @@
 Parts are what one command hands to its workers. Pieces are the same for a farm: each is a command
 of its own, and what it recorded lies beside the results until a last one puts them together.
 
-A unit and its outcome are JSON, so that a worker can be another process or another machine
-that sees the same files.
+A unit and its outcome are JSON, so that a worker can be another process.
 """
 
 from __future__ import annotations

@@ -123,11 +123,6 @@ def add_parser(commands: Any) -> None:
         action="store_true",
         help="put the pieces together: the same files as one export writes; give the same options",
     )
-    work.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="let the workers of a Dask cluster do it, such as tcp://host:8786",
-    )
     work.add_argument("--report", type=Path, metavar="FILE", help="write the result as JSON")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
@@ -191,15 +186,11 @@ def _in_process(options: argparse.Namespace) -> bool:
     """Test that this process does the work itself: one scene gains nothing from another process."""
     if blender_session.inside_blender():
         return True
-    asked = options.jobs > 1 or options.time_limit is not None or options.scheduler is not None
+    asked = options.jobs > 1 or options.time_limit is not None
     return len(options.scenes) <= 1 and not asked
 
 
 def _workers(options: argparse.Namespace) -> Workers:
-    if options.scheduler is not None:
-        from ..batch.dask_workers import DaskWorkers
-
-        return DaskWorkers(options.scheduler, options.time_limit)
     if _in_process(options):
         return ThisProcess()
     return LocalWorkers(options.jobs, options.time_limit)
@@ -235,9 +226,7 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
 
 
 def _cores_of_each(options: argparse.Namespace) -> int:
-    """Number of cores for each worker; a worker on another machine uses its own."""
-    if options.scheduler is not None:
-        return 1
+    """Number of cores for each worker."""
     return max((options.cores or cores()) // (1 if _in_process(options) else options.jobs), 1)
 
 
@@ -349,7 +338,7 @@ def _write_report(path: Path, results: list[dict[str, Any]]) -> None:
 def _check(options: argparse.Namespace) -> None:
     """Reject options with which no scene could be exported, before any is opened."""
     from ..devices.configuration import load_device
-    from ..engine.on_demand import ON_DEMAND
+    from ..engine.areas.on_demand import ON_DEMAND
     from ..formats.registry import FORMATS
 
     unknown = [name for name in options.formats or () if name not in FORMATS]

@@ -292,7 +292,7 @@ def _board(options: argparse.Namespace, console: Console) -> int:
         raise UsageError(f"{options.output}: expected a name that ends in .blend")
     _check_folder(options.output)
     blender_session.start()
-    from ..demo import board
+    from ..maintenance.demo import board
 
     made = board.save(options.output)
     console.say(f"wrote {options.output}: {len(made)} squares")

@@ -11,7 +11,7 @@ import math
 
 from .. import resources
 from ..atomic_files import atomic_file
-from ..engine.surface_names import DRIVE_PER_M
+from ..engine.texture.surface_names import DRIVE_PER_M
 from ..errors import InputError
 
 ANY_DEVICE = ""

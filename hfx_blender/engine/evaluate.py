@@ -10,16 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .active_rows import active_rows, warn_of_point
-from .allocentric import AllocentricAreas
+from .areas.allocentric import AllocentricAreas
+from .areas.egocentric import EgocentricAreas
+from .areas.on_demand import ON_DEMAND, ON_DEMAND_HERE
+from .areas.sample_run_builder import RunMaker
 from .body.model import PerceptualModel, load_model
-from .bound_skins import BoundSkins
+from .contact.block_broad_phase import BlockReach
 from .counters import Counters
-from .egocentric import EgocentricAreas
 from .native import skin
-from .on_demand import ON_DEMAND, ON_DEMAND_HERE
-from .reach import BlockReach
 from .response.answering import Answering
-from .run_maker import RunMaker
 from .samples import SampleRun
 from .scene import (
     ActuatorArea,
@@ -31,10 +30,11 @@ from .scene import (
     SceneDescription,
     SpotArea,
 )
+from .skin.bound_skins import BoundSkins
 from .tolerance import STANDARD, Tolerance
 
 if TYPE_CHECKING:
-    from .parallel.threads import Threads
+    from .native.threads import Threads
 
 I64 = npt.NDArray[np.int64]
 
@@ -166,6 +166,6 @@ def _threads(count: int) -> Threads | None:
     """Thread pool of an engine; None where threads would have nothing to do."""
     if count < 2 or not skin.is_there():
         return None
-    from .parallel.threads import Threads  # Blender's start does not wait for it
+    from .native.threads import Threads  # Blender's start does not wait for it
 
     return Threads(count)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .body.model import PerceptualModel, SkinWeights
-from .response.controls import Filter
+from .response_filters.controls import Filter
 from .texture.surface_texture import SurfaceTexture
 from .volume.shape import Falloff, Shape
 

@@ -16,8 +16,8 @@ _shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the stri
 
 
 def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
-    from ..engine.body import variants
     from ..engine.body.model import AVATAR_ID
+    from ..engine.retargeting import variants
 
     own = [
         (each.id, each.folder.name, f"{each.facts.get('height_m', '?')} m tall, {each.id}")

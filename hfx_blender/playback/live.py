@@ -23,7 +23,7 @@ from .evaluation import evaluation
 if TYPE_CHECKING:
     from ..devices.live.client import DeviceState, LiveClient
     from ..engine.rendering.device import DeviceConfig
-    from ..engine.surface_drive import SurfaceDrive
+    from ..engine.surface.surface_drive import SurfaceDrive
     from .lookahead_scheduler import LookaheadScheduler
 
 HOLD_S = 2.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.surface_drive import SurfaceDrive
+from ..engine.surface.surface_drive import SurfaceDrive
 from ..engine.texture.render import render_stroke
 from ..engine.texture.signal import Signal
 from ..engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import compat
-from ..engine.curves import Interpolation, KeyedCurves
+from ..engine.kinematics.keyframe_curves import Interpolation, KeyedCurves
 
 F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]

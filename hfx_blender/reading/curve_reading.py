@@ -156,12 +156,17 @@ class CurveEffect:
 
 def is_steady(effect: bpy.types.Object) -> bool:
     """Test that an effect's shape is the same mesh at all times, or no mesh."""
+    return is_rigid(effect) and not visibility.is_keyed(effect)
+
+
+def is_rigid(effect: bpy.types.Object) -> bool:
+    """Test that an effect's shape is a mesh that does not deform, or no mesh."""
     try:
         if effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
     except NotModelledError:
         return False
-    return not visibility.is_keyed(effect)
+    return True
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:

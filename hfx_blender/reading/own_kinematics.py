@@ -14,8 +14,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.body.kinematics import rotations, transforms
-from ..engine.keyed_rig import KeyedRig, rotation_channel
+from ..engine.kinematics.bone_hierarchy import rotations, transforms
+from ..engine.kinematics.keyed_rig import KeyedRig, rotation_channel
 from .animation_curves import AnimatedValues, NotModelledError
 
 F64 = npt.NDArray[np.float64]

@@ -34,12 +34,13 @@ from .animation_curves import NotModelledError
 from .animation_time import animation_frames
 from .curve_reading import CurveBody, CurveEffect, EffectChunks, is_steady
 from .fed_rig import FedRig
-from .nearness import SkinBoxes, comes_near
+from .nearness import SkinBoxes
 from .own_kinematics import Parents
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
-from .scene_rows import EffectRow, PoseRow, Row, effect_block, pose_block
+from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
+from .stepped_volumes import SteppedVolumes, is_placeable, near
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -56,6 +57,7 @@ class Plan:
     in_own_scene: bool = False
     fed: dict[int, FedRig] = field(default_factory=dict)  # bodies that only Blender can pose
     is_exact: bool = False  # every sample that is stepped is read; none is interpolated
+    is_sequential: bool = False  # a handler may do otherwise if it goes back in time
 
     @property
     def note(self) -> str:
@@ -70,7 +72,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
     """Cheapest plan to read a scene, as far as is known without trying."""
     handler = stepping.foreign_handler()
     if handler is not None:
-        return Plan(reason=handler, in_own_scene=True, is_exact=True)
+        return Plan(reason=handler, in_own_scene=True, is_exact=True, is_sequential=True)
     plan = Plan()
     reasons = []
     parents = Parents()
@@ -114,15 +116,10 @@ def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int,
     return fed
 
 
-def _is_mesh(found: HapticObjects, which: int) -> bool:
-    hfx = found.effects[which].hfx
-    return bool(hfx.kind == "VOLUME" and hfx.shape == "MESH")
-
-
 class Pass:
     """Pass through the times of a scene, or through few single ones (``is_spotty``).
 
-    Of meshes that nothing comes near only the boxes are known, unless ``with_shapes``.
+    Volumes that have to be stepped are silent while they are near no skin, unless ``with_far``.
     """
 
     def __init__(
@@ -137,7 +134,7 @@ class Pass:
         stretch_of: Callable[[int], tuple[int, int]],
         stack: ExitStack,
         is_spotty: bool = False,
-        with_shapes: bool = False,
+        with_far: bool = False,
     ) -> None:
         self._plan = plan
         self._found = found
@@ -149,13 +146,16 @@ class Pass:
         self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
         self._volumes = [k for k in found.awake if found.effects[k].hfx.kind in IN_SCENE]
         self._chunks = EffectChunks(plan.effects, self._frames, is_spotty=is_spotty)
-        # Before anything is known of where they are, meshes are taken to be far.
-        self._meshes = [k for k in self._effects if k in self._volumes and _is_mesh(found, k)]
-        goes_back = not plan.in_own_scene and not with_shapes
-        reading.far = frozenset(self._meshes if goes_back or is_spotty else ())
-        self._is_judged = goes_back and not is_spotty and bool(self._meshes)
-        model_ids = {scene.effects[k].model_id for k in self._meshes}
-        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self._is_judged]
+        goes_back = not plan.is_sequential and not with_far
+        self._is_judged = goes_back and not is_spotty
+        # Of meshes only boxes are read where places and values are compared.
+        reading.far = frozenset(self._effects if is_spotty else ())
+        placed = [k for k in self._effects if self._is_judged and is_placeable(found.effects[k])]
+        self._placed = SteppedVolumes([found.effects[k] for k in placed])
+        self._far = dict(enumerate(placed))  # of which only the place is read, by their number
+        self._full = [k for k in self._effects if k not in placed]
+        model_ids = {scene.effects[k].model_id for k in placed}
+        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if placed]
         self._last: Row | None = None
         self._cell = (0, -1)
         self._near: list[Volume] = []
@@ -293,23 +293,22 @@ class Pass:
         for k in self._volumes:
             if k in effects:
                 wanted |= ~(effects[k].levels <= 0.0)
+        for k in self._far.values():
+            wanted |= self._found.activations[k].may_be_on(frames)
         rows = [self._row(int(i), w) for i, w in zip(indices, wanted.tolist(), strict=True)]
         if self._effects:
             self._last = rows[-1]
-            for k in self._effects:
-                modality = self._scene.effects[k].modality
-                effects[k] = effect_block([row.effects[k] for row in rows], modality)
-                if k in self._volumes:
-                    wanted |= ~(effects[k].levels <= 0.0)
+        for k in self._full:
+            effects[k] = self._block_of(k, rows)
+            if k in self._volumes:
+                wanted |= ~(effects[k].levels <= 0.0)
         effects |= {k: self._silence(k, len(indices)) for k in self._dormant}
         poses: dict[int, PoseBlock] = {
             k: body.read(frames, wanted) for k, body in self._plan.bodies.items()
         }
         poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
-        if self._is_judged:
-            for k in self._come_near(rows, [poses[k] for k in range(len(poses))]):
-                modality = self._scene.effects[k].modality
-                effects[k] = effect_block([row.effects[k] for row in rows], modality)
+        if self._far:
+            effects |= self._judged(rows, [poses[k] for k in range(len(poses))])
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
@@ -317,24 +316,44 @@ class Pass:
             history=history,
         )
 
-    def _come_near(self, rows: list[Row], poses: list[PoseBlock]) -> list[int]:
-        """Read the meshes that come near skin; the others remain boxes.
+    def _judged(self, rows: list[Row], poses: list[PoseBlock]) -> dict[int, EffectBlock]:
+        """Read the rest of the volumes that come near skin, of which only the places were read.
 
-        Those that were read again are returned.
+        What has to be read again is read in full from now on, until it is far again.
         """
         skins = [skin.over(pose) for skin, pose in zip(self._skins, poses, strict=True)]
-        near = {k for k in self._meshes if comes_near([row.effects[k] for row in rows], skins)}
-        again = sorted(near & self._reading.far)
-        self._reading.far = frozenset(self._meshes).difference(near)
-        stepper = self._light
-        if again and stepper is not None:
+        places = [row.places for row in rows if row.places is not None]
+        is_near = near(places, self._found.unit_m, skins)
+        there = np.stack([each.there for each in places])
+        matrices = np.stack([each.matrices for each in places])
+        again: list[int] = []
+        found: dict[int, EffectBlock] = {}
+        for n, k in self._far.items():
+            if not is_near[n]:
+                if k not in self._full:
+                    found[k] = self._silence(k, len(rows))
+            elif self._reading.is_settled(k):
+                found[k] = self._reading.placed(k, matrices[:, n], there[:, n])
+            elif k not in self._full:
+                again.append(k)
+        if again and self._light is not None:
             for row in rows:
-                row.effects |= self._reading.read(row.index, stepper, again, ()).effects
-        return again
+                row.effects |= self._reading.read(row.index, self._light, again, ()).effects
+            found |= {k: self._block_of(k, rows) for k in again}
+        nearby = {k for n, k in self._far.items() if is_near[n]}
+        full = {k for k in nearby if not self._reading.is_settled(k)}
+        self._full = [k for k in self._effects if k in full or k not in self._far.values()]
+        return found
+
+    def _block_of(self, which: int, rows: list[Row]) -> EffectBlock:
+        return effect_block([row.effects[which] for row in rows], self._modality(which))
 
     def _silence(self, which: int, count: int) -> EffectBlock:
-        """Block of a silent effect."""
-        return effect_block([EffectRow()] * count, self._scene.effects[which].modality)
+        """An effect that is not felt."""
+        return silence(count, self._modality(which))
+
+    def _modality(self, which: int) -> str:
+        return self._scene.effects[which].modality
 
     def _row(self, index: int, is_posed: bool) -> Row:
         """Stepped effects and bodies at one time."""
@@ -344,9 +363,11 @@ class Pass:
         joint = self._adaptive is None and (is_posed or self._light is self._whole)
         stepper = self._whole if joint else self._light
         if self._effects and stepper is not None:
-            row = self._reading.read(index, stepper, self._effects, ())
+            row = self._reading.read(index, stepper, self._full, ())
+            if self._far:
+                row.places = self._placed.read(stepper)
             is_posed |= any(
-                not row.effects[k].level <= 0.0 for k in self._effects if k in self._volumes
+                not row.effects[k].level <= 0.0 for k in self._full if k in self._volumes
             )
         if not is_posed or not self._bodies:
             return row

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import responses
 from ..authoring.response_animation import PATH
-from ..engine.response.controls import WIDTH, Filter, Kind
-from ..engine.response.envelope import longest_s
+from ..engine.response_filters.controls import WIDTH, Filter, Kind
+from ..engine.response_filters.envelope import longest_s
 from ..engine.scene import TimeBase
 from ..stored_values import limited
 from .animation_time import animation_frames
@@ -46,7 +46,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
         for curves in compat.curve_collections(effect):
             for curve in curves:
                 if curve.data_path == path:
-                    bound = min(_bound(curve), highest)
+                    bound = min(highest_of(curve), highest)
                     attack, decay = (
                         (max(attack, bound), decay)
                         if name == "attack"
@@ -55,7 +55,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
     return longest_s(attack, decay)
 
 
-def _bound(curve: bpy.types.FCurve) -> float:
+def highest_of(curve: bpy.types.FCurve) -> float:
     """Upper bound of a curve; infinite where modifiers or extrapolation continue it."""
     keys = curve.keyframe_points
     plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)

@@ -103,9 +103,9 @@ class SceneReader:
     with_velocities : bool
         The same, exactly, and the time before each stretch, so that its first sample has a
         velocity.
-    with_shapes : bool
-        Read the meshes of volumes also where they are near no skin; else only their boxes are
-        told then.
+    with_far : bool
+        Tell of volumes also where they are near no skin; those that have to be stepped may be
+        silent then otherwise.
     is_probed : bool
         Compare a few times with what Blender evaluates, which sets the scene's frame.
 
@@ -124,7 +124,7 @@ class SceneReader:
         tolerance: Tolerance = EXACT,
         with_positions: bool = False,
         with_velocities: bool = False,
-        with_shapes: bool = False,
+        with_far: bool = False,
         is_probed: bool = True,
     ) -> None:
         self.tolerance = tolerance
@@ -134,7 +134,7 @@ class SceneReader:
             layer = bpy.context.view_layer
         self._shapes = Shapes()
         self._with_velocities = with_velocities
-        self._with_shapes = with_shapes
+        self._with_far = with_far
         found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
         found = replace(found, dormant=_dormant(found, self.time))
@@ -296,7 +296,7 @@ class SceneReader:
             stretch_of=self._stretch_of,
             stack=stack,
             is_spotty=is_spotty,
-            with_shapes=self._with_shapes,
+            with_far=self._with_far,
         )
 
     def _has_history(self, index: int) -> bool:

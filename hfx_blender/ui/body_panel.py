@@ -14,7 +14,7 @@ from .bone_labels import label_of, region_of
 from .sidebar import HfxPanel, draw_text
 
 if TYPE_CHECKING:
-    from ..engine.body.retargeting.quality import PartQuality
+    from ..engine.retargeting.quality import PartQuality
 
 _FOUND, _CORRECTED, _FOLLOWING, _WRONG = "CHECKMARK", "GREASEPENCIL", "FILE_PARENT", "ERROR"
 

@@ -68,7 +68,7 @@ def lines_of(
     """
     import numpy as np
 
-    from ..engine.spot import places_on
+    from ..engine.areas.spot import places_on
 
     path = paths.path_of(effect)
     body = effect.hfx.body

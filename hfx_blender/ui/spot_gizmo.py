@@ -71,7 +71,7 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
     """Place of a point on its posed body, the skin's normal along Z; None if it has no place."""
     import numpy as np
 
-    from ..engine.spot import places_on
+    from ..engine.areas.spot import places_on
 
     try:
         depsgraph = context.evaluated_depsgraph_get()

@@ -20,7 +20,7 @@ bpy = blender_session.start()
 
 
 def build(path: str) -> None:
-    from hfx_blender.demo import garage
+    from hfx_blender.maintenance.demo import garage
 
     garage.build()
     bpy.ops.wm.save_as_mainfile(filepath=path)

@@ -12,7 +12,6 @@ import pytest
 from scipy.io import wavfile
 
 from hfx_blender.authoring import effects
-from hfx_blender.demo import belt, belt_chart
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
@@ -21,6 +20,7 @@ from hfx_blender.engine.spatial_sound.layouts import LAYOUTS
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import UsageError
 from hfx_blender.formats import sound_wav
+from hfx_blender.maintenance.demo import belt, belt_chart
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.sound import SoundRecorder, SoundSettings
 

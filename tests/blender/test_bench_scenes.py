@@ -11,8 +11,8 @@ import pytest
 from hfx_blender.engine.tolerance import EXACT, PAPER, STANDARD
 
 bpy = pytest.importorskip("bpy")
-scenes = pytest.importorskip("hfx_blender.bench.scenes")
-trade = pytest.importorskip("hfx_blender.bench.trade")
+scenes = pytest.importorskip("hfx_blender.maintenance.bench.scenes")
+trade = pytest.importorskip("hfx_blender.maintenance.bench.trade")
 
 
 @pytest.mark.parametrize("name", ["fast", "fine"])

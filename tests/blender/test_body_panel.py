@@ -15,7 +15,7 @@ from own_avatar import opened  # noqa: E402
 
 from hfx_blender.avatars import bodies, model_mesh, retargeting  # noqa: E402
 from hfx_blender.engine.body.model import load_avatar, load_model  # noqa: E402
-from hfx_blender.engine.body.retargeting.quality import PartQuality, Quality  # noqa: E402
+from hfx_blender.engine.retargeting.quality import PartQuality, Quality  # noqa: E402
 from hfx_blender.properties import BONE_REGIONS  # noqa: E402
 from hfx_blender.ui import body_panel  # noqa: E402
 from hfx_blender.ui.bone_labels import label_of, region_of  # noqa: E402

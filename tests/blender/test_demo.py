@@ -19,13 +19,13 @@ from hfx_scenes import names_in, process
 
 from hfx_blender import cli
 from hfx_blender.authoring import effects
-from hfx_blender.demo import pictures
-from hfx_blender.demo.garage import DEVICES, TASKS, Task
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export import ExportSettings, export_scene
+from hfx_blender.maintenance.demo import pictures
+from hfx_blender.maintenance.demo.garage import DEVICES, TASKS, Task
 
 SAMPLE_S = 0.01  # the demo's devices are rendered at 100 Hz
 

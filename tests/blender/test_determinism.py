@@ -45,7 +45,7 @@ def _child(python: str, *arguments: str, limit_s: int = 300) -> str:
 @pytest.fixture(scope="module")
 def demo(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo's .blend."""
-    from hfx_blender.demo import garage
+    from hfx_blender.maintenance.demo import garage
 
     path = tmp_path_factory.mktemp("demo") / "garage.blend"
     garage.build()

@@ -14,7 +14,7 @@ import pytest
 
 from hfx_blender import compat
 from hfx_blender.authoring import effect_exchange, effect_file, effects, responses
-from hfx_blender.engine.response.controls import Kind
+from hfx_blender.engine.response_filters.controls import Kind
 from hfx_blender.errors import InputError
 
 FPS = 25

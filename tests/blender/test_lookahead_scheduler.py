@@ -15,7 +15,7 @@ from hfx_blender.devices.live.messages import MessageError
 from hfx_blender.devices.live.plain_data import plain_from
 from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response.controls import Filter, Kind
+from hfx_blender.engine.response_filters.controls import Filter, Kind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import HapticSurface, HapticVolume
 from hfx_blender.engine.volume.shape import Falloff

@@ -12,7 +12,7 @@ import pytest
 from hfx_blender import compat
 from hfx_blender.authoring import effects
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response.controls import Kind
+from hfx_blender.engine.response_filters.controls import Kind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.reading.scene_reader import SceneReader
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import skeleton
+from hfx_blender.maintenance.body_building import skeleton
 
 
 def bones_in_blender(bpy: Any, bones: dict[str, tuple[Any, Any, float]]) -> dict[str, np.ndarray]:

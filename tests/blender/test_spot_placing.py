@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mathutils import Vector
 
 from hfx_blender.authoring import paths, spot_placing
-from hfx_blender.engine.spot import lengths_along, places_on
+from hfx_blender.engine.areas.spot import lengths_along, places_on
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.operators import held_spot
 from hfx_blender.operators.spot_handles import HFX_OT_resize_spot, HFX_OT_slide_spot

@@ -61,7 +61,7 @@ def test_scratch_scene_gives_the_same_as_the_own_scene(
     registered: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On the demo: walk, clips, fades, volumes and painted effects."""
-    from hfx_blender.demo import garage
+    from hfx_blender.maintenance.demo import garage
 
     scene = garage.build()
     step_all(monkeypatch)
@@ -77,7 +77,7 @@ def test_scratch_scene_gives_the_same_as_the_own_scene(
 def test_curves_give_the_same_as_the_own_scene(
     registered: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hfx_blender.demo import garage
+    from hfx_blender.maintenance.demo import garage
 
     scene = garage.build()
     sampled = SceneReader(scene, rate_hz=oracle.Fraction(21))

@@ -10,11 +10,11 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.demo import board
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import make_map
 from hfx_blender.engine.texture.render import render_stroke
 from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
+from hfx_blender.maintenance.demo import board
 from hfx_blender.playback import reference_strokes
 from hfx_blender.playback.stroke_pad import TARGET_PX_S, TARGETS_M_S, StrokePad
 from hfx_blender.playback.stroke_sound import StrokeSound

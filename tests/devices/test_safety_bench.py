@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.bench import safety, safety_silences, safety_stops, safety_values
-from hfx_blender.bench.safety_stops import Log, NotPlayedError, NotSilentError, gaps_of
 from hfx_blender.devices.live.guard import Guard
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.bench import safety, safety_silences, safety_stops, safety_values
+from hfx_blender.maintenance.bench.safety_stops import Log, NotPlayedError, NotSilentError, gaps_of
 
 
 def loud(time_s: float) -> dict[str, Any]:

@@ -9,13 +9,13 @@ from unittest import mock
 
 import pytest
 
+from hfx_blender.engine.contact import compiled_target
 from hfx_blender.engine.native import (
     clusters,
     skin,
     skin_binding,
     skin_filling,
     skin_outline,
-    target,
     turning,
     volume_boxes,
 )
@@ -23,7 +23,16 @@ from hfx_blender.engine.native.library import library
 
 needs_library = pytest.mark.skipif(library() is None, reason="no library was built")
 
-_PARTS = (clusters, skin, skin_binding, skin_filling, skin_outline, target, turning, volume_boxes)
+_PARTS = (
+    clusters,
+    skin,
+    skin_binding,
+    skin_filling,
+    skin_outline,
+    compiled_target,
+    turning,
+    volume_boxes,
+)
 
 
 @contextmanager

@@ -12,13 +12,12 @@ from distorted_scenes import FALLOFFS, DistortedScene, load, turn
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine import compiled_contact
 from hfx_blender.engine.active_rows import FARTHEST
-from hfx_blender.engine.bound_skins import BoundSkins
+from hfx_blender.engine.contact import compiled_contacts
+from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.native.target import PlacedTarget
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
@@ -30,6 +29,7 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
+from hfx_blender.engine.skin.bound_skins import BoundSkins
 from hfx_blender.engine.tolerance import PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.placement import inverse_placement, world_bounds
@@ -133,8 +133,8 @@ def test_the_library_was_asked(monkeypatch):
     """Else the test above compares numpy with itself."""
     scene, block = moving_scene(load("hfx-pressure-1"), 3, 0.3, 0.1)
     asked = []
-    begin = compiled_contact.begin
-    monkeypatch.setattr(compiled_contact, "begin", lambda *a: asked.append(1) or begin(*a))
+    begin = compiled_contacts.begin
+    monkeypatch.setattr(compiled_contacts, "begin", lambda *a: asked.append(1) or begin(*a))
     told(scene, block, STANDARD)
     assert asked
     asked.clear()

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from engine_synthetic import BONES, affine, model, pose, skinned
 
-from hfx_blender.engine import contact
-from hfx_blender.engine.body.skinned_model import SkinnedModel
+from hfx_blender.engine.contact import contacts
 from hfx_blender.engine.counters import Counters
-from hfx_blender.engine.coverage import BodySkin, Skin
 from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding
+from hfx_blender.engine.skin.cell_coverage import BodySkin, Skin
+from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
@@ -69,17 +69,17 @@ def _find(
     posed: PoseBlock = POSE,
     counters: Counters | None = None,
     **options: Any,
-) -> contact.Contacts:
+) -> contacts.Contacts:
     levels, parameters = np.ones(len(matrices)), np.zeros((len(matrices), 2))
     effect = EffectBlock(levels, parameters, matrices, shapes, which)
     rows = np.arange(len(matrices)) if rows is None else np.asarray(rows)
-    bounds = contact.bounds_of(BOUND, posed, np.arange(len(posed.valid)))
-    return contact.begin(
+    bounds = contacts.bounds_of(BOUND, posed, np.arange(len(posed.valid)))
+    return contacts.begin(
         effect, falloff, rows, BOUND, posed, bounds, counters or Counters(), **options
     )()
 
 
-def _dense(found: contact.Contacts) -> np.ndarray:
+def _dense(found: contacts.Contacts) -> np.ndarray:
     """Weights by time and vertex, (T, V), after checking the sets' form."""
     weights = np.zeros((TIMES, len(BODY)))
     assert (np.diff(found.rows) > 0).all()

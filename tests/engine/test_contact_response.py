@@ -16,9 +16,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response import envelope, filters
-from hfx_blender.engine.response.controls import CONTROLS, About, Filter, Kind, Operation, defaults
 from hfx_blender.engine.response.settling import Settling
+from hfx_blender.engine.response_filters import envelope, filters
+from hfx_blender.engine.response_filters.controls import (
+    CONTROLS,
+    About,
+    Filter,
+    Kind,
+    Operation,
+    defaults,
+)
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     AnimationBlock,

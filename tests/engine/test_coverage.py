@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from hfx_blender.engine.body.cells import cell_of_skin
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.coverage import Skin, finer_id, sample_distance_m, spacing_m
-from hfx_blender.engine.skin_quads import Quads
+from hfx_blender.engine.skin.cell_coverage import Skin, finer_id, sample_distance_m, spacing_m
+from hfx_blender.engine.skin.skin_quads import Quads
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance, parse
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
@@ -409,17 +409,17 @@ def test_a_mirrored_body_bulges_outwards_too() -> None:
 
 
 def test_only_units_near_the_boundary_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
-    from hfx_blender.engine import narrow
+    from hfx_blender.engine.contact import narrow_phase
 
     looked = []
-    real = narrow.sampled
+    real = narrow_phase.sampled
 
     def sampled(*arguments):
         for samples in real(*arguments):
             looked.append(len(samples.slots))
             yield samples
 
-    monkeypatch.setattr(narrow, "sampled", sampled)
+    monkeypatch.setattr(narrow_phase, "sampled", sampled)
     body = sheet(60)
     weights, _, _ = evaluated(body, Sphere(), placed(0.1, (0.0, 0.0, 0.0))[None])
     # The circle's circumference crosses about 2 pi 0.1 / 0.005 cells.

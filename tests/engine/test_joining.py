@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.engine.joining import joined
 from hfx_blender.engine.samples import Drive, Impact, SampleRun, Stream
+from hfx_blender.engine.track.joining import joined
 
 ONE, TWO = (Stream(name, "body", "pressure", "m") for name in ("one", "two"))
 ORDER = (ONE, TWO)

@@ -19,11 +19,11 @@ from both_ways import in_numpy, needs_library
 
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.native.threads import Threads
 from hfx_blender.engine.parallel import evaluating
 from hfx_blender.engine.parallel.evaluating import evaluated
-from hfx_blender.engine.parallel.handing_over import packed, unpacked
-from hfx_blender.engine.parallel.threads import Threads
-from hfx_blender.engine.response.controls import CONTROLS, WIDTH, Filter, Kind
+from hfx_blender.engine.parallel.serialization import packed, unpacked
+from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, Kind
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,

@@ -14,16 +14,16 @@ from engine_synthetic import BONES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body.bound_weights import BoneBoxes, BoundWeights
 from hfx_blender.engine.body.clusters import clusters_of
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
-from hfx_blender.engine.body.skinned_model import SkinnedModel
-from hfx_blender.engine.cell_sizes import CellSizes
-from hfx_blender.engine.coverage import Skin, finer_id
 from hfx_blender.engine.native.skin_table import table_of
 from hfx_blender.engine.scene import SkinBinding
-from hfx_blender.engine.skin_mesh import SkinMesh
-from hfx_blender.engine.skin_table import SkinTable
+from hfx_blender.engine.skin.bound_weights import BoneBoxes, BoundWeights
+from hfx_blender.engine.skin.cell_coverage import Skin, finer_id
+from hfx_blender.engine.skin.cell_sizes import CellSizes
+from hfx_blender.engine.skin.skin_mesh import SkinMesh
+from hfx_blender.engine.skin.skin_table import SkinTable
+from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.tolerance import PREVIEW, STANDARD, Tolerance
 
 pytestmark = needs_library

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from skin_plane import plane
 
+from hfx_blender.engine.areas.spot import SpotSkin, half_radius_m, places_on
 from hfx_blender.engine.body.model import PerceptualModel
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.scene import (
@@ -22,7 +23,6 @@ from hfx_blender.engine.scene import (
     SpotArea,
     TimeBase,
 )
-from hfx_blender.engine.spot import SpotSkin, half_radius_m, places_on
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind
 
 SIDE = 0.02

@@ -15,8 +15,8 @@ from coverage_synthetic import ball, evaluated, moved_along, placed, rigid, shee
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.motion import Motion, turned_by
-from hfx_blender.engine.swept import Crossings
+from hfx_blender.engine.contact.continuous_collision import Crossings
+from hfx_blender.engine.kinematics.motion import Motion, turned_by
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
@@ -147,14 +147,15 @@ def test_falloff_counts_where_a_passage_is_deepest() -> None:
 def test_slow_motion_is_not_looked_at(
     monkeypatch: pytest.MonkeyPatch, way: Callable[[], AbstractContextManager[None]]
 ) -> None:
-    from hfx_blender.engine import finding
-    from hfx_blender.engine.native import contact
+    from hfx_blender.engine.contact import accumulator, compiled_narrow_phase
 
     calls: list[int] = []
-    real, compiled = finding.crossings, contact.look_at_skin
-    monkeypatch.setattr(finding, "crossings", lambda *a: calls.append(1) or real(*a))
+    real, compiled = accumulator.crossings, compiled_narrow_phase.look_at_skin
+    monkeypatch.setattr(accumulator, "crossings", lambda *a: calls.append(1) or real(*a))
     monkeypatch.setattr(
-        contact, "look_at_skin", lambda *a: calls.extend(a[0].steps[a[0].steps > 0]) or compiled(*a)
+        compiled_narrow_phase,
+        "look_at_skin",
+        lambda *a: calls.extend(a[0].steps[a[0].steps > 0]) or compiled(*a),
     )
     with way():
         slow = moved_along(placed(0.1, (0.0, 0.0, 0.15)), (0.0, 0.0, -0.1), 21)  # 0.5 m/s

@@ -22,7 +22,7 @@ from hfx_blender.engine.track import (
     TrackWriter,
 )
 from hfx_blender.errors import OutputError
-from hfx_blender.formats import chart_svg
+from hfx_blender.maintenance import chart_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 LEFT, WIDTH = chart_svg._LEFT, chart_svg._WIDTH  # of the plot in the picture

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.keyed_rig import KeyedRig
+from ...engine.kinematics.keyed_rig import KeyedRig
 from ...engine.scene import AnimationBlock, EffectBlock, PoseBlock, SceneDescription
 from ...engine.tolerance import Tolerance
 from ...engine.volume.shape import Shape

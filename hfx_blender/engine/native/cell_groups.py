@@ -36,7 +36,7 @@ def _library() -> ctypes.CDLL:
 
 
 class CellGroups:
-    """Groups of cells of the clusters of a skin; see :class:`..cell_sizes.CellSizes`.
+    """Groups of cells of the clusters of a skin; see :class:`..skin.cell_sizes.CellSizes`.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
 def gathered(
     weights: Weights, columns: I32, heard: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
-    """Gather contacts row by row; see :class:`..contact.Contacts`.
+    """Gather contacts row by row; see :class:`..contact.contacts.Contacts`.
 
     Returns
     -------

@@ -29,7 +29,7 @@ def _calls() -> ctypes.CDLL | None:
 def from_quaternions(quaternions: F64) -> F64 | None:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4); None where there is no library.
 
-    Those of :func:`~hfx_blender.engine.body.kinematics.from_quaternions`.
+    Those of :func:`~hfx_blender.engine.kinematics.bone_hierarchy.from_quaternions`.
     """
     found = _calls()
     if found is None:

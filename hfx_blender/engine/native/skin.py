@@ -153,7 +153,7 @@ class PosedBones:
         return moves
 
     def cell_means(self, groups: Any, rows: I64, clusters: I64) -> F64:
-        """See :meth:`..cell_sizes.CellSizes.means`, target space (m, k).
+        """See :meth:`..skin.cell_sizes.CellSizes.means`, target space (m, k).
 
         ``groups`` are ``hfx_groups`` of all clusters, filled in for these; ``rows`` (m,) are some
         of these rows.

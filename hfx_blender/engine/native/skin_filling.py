@@ -67,7 +67,7 @@ def is_there() -> bool:
 
 
 class Table(Protocol):
-    """See :class:`..skin_table.SkinTable`."""
+    """See :class:`..skin.skin_table.SkinTable`."""
 
     starts: I64
     unit_counts: I64

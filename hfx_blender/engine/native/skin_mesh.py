@@ -16,7 +16,7 @@ _Mesh = structure("hfx_skin_mesh", **dict.fromkeys(_ARRAYS, POINTER))
 
 
 class Mesh(Protocol):
-    """See :class:`..skin_mesh.SkinMesh`."""
+    """See :class:`..skin.skin_mesh.SkinMesh`."""
 
     @property
     def vertices(self) -> npt.NDArray[np.float32]: ...

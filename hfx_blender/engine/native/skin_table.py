@@ -49,7 +49,7 @@ _Table = structure(
 
 
 class Table(Protocol):
-    """The skin of a model; see :class:`..skin_table.SkinTable`."""
+    """The skin of a model; see :class:`..skin.skin_table.SkinTable`."""
 
     place_counts: I64
     unit_counts: I64

@@ -25,8 +25,8 @@ from ..response.touches import Touches
 from ..samples import SampleRun
 from ..scene import AnimationBlock, HapticSurface, HapticVolume
 from ..volume.mesh import MeshVolume
-from .handing_over import packed, receive, send, unpacked
 from .overlapping import short_turns
+from .serialization import packed, receive, send, unpacked
 
 Answer = tuple[list[SampleRun], list[Touches], Counters]
 

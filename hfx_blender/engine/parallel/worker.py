@@ -17,7 +17,7 @@ from typing import IO
 
 from ..evaluate import Engine
 from ..volume.mesh import MeshVolume
-from .handing_over import packed, receive, send, unpacked
+from .serialization import packed, receive, send, unpacked
 
 _log = logging.getLogger(__name__)
 

@@ -52,7 +52,7 @@ class ActuatorType:
     rest_s: float = 1.0
     takes_waveform: bool = False  # driven as sound: plays the sum of all vibrations
     waveform: Waveform = "sine"  # of each of these
-    resonance_hz: float | None = None
+    resonance_hz: float | None = None  # plays what has no frequency of its own
     drive: tuple[DriveCurve, ...] = ()  # measured, by ascending frequency; none: proportional
     thresholds: tuple[tuple[float, float], ...] = ()  # (Hz, m/s^2) below which it is not felt
 

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from ..areas.vector_sensation import gains_of
 from ..body.model import PerceptualModel
 from ..samples import SampleRun
-from ..vector_sensation import gains_of
 from .coverage import ActuatorCells
 from .device import DeviceConfig, RoomPlace
 from .focus import FocusPanning, focus_panning

@@ -18,7 +18,7 @@ from ...errors import InputError
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
-from ..surface_drive import SurfaceDrives
+from ..surface.surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
 from .device import ActuatorType, DeviceConfig
 from .dispatch import ActuatorGroup, ModelLoader

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from ..contact import ReachableBounds
-from ..coverage import BodySkin
+from ..contact.contacts import ReachableBounds
 from ..modality import MODALITIES
+from ..response_filters.controls import Kind
 from ..samples import SampleRun, Stream
 from ..scene import (
     AnimationBlock,
@@ -22,8 +22,8 @@ from ..scene import (
     PoseBlock,
     SceneDescription,
 )
+from ..skin.cell_coverage import BodySkin
 from ..volume.placement import world_bounds
-from .controls import Kind
 from .settling import Settling
 from .touches import BodyPlaces, Moments, Touches
 

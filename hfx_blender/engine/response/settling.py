@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..response_filters.controls import Kind, Operation
+from ..response_filters.envelope import Impact, envelope
+from ..response_filters.filters import folded
 from ..samples import SampleRun, Stream
-from .controls import Kind, Operation
-from .envelope import Impact, envelope
-from .filters import folded
 from .touches import Touches
 
 F64 = npt.NDArray[np.float64]

@@ -11,14 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..contact import ReachableBounds
-from ..coverage import BodySkin
-from ..samples import SampleRun, Stream
-from ..scene import EffectBlock, PoseBlock
-from ..volume.outside import distances_m
-from ..volume.placement import inverse_placement, world_bounds
-from .controls import About, Filter, Kind
-from .filters import (
+from ..contact.contacts import ReachableBounds
+from ..response_filters.controls import About, Filter, Kind
+from ..response_filters.filters import (
     distance_value,
     mixed,
     proximity_value,
@@ -26,6 +21,11 @@ from .filters import (
     speed_value,
     within_limits,
 )
+from ..samples import SampleRun, Stream
+from ..scene import EffectBlock, PoseBlock
+from ..skin.cell_coverage import BodySkin
+from ..volume.outside import distances_m
+from ..volume.placement import inverse_placement, world_bounds
 
 F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]

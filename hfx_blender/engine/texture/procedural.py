@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ..surface_names import MATERIAL_TITLES
 from .height_field import HeightField
+from .surface_names import MATERIAL_TITLES
 from .weave import Weave, woven
 
 F64 = npt.NDArray[np.float64]

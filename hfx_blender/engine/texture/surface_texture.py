@@ -9,10 +9,10 @@ from enum import Enum
 import numpy as np
 
 from ...errors import InputError
-from ..surface_names import DRIVE_PER_M as DRIVE_PER_M
 from .device_range import DeviceRange
 from .haptic_map import HapticMap
 from .height_field import HeightField
+from .surface_names import DRIVE_PER_M as DRIVE_PER_M
 
 
 class Renderer(Enum):
@@ -40,7 +40,7 @@ class SurfaceTexture:
         What a drive of 0..1 means. A map is rendered with this device, not with its own.
     is_calibrated : bool
         ``drive_per_m`` is what the user set for any device: one with a c_v of its own takes that
-        (:mod:`..surface_drive`).
+        (:mod:`..surface.surface_drive`).
 
     Raises
     ------

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ..products import stacked_product
+from ..matmul import stacked_product
 from .height_field import HeightField
 from .stroke import Stroke
 

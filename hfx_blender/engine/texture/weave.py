@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ..surface_names import FABRICS
 from .height_field import HeightField
+from .surface_names import FABRICS
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -12,7 +12,7 @@ from ..body.model import PerceptualModel
 from ..modality import MODALITIES
 from ..samples import Stream
 from ..scene import ActuatorArea, Clip, Kind, PaintedArea, SceneDescription, SpotArea, TimeBase
-from ..surface_drive import with_drives
+from ..surface.surface_drive import with_drives
 
 MAX_VERTEX_COUNT: Final = 2**31 - 1
 MAX_SAMPLE_COUNT: Final = 2**31 - 1

@@ -20,7 +20,7 @@ from hfx_blender.devices.live.moments import Moment
 from hfx_blender.devices.live.plain_data import plain_from, plain_to
 from hfx_blender.devices.live.playhead import Playhead, frames_ahead, parts_between
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.keyed_rig import KeyedRig
+from hfx_blender.engine.kinematics.keyed_rig import KeyedRig
 from hfx_blender.engine.scene import (
     BodyDescription,
     EffectBlock,

@@ -24,8 +24,8 @@ import retarget_variants as variants
 from retarget_variants import RigBone, Variant
 
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights, load_avatar
-from hfx_blender.engine.body.retargeting.surface import TargetSurface, vertex_normals
-from hfx_blender.engine.body.retargeting.target import TargetAvatar
+from hfx_blender.engine.retargeting.surface import TargetSurface, vertex_normals
+from hfx_blender.engine.retargeting.target import TargetAvatar
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -20,8 +20,8 @@ from retarget_variants import Variant
 
 from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
-from hfx_blender.engine.body.retargeting import retarget
 from hfx_blender.engine.body.rigs.mapping import map_bones
+from hfx_blender.engine.retargeting import retarget
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs/following-an-avatar.md"
 START, END = "<!-- figures -->\n", "<!-- end of figures -->\n"

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hfx_blender.engine.body.building import skeleton, source
 from hfx_blender.engine.body.model import Avatar, PerceptualModel, SkinWeights, load_avatar
-from hfx_blender.engine.body.retargeting.target import TargetAvatar
+from hfx_blender.engine.retargeting.target import TargetAvatar
+from hfx_blender.maintenance.body_building import skeleton, source
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

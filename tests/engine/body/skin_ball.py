@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from hfx_blender.engine.body.building import left_skin, skin
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
+from hfx_blender.maintenance.body_building import left_skin, skin
 
 RADIUS_M = 0.15
 SPACING_M = (0.016, 0.025)  # upper half, lower half

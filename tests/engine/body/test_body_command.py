@@ -14,11 +14,11 @@ import body_sets
 import pytest
 
 from hfx_blender import resources
-from hfx_blender.commands import body
 from hfx_blender.console import Console
 from hfx_blender.engine.body import levels
-from hfx_blender.engine.body.building import build, variant_models
 from hfx_blender.errors import HfxError, InputError, UsageError
+from hfx_blender.maintenance.body_building import build, variant_models
+from hfx_blender.maintenance.commands import body
 
 
 @pytest.fixture

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hfx_blender.engine.body.building import source
 from hfx_blender.engine.body.rigs import mapping as bone_mapping
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone
 from hfx_blender.engine.body.rigs.names import read_names
 from hfx_blender.engine.body.rigs.rig import canonical_heads, canonical_parents
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.body_building import source
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 LIMBS = "clavicle upperarm01 lowerarm01 wrist upperleg01 lowerleg01 foot toe2-1".split()

@@ -13,10 +13,10 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import geodesic
 from hfx_blender.engine.body.cells import cell_of_skin
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.body_building import geodesic
 
 LIMBS = ("upper_arm", "forearm", "upper_leg", "lower_leg")
 

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body import mesh_edit, model
-from hfx_blender.engine.body.building import uncross
-from hfx_blender.engine.body.building.crossings import crossings, depth_m, pierced
-from hfx_blender.engine.body.building.left_skin import Samples
 from hfx_blender.engine.body.parts import PARTS, RIGHT
+from hfx_blender.maintenance.body_building import uncross
+from hfx_blender.maintenance.body_building.crossings import crossings, depth_m, pierced
+from hfx_blender.maintenance.body_building.left_skin import Samples
 
 FLOOR = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]
 NEEDLE = [[0.2, 0.2, -0.5], [0.2, 0.2, 0.5], [2.0, 2.0, 0.5]]

@@ -15,10 +15,10 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.engine.body import levels, model
-from hfx_blender.engine.body.building import levels as making
 from hfx_blender.engine.body.nearest import locate
 from hfx_blender.engine.body.parts import RIGHT
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.body_building import levels as making
 
 FINE = ("hfx-pressure-1", "hfx-vibration-1")
 FLIP = np.array((-1.0, 1.0, 1.0), np.float32)

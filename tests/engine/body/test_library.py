@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from hfx_blender import resources
-from hfx_blender.engine.body import cells, levels, library, model, variants
+from hfx_blender.engine.body import cells, levels, library, model
+from hfx_blender.engine.retargeting import variants
 from hfx_blender.errors import InputError
 
 SUFFIX = "+0badcafe"

@@ -12,7 +12,9 @@ from skin_ball import RADIUS_M, SPACING_M, spacings
 
 from hfx_blender import resources
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import (
+from hfx_blender.engine.body.parts import CENTRE, PARTS
+from hfx_blender.errors import UsageError
+from hfx_blender.maintenance.body_building import (
     assemble,
     build,
     left_skin,
@@ -21,8 +23,6 @@ from hfx_blender.engine.body.building import (
     stats,
     thresholds,
 )
-from hfx_blender.engine.body.parts import CENTRE, PARTS
-from hfx_blender.errors import UsageError
 
 
 @pytest.fixture(scope="module")

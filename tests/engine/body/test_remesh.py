@@ -8,7 +8,7 @@ import pytest
 import skin_ball
 from skin_ball import SPACING_M, spacings
 
-from hfx_blender.engine.body.building import assemble, left_skin, remesh
+from hfx_blender.maintenance.body_building import assemble, left_skin, remesh
 
 
 @pytest.fixture(scope="module")

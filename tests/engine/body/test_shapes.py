@@ -12,12 +12,12 @@ from scipy.spatial import cKDTree
 
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.body.retargeting import shapes
-from hfx_blender.engine.body.retargeting.joints import skeletons_of
-from hfx_blender.engine.body.retargeting.pose import matrices, posed
-from hfx_blender.engine.body.retargeting.shapes import ShapeFields
-from hfx_blender.engine.body.retargeting.surface import TargetSurface
 from hfx_blender.engine.body.rigs.mapping import map_bones
+from hfx_blender.engine.retargeting import shapes
+from hfx_blender.engine.retargeting.joints import skeletons_of
+from hfx_blender.engine.retargeting.pose import matrices, posed
+from hfx_blender.engine.retargeting.shapes import ShapeFields
+from hfx_blender.engine.retargeting.surface import TargetSurface
 from hfx_blender.errors import InputError
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import stats, thresholds
-from hfx_blender.engine.body.building.crossings import crossings
 from hfx_blender.engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
+from hfx_blender.maintenance.body_building import stats, thresholds
+from hfx_blender.maintenance.body_building.crossings import crossings
 
 IDS = ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1")
 FINE = IDS[:2]  # temperature's limbs are thinner than its cells

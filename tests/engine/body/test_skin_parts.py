@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body.model import SkinWeights, load_avatar
-from hfx_blender.engine.body.retargeting.skin_parts import joined, ranked, skin_of
-from hfx_blender.engine.body.retargeting.target import TargetAvatar
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone
+from hfx_blender.engine.retargeting.skin_parts import joined, ranked, skin_of
+from hfx_blender.engine.retargeting.target import TargetAvatar
 
 BONES = ("root", "spine01", "head", "wrist.L", "wrist.R")
 

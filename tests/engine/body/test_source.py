@@ -10,9 +10,16 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import build, left_skin, segmentation, skeleton, skin, source
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError, UsageError
+from hfx_blender.maintenance.body_building import (
+    build,
+    left_skin,
+    segmentation,
+    skeleton,
+    skin,
+    source,
+)
 
 
 @pytest.fixture(scope="module")

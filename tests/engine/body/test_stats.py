@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import correspondence, stats
 from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.maintenance.body_building import correspondence, stats
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import correspondence, thresholds
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.body_building import correspondence, thresholds
 
 
 def test_the_literature_is_the_papers_text() -> None:

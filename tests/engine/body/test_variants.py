@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body import model
-from hfx_blender.engine.body.building import skin, source, stats, variant, variant_models
-from hfx_blender.engine.body.building.assemble import mirrored_bones, triangles_of
-from hfx_blender.engine.body.building.variant import Variant
-from hfx_blender.engine.body.building.variant_models import Person
 from hfx_blender.engine.body.parts import CENTRE, PARTS, RIGHT
 from hfx_blender.errors import UsageError
+from hfx_blender.maintenance.body_building import skin, source, stats, variant, variant_models
+from hfx_blender.maintenance.body_building.assemble import mirrored_bones, triangles_of
+from hfx_blender.maintenance.body_building.variant import Variant
+from hfx_blender.maintenance.body_building.variant_models import Person
 
 FLIP = np.array((-1.0, 1.0, 1.0), np.float32)
 PEOPLE = {

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.body.model import SkinWeights
-from hfx_blender.engine.body.skinned_model import SkinnedModel
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
+from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind
 
 

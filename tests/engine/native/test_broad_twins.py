@@ -16,18 +16,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from both_ways import in_numpy, needs_library
 from test_compiled_contact import TOLERANCES, load, moving_scene
 
-from hfx_blender.engine import contact, reach
 from hfx_blender.engine.active_rows import FARTHEST, followed
-from hfx_blender.engine.body.skinned_model import SkinnedModel
-from hfx_blender.engine.bound_skins import BoundSkins
+from hfx_blender.engine.contact import block_broad_phase, contacts
+from hfx_blender.engine.contact import compiled_broad_phase as native_reach
+from hfx_blender.engine.contact.broad_phase import Placed
+from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.counters import Counters
-from hfx_blender.engine.motion import turns_since_before
+from hfx_blender.engine.kinematics.motion import turns_since_before
 from hfx_blender.engine.native import bounds as native_bounds
-from hfx_blender.engine.native import reach as native_reach
 from hfx_blender.engine.native import volume_boxes
-from hfx_blender.engine.native.target import PlacedTarget
-from hfx_blender.engine.placed import Placed
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
+from hfx_blender.engine.skin.bound_skins import BoundSkins
+from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.volume.placement import inverse_placement
 
 pytestmark = needs_library
@@ -40,9 +40,9 @@ def _skin(model, tolerance):
 
 
 def _boxes(skin, pose, rows):
-    found = contact.bounds_of(skin, pose, rows).boxes
+    found = contacts.bounds_of(skin, pose, rows).boxes
     with in_numpy(), np.errstate(all="ignore"):
-        return found, contact.bounds_of(skin, pose, rows).boxes
+        return found, contacts.bounds_of(skin, pose, rows).boxes
 
 
 # Skin
@@ -132,7 +132,7 @@ def test_boxes_of_volumes_are_those_of_numpy(data, volumes, rows):
     low = rng.normal(size=(volumes, 3))
     limits = np.stack([low, low + rng.random((volumes, 3))], axis=1)
     found = volume_boxes.volume_boxes(matrices, levels, limits)
-    expected = reach._boxes(matrices, levels, limits)
+    expected = block_broad_phase._boxes(matrices, levels, limits)
     assert (found[2] == expected[2]).all()
     for one, other in zip(found[:2], expected[:2], strict=True):
         # Where it is not sure, numbers do not count.
@@ -151,7 +151,7 @@ def test_rows_without_boxes_or_a_pose_are_refused():
         *(animated.shapes, animated.shape_index, animated.matrices, pose.to_world, rows),
         *(scene.effects[0].area.falloff, 0.0, FARTHEST),
     )
-    boxes, none = contact.bounds_of(skin, pose, rows).boxes, np.zeros(6, np.bool_)
+    boxes, none = contacts.bounds_of(skin, pose, rows).boxes, np.zeros(6, np.bool_)
     for some in (np.arange(5), np.zeros(0, np.int64)):
         with pytest.raises(IndexError, match="row 5 has no boxes"):
             native_reach.Broad(target, skin.surface.outline, some, boxes, none, ~none, 0.0, True)
@@ -183,7 +183,7 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
     scene, block = moving_scene(model, seed, 0.3, 0.4)
     pose, counts = block.poses[0], np.zeros(2, np.int64)
     some = np.array([0, 1, 2, 4, 5])  # the one between is only followed from
-    bounds = contact.bounds_of(skin, pose, np.arange(6))
+    bounds = contacts.bounds_of(skin, pose, np.arange(6))
     for effect, animated in zip(scene.effects, block.effects, strict=True):
         rows, heard, follows = followed(some, np.arange(6), animated, block)
         assert len(rows) == 6 and heard.sum() == 5

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body import kinematics
-from hfx_blender.engine.body.kinematics import Rig, from_quaternions
+from hfx_blender.engine.kinematics import bone_hierarchy
+from hfx_blender.engine.kinematics.bone_hierarchy import Rig, from_quaternions
 from hfx_blender.engine.native.library import library
 
 pytestmark = pytest.mark.skipif(library() is None, reason="no library was built")
@@ -24,7 +24,7 @@ class _NoLibrary:
 
 def _without(work: Any) -> Any:
     with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
-        patch.setattr(kinematics, "native", _NoLibrary())
+        patch.setattr(bone_hierarchy, "native", _NoLibrary())
         return work()
 
 

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from coverage_synthetic import ball, evaluated, sheet  # of the folder above
 
-from hfx_blender.engine.parallel.handing_over import packed, unpacked
+from hfx_blender.engine.parallel.serialization import packed, unpacked
 from hfx_blender.engine.tolerance import STANDARD, parse
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from both_ways import in_numpy, needs_library
 
-from hfx_blender.engine.motion import turned_by
+from hfx_blender.engine.kinematics.motion import turned_by
 
 pytestmark = needs_library
 

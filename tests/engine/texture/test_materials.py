@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hfx_blender.bench import texture as bench
-from hfx_blender.bench import texture_chart
 from hfx_blender.engine.texture import procedural, weave
 from hfx_blender.engine.texture.mcha import blurred_slope
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.bench import texture as bench
+from hfx_blender.maintenance.bench import texture_chart
 
 
 @pytest.mark.parametrize("name", procedural.MATERIALS)

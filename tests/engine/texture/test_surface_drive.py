@@ -25,7 +25,7 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
-from hfx_blender.engine.surface_drive import SETTING, SurfaceDrive, SurfaceDrives
+from hfx_blender.engine.surface.surface_drive import SETTING, SurfaceDrive, SurfaceDrives
 from hfx_blender.engine.texture.mcha import make_map
 from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
 from hfx_blender.engine.track import TrackHeader

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Boxes around what bones move, without posing any of it; see engine/body/skinned_model.py.
+// Boxes around what bones move, without posing any of it; see engine/skin/skinned_model.py.
 
 #include <math.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What is known at rest of how large a cluster's cells can be in a pose. See engine/cell_sizes.py.
+// What is known at rest of how large a cluster's cells can be in a pose; see skin/cell_sizes.py.
 
 #include <math.h>
 #include <string.h>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What of skin passed a volume on the way from one row to the next. See engine/swept.py.
+// What of skin passed a volume on the way from one row to the next. See
+// engine/contact/continuous_collision.py.
 
 #ifndef HFX_PASSING_H
 #define HFX_PASSING_H

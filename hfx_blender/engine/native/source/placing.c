@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where volumes are, and boxes around them. See engine/volume/placement.py and engine/reach.py.
+// Where volumes are, and boxes around them. See engine/volume/placement.py and
+// engine/contact/block_broad_phase.py.
 
 #include <float.h>
 #include <math.h>

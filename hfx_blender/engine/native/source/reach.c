@@ -253,7 +253,7 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
   }
 }
 
-// Which clusters are looked at, at which rows, and how; see contact.begin. `bones` are filled in as far
+// Which clusters are looked at, at which rows, and how; see contacts.begin. `bones` are filled in as far
 // as they matter; `groups` are known for clusters that are met where the volume falls off. `pairs`
 // have room for all rows of the near clusters. Of the pairs' clusters, each once, ascending: all;
 // those whose skin is covered or followed; those of which vertices tell: `lists` has room for all near

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Skin of clusters: where its places are in a pose, and how far its units reach.
-// The arrays are those of engine/skin_table.py and engine/body/skinned_model.py.
+// The arrays are those of engine/skin/skin_table.py and engine/skin/skinned_model.py.
 
 #ifndef HFX_SKIN_H
 #define HFX_SKIN_H
@@ -39,7 +39,7 @@ typedef struct {
   int64_t bone_count;
 } hfx_cluster;
 
-// What is known of groups of a cluster's cells at rest; see engine/cell_sizes.py.
+// What is known of groups of a cluster's cells at rest; see engine/skin/cell_sizes.py.
 typedef struct {
   const int64_t *starts;                   // (groups + 1,) pairs of a group and a bone
   const double *distances;                 // (groups,)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What bones do to the clusters of a model that is bound to them. See engine/body/skinned_model.py.
+// What bones do to the clusters of a model that is bound to them. See engine/skin/skinned_model.py.
 
 #include <math.h>
 #include <string.h>

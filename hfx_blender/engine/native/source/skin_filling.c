@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Fills in where the skin of clusters is sampled. See engine/skin_table.py, engine/skin_quads.py.
+// Fills in where the skin of clusters is sampled. See skin_table.py and skin_quads.py of engine/skin.
 
 #include <math.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The triangles that are the skin of a model; see engine/skin_mesh.py.
+// The triangles that are the skin of a model; see engine/skin/skin_mesh.py.
 
 #ifndef HFX_SKIN_MESH_H
 #define HFX_SKIN_MESH_H

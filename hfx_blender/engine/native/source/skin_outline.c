@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the skin of clusters lies between. See Skin._outlined in engine/coverage.py.
+// What the skin of clusters lies between. See Skin._outlined in engine/skin/cell_coverage.py.
 
 #include <math.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A quad of skin, and where its samples are; see engine/skin_quads.py, engine/skin_table.py.
+// A quad of skin, and where its samples are; see skin_quads.py and skin_table.py of engine/skin.
 
 #ifndef HFX_SKIN_QUAD_H
 #define HFX_SKIN_QUAD_H

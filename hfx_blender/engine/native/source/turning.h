@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What a matrix does to directions: how it stretches them, and how it turns them. See engine/motion.py.
+// What a matrix does to directions: how it stretches them, and how it turns them. See
+// engine/kinematics/motion.py.
 
 #ifndef HFX_TURNING_H
 #define HFX_TURNING_H

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Egocentric areas: samples of effects on the body itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..active_rows import posed_rows, with_pose
+from ..samples import SampleRun
+from ..scene import (
+    ActuatorArea,
+    AnimationBlock,
+    EffectBlock,
+    EffectDescription,
+    PaintedArea,
+    SpotArea,
+)
+from . import spot, vector_sensation
+from .sample_run_builder import RunMaker
+
+I64 = npt.NDArray[np.int64]
+
+
+class EgocentricAreas:
+    """Runs of painted areas, of points that move on the skin, and of single actuators."""
+
+    def __init__(self, maker: RunMaker) -> None:
+        self._maker = maker
+        self._spots: dict[str, spot.SpotSkin] = {}
+
+    def painted(
+        self,
+        effect: EffectDescription,
+        area: PaintedArea,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+    ) -> SampleRun | None:
+        """An area with weights for its vertices."""
+        positions = velocities = None
+        if self._maker.wants_motion:
+            k = self._maker.body_index[area.body_id]
+            body, pose = self._maker.scene.bodies[k], block.poses[k]
+            if not pose.valid[rows].all():
+                raise ValueError("positions of painted vertices need a reader with_positions")
+            rows = with_pose(rows, posed_rows(pose), body, self._maker.counters)
+            if not len(rows):
+                return None
+        sets = np.arange(len(rows)) if self._maker.record else np.zeros(len(rows), np.int64)
+        count = int(sets[-1]) + 1
+        offsets = np.arange(count + 1, dtype=np.int64) * len(area.vertices)
+        vertices = np.tile(area.vertices, count)
+        if self._maker.wants_motion:
+            skin = self._maker.skins.of(body, effect.model_id).vertices
+            positions, velocities = self._maker.motion(
+                skin, pose, rows, vertices, offsets, block.indices
+            )
+        return self._maker.run(
+            effect,
+            area.body_id,
+            animated,
+            rows,
+            block,
+            sets=sets,
+            offsets=offsets,
+            vertices=vertices,
+            weights=np.tile(area.weights, count),
+            positions=positions,
+            velocities=velocities,
+        )
+
+    def spot(
+        self,
+        effect: EffectDescription,
+        area: SpotArea,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+    ) -> SampleRun | None:
+        """Evaluate a point that moves on the skin."""
+        rows, focus = spot.focus_of(effect.name, area, animated, rows, self._maker.counters)
+        k = self._maker.body_index[area.body_id]
+        body, pose = self._maker.scene.bodies[k], block.poses[k]
+        with_motion = self._maker.wants_motion
+        if with_motion:
+            known = with_pose(rows, posed_rows(pose), body, self._maker.counters)
+            rows, focus = known, focus[np.isin(rows, known)]
+        if not len(rows):
+            return None
+        if effect.model_id not in self._spots:
+            self._spots[effect.model_id] = spot.SpotSkin(self._maker.skins.model(effect.model_id))
+        assert animated.place is not None
+        radii_m = np.maximum(animated.place[rows, 1], 0.0)
+        found = self._spots[effect.model_id].sets(
+            focus, radii_m, area.falloff, own_sets=bool(self._maker.record)
+        )
+        positions = velocities = None
+        if with_motion:
+            skin = self._maker.skins.of(body, effect.model_id).vertices
+            positions, velocities = self._maker.motion(
+                skin, pose, rows, found.vertices, found.offsets, block.indices
+            )
+        run = self._maker.run(
+            effect,
+            area.body_id,
+            animated,
+            rows,
+            block,
+            sets=found.sets,
+            offsets=found.offsets,
+            vertices=found.vertices,
+            weights=found.weights,
+            positions=positions,
+            velocities=velocities,
+        )
+        return replace(run, focus=focus)
+
+    def actuators(
+        self,
+        effect: EffectDescription,
+        area: ActuatorArea,
+        animated: EffectBlock,
+        rows: I64,
+        block: AnimationBlock,
+    ) -> SampleRun | None:
+        """Values for single actuators of one device."""
+        rows, drive = vector_sensation.driven(
+            effect.name, area, animated, rows, self._maker.counters
+        )
+        if not len(rows):
+            return None
+        count = len(rows) if self._maker.record else 1
+        nothing = np.zeros((0, 3), np.float32)
+        run = self._maker.run(
+            effect,
+            area.body_id,
+            animated,
+            rows,
+            block,
+            sets=np.minimum(np.arange(len(rows)), count - 1),
+            offsets=np.zeros(count + 1, np.int64),
+            vertices=np.zeros(0, np.int32),
+            weights=np.zeros(0, np.float32),
+            positions=nothing,
+            velocities=nothing,
+        )
+        return replace(run, drive=drive)

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Optional contents of samples: motion, depth, surface, impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..active_rows import posed_rows
+from ..contact.contact_details import Details
+from ..contact.contacts import Contacts
+from ..samples import Impact
+from ..scene import EffectBlock, PoseBlock, TimeBase
+from ..skin.posing import PosableModel
+from ..volume.nearest_surface import boundary_normals, nearest_surface
+from ..volume.shape import Shape
+
+F64 = npt.NDArray[np.float64]
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+I32 = npt.NDArray[np.int32]
+
+ON_DEMAND: Final = frozenset({"positions", "velocities", "depth"})
+"""Optional contents of samples that a track can hold."""
+
+ON_DEMAND_HERE: Final = frozenset({"surface", "impact"})
+"""Optional contents of samples that no track holds."""
+
+
+def motion(
+    model: PosableModel,
+    pose: PoseBlock,
+    rows: I64,
+    vertices: list[I32],
+    indices: I64,
+    step_s: float,
+    *,
+    with_velocities: bool,
+) -> tuple[F32, F32]:
+    """World positions and velocities of the vertices of each row, concatenated (total, 3).
+
+    Velocities are differences to the sample before, so that they do not look ahead; where the
+    block does not hold it, they are 0.
+    """
+    posed = frozenset(posed_rows(pose).tolist())
+    positions, velocities = [], []
+    for row, ids in zip(rows, vertices, strict=True):
+        here = model.points(ids, pose, int(row), pose.to_world[row])
+        speed = np.zeros_like(here)
+        known = int(row) - 1 in posed and indices[row - 1] == indices[row] - 1
+        if with_velocities and known:
+            before = model.points(ids, pose, int(row) - 1, pose.to_world[row - 1])
+            speed = (here - before) / step_s
+        positions.append(here.T)
+        velocities.append(speed.T)
+    return np.concatenate(positions).astype(np.float32), np.concatenate(velocities).astype(
+        np.float32
+    )
+
+
+def _by_row(animated: EffectBlock, hits: Contacts) -> Iterator[tuple[slice, Shape, F64, Details]]:
+    """Contacts of each row, with the volume's shape and matrix."""
+    assert animated.matrices is not None and hits.details is not None
+    for k, row in enumerate(hits.rows):
+        part = slice(int(hits.offsets[k]), int(hits.offsets[k + 1]))
+        which = 0 if animated.shape_index is None else int(animated.shape_index[row])
+        yield part, animated.shapes[which], animated.matrices[row], hits.details
+
+
+def depths(animated: EffectBlock, hits: Contacts) -> F32:
+    """Distance of each contact to the volume's boundary, (total,) metres."""
+    depths = np.zeros(len(hits.vertices), np.float32)
+    for part, shape, matrix, details in _by_row(animated, hits):
+        depths[part] = shape.depth_m(details.places[:, part], matrix)
+    return depths
+
+
+def surface(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
+    """Nearest place on the boundary and the normal there, (total, 3) each, world space."""
+    places = np.zeros((len(hits.vertices), 3), np.float32)
+    normals = np.zeros_like(places)
+    for part, shape, matrix, details in _by_row(animated, hits):
+        place, normal = nearest_surface(shape, details.places[:, part], matrix)
+        places[part], normals[part] = place.T, normal.T
+    return places, normals
+
+
+def impact(animated: EffectBlock, hits: Contacts, indices: I64, time: TimeBase) -> Impact:
+    """Impacts: contacts that began since the sample before."""
+    count = len(hits.vertices)
+    times, speeds = np.full(count, np.nan), np.full(count, np.nan, np.float32)
+    normals = np.full((count, 3), np.nan, np.float32)
+    rate = float(time.rate_hz)
+    ends = time.times_s(indices[hits.rows])
+    for end, (part, shape, matrix, details) in zip(ends, _by_row(animated, hits), strict=True):
+        began = np.flatnonzero(~np.isnan(details.since[part])) + part.start
+        if len(began):
+            normal = boundary_normals(shape, details.entries[:, began], matrix)
+            way = matrix[:3, :3] @ details.ways[:, began]
+            times[began] = end + (details.since[began] - 1.0) / rate
+            speeds[began] = np.maximum(-np.einsum("in,in->n", way, normal) * rate, 0.0)
+            normals[began] = normal.T
+    return Impact(times, speeds, normals)

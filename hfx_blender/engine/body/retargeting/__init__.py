@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: GPL-3.0-or-later
-"""Fitting the canonical models to any avatar: posed onto its joints, pulled to its surface."""

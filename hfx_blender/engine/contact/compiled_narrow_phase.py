@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Contact of skin with volumes that have a formula; ``contact.c``."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..native.library import INTEGER, POINTER, f64, library, pointer, structure
+from ..native.skin import Clusters, PosedBones
+from ..native.skin_table import Table, table_of
+from .compiled_broad_phase import Pairs
+from .compiled_target import Target
+
+if TYPE_CHECKING:
+    from ..native.threads import Threads
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Weights = npt.NDArray[np.floating[Any]]
+
+_STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
+
+
+_Drift = structure(
+    "hfx_drift", before=POINTER * _STEP_KINDS, after=POINTER * _STEP_KINDS, intervals=INTEGER
+)
+_Found = structure(
+    "hfx_found",
+    weights=POINTER,
+    column_of=POINTER,
+    columns=INTEGER,
+    is_single=INTEGER,
+    posed=INTEGER,
+)
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    found = library()
+    assert found is not None
+    found.hfx_look_at_skin.argtypes = [POINTER] * 10
+    found.hfx_look_at_skin.restype = None
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Posing:
+    """Source of the positions of cluster-row pairs: matrices of bones, or known positions."""
+
+    clusters: Clusters | None = None
+    own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
+    bones: PosedBones | None = None  # rest to shape space, at the rows of the target
+    points: F64 | None = None  # (3, N) the places of all pairs, shape space
+    allowed_m: F64 | None = None  # (pairs,) then: how far their skin may be from its samples
+
+
+def look_at_skin(
+    pairs: Pairs,
+    table: Table,
+    posing: Posing,
+    target: Target,
+    drifts: Mapping[int, tuple[F64, F64]],
+    weights: Weights,
+    column_of: I64,
+    threads: Threads | None = None,
+) -> Callable[[], int]:
+    """Compute contact weights of cells inside and of passages; see ``accumulator.Found``.
+
+    Parameters
+    ----------
+    pairs : Pairs
+    table : Table
+        Filled for the clusters that are covered or followed.
+    posing : Posing
+    target : Target
+    drifts : mapping
+        How points drift, (steps + 1, n - 1, 4, 4) from before and after, by number of steps; see
+        :class:`.continuous_collision.Drift`. Straight ways need none.
+    weights : (n, C) float32 or float64
+        Changed in place: a pair's cells get theirs, what passed only raises them.
+    column_of : (cells,) int64
+        The column of each of the table's cells.
+    threads : Threads, optional
+        Threads that look while this one goes on, each at clusters of its own.
+
+    Returns
+    -------
+    callable
+        Waits until all is looked at, and tells how many places were posed. Without threads it
+        has been by now.
+    """
+    drift = _drift_of(drifts, target.count - 1) if drifts else _STRAIGHT
+    shared = table_of(table), posing, target, drift, weights, column_of
+    if threads is None or posing.points is not None:
+        count = _Look(pairs, table, *shared).take()
+        return lambda: count
+    looks = [_Look(part, table, *shared) for part in _parts(pairs, table)]
+    begun = [threads.submit(look.take) for look in looks]
+    return lambda: sum(each.result() for each in begun)
+
+
+_STRAIGHT: Final = _Drift()
+
+
+def _drift_of(drifts: Mapping[int, tuple[F64, F64]], intervals: int) -> ctypes.Structure:
+    each_way: list[list[Any]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
+    for number, places in drifts.items():
+        for way, matrices in zip(each_way, places, strict=True):
+            way[number.bit_length() - 1] = f64(matrices)
+    drift: Any = _Drift(intervals=intervals)
+    drift.before, drift.after = (
+        (POINTER * _STEP_KINDS)(*(pointer(m) for m in way)) for way in each_way
+    )
+    drift.arrays = each_way
+    return drift
+
+
+_WORTH: Final = 1 << 16
+"""Places of pairs that pay for a call of their own where threads share the work: some of it takes
+much longer than the rest."""
+
+
+def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
+    """Split pairs into parts with similar numbers of points, clusters kept whole."""
+    total = np.cumsum(table.place_counts[pairs.clusters])
+    count = int(total[-1]) // _WORTH
+    if count < 2:
+        return [pairs]
+    begins = np.concatenate([[True], pairs.clusters[1:] != pairs.clusters[:-1]]).nonzero()[0]
+    wanted = total[-1] * np.arange(1, count) / count
+    inner = begins[np.minimum(np.searchsorted(total[begins], wanted), len(begins) - 1)]
+    cuts = np.unique(np.concatenate([[0], inner, [len(total)]])).tolist()
+    parts = (slice(*ends) for ends in pairwise(cuts))
+    return [
+        Pairs(pairs.clusters[part], pairs.rows[part], pairs.how[part], pairs.steps[part])
+        for part in parts
+    ]
+
+
+class _Look:
+    """One call of the library for some pairs, with its arguments."""
+
+    def __init__(
+        self,
+        pairs: Pairs,
+        table: Table,
+        pointers: Any,
+        posing: Posing,
+        target: Target,
+        drift: Any,
+        weights: Weights,
+        column_of: I64,
+    ) -> None:
+        most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
+        points = None if posing.points is None else f64(posing.points)
+        allowed_m = None if posing.allowed_m is None else f64(posing.allowed_m)
+        room = np.empty(2 * pointers.most_room + 24 * most_bones + 2)
+        events = np.empty((2 * table.largest_cell + 2, 2))
+        self._kept = (
+            *(pairs, pointers, posing, target, drift, weights, column_of),
+            *(points, allowed_m, room, events),
+        )
+        is_single = int(weights.dtype == np.float32)
+        self._found = _Found(pointer(weights), pointer(column_of), weights.shape[1], is_single, 0)
+        self._arguments = (
+            ctypes.byref(pairs.pointers(points, allowed_m)),
+            ctypes.byref(pointers),
+            None if posing.clusters is None else posing.clusters.table,
+            None if posing.own is None else posing.own.table,
+            None if posing.bones is None else ctypes.byref(posing.bones.pointers),
+            ctypes.byref(target.pointers),
+            ctypes.byref(drift),
+            ctypes.byref(self._found),
+            pointer(room),
+            pointer(events),
+        )
+
+    def take(self) -> int:
+        """Run the call without the interpreter lock; returns the number of positions posed."""
+        _library().hfx_look_at_skin(*self._arguments)
+        count: int = self._found.posed
+        return count

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Armature whose bones follow only their keyed channels and their parents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from .bone_hierarchy import Rig, rotations
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
+"""Channels by rotation mode; the other modes are orders of Euler angles."""
+
+
+def rotation_channel(mode: str) -> str:
+    """Name of the rotation channel of a bone or an object in one of Blender's rotation modes."""
+    return ROTATION_CHANNELS.get(mode, "rotation_euler")
+
+
+@dataclass(frozen=True, eq=False)
+class KeyedRig:
+    """Constant data of B bones that follow their keyed channels.
+
+    Attributes
+    ----------
+    parents : tuple of int
+        (B,) -1 for a root.
+    rest : (B, 4, 4) float64
+        Bone to armature space in the rest pose.
+    local_location : tuple of bool
+        (B,) See :class:`~hfx_blender.engine.kinematics.bone_hierarchy.Rig`.
+    modes : tuple of str
+        (B,) Rotation modes.
+    connected : (n,) int64
+        Bones whose location stays that of their parent's end.
+    still : mapping
+        By channel, its values (B, width) where nothing is keyed.
+    places : mapping
+        By channel, (3, n): column of the sampled values, bone, which of its numbers.
+    """
+
+    parents: tuple[int, ...]
+    rest: F64
+    local_location: tuple[bool, ...]
+    modes: tuple[str, ...]
+    connected: I64
+    still: Mapping[str, F64]
+    places: Mapping[str, I64]
+
+    @cached_property
+    def _rig(self) -> Rig:
+        return Rig(self.parents, self.rest, self.local_location)
+
+    def skinning(self, sampled: F64) -> F64:
+        """Skinning matrices (T, B, 3, 4) of sampled values (T, C)."""
+        values = {}
+        for name, still in self.still.items():
+            values[name] = np.repeat(still[None], len(sampled), axis=0)
+            if name in self.places:
+                columns, bones, numbers = self.places[name]
+                values[name][:, bones, numbers] = sampled[:, columns]
+        modes = dict.fromkeys(self.modes)
+        if len(modes) == 1:
+            (mode,) = modes
+            turned = rotations(values[rotation_channel(mode)], mode)
+        else:
+            turned = np.zeros((len(sampled), len(self.parents), 3, 3))
+            for mode in modes:
+                mine = [k for k, other in enumerate(self.modes) if other == mode]
+                turned[:, mine] = rotations(values[rotation_channel(mode)][:, mine], mode)
+        values["location"][:, self.connected] = 0.0
+        return self._rig.pose(values["location"], turned, values["scale"])

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The joints and regions of the canonical body and of a target, brought to one size and heading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ..body.model import Avatar
+from .regions import JOINT_OF, REGIONS, known_regions, region_of
+from .target import RigMapping, TargetAvatar, group_shares, owners_of
+from .turns import apply, similarity
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
+_NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")
+_LARGEST_MISFIT: Final = 0.12
+"""RMS distance of the joints of torso, legs and head from a person's, as a share of the height."""
+
+_FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
+"""Fingers that a rig may have as a single one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skeletons:
+    """Joints of both bodies, and the target brought to the canonical one's size and heading."""
+
+    to_target: F64  # (4, 4) normalised space (canonical size, canonical axes) to target space
+    points: F64  # (A, 3) target vertices, normalised space
+    canonical: dict[str, F64]  # joint -> place
+    joints: dict[str, F64]  # joint -> place, normalised space
+    avatar_shares: F64  # (V, R) regions of the canonical avatar's vertices
+    target_shares: F64  # (A, R) regions of the target's vertices
+    feet_forward: float  # share of the target's feet that point where its body faces
+
+
+def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Skeletons:
+    """Find the joints of both, and the turn, scale and shift between them.
+
+    Raises
+    ------
+    InputError
+        Needed joints are missing, or stand to each other as no person's do.
+    """
+    known = {bone.name for bone in target.bones}
+    unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
+    if unknown:
+        raise InputError(f"The armature has no bone '{unknown[0]}' that the bone mapping names.")
+    mapped = _without_mittens(mapping.bones)
+    canonical, joints = _joints(avatar, target, mapped)
+    missing = [joint for joint in _NEEDED if joint not in joints]
+    if missing:
+        raise InputError(
+            f"The armature has no bone that begins at: {', '.join(missing)}; "
+            "a body needs at least two hips and two shoulders."
+        )
+    used = [joint for joint in joints if joint.partition(".")[0] in _FRAME_JOINTS]
+    to_target = similarity(
+        np.array([canonical[joint] for joint in used]), np.array([joints[joint] for joint in used])
+    )
+    if not np.linalg.det(to_target[:3, :3]) > 0.0:
+        raise InputError("The armature's joints all lie at one place, or are not numbers.")
+    from_target = np.linalg.inv(to_target)
+    joints = {joint: apply(from_target, place) for joint, place in joints.items()}
+    misfit = np.array([joints[joint] - canonical[joint] for joint in used])
+    if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * np.ptp(
+        avatar.vertices[:, 2]
+    ):
+        raise InputError(
+            "The armature's joints do not stand to each other as a person's do: only a human "
+            "avatar in an upright rest pose can become a haptic body."
+        )
+    stands_for = known_regions(mapped)
+    number = {region: k for k, region in enumerate(REGIONS)}
+    of_canonical = np.array(
+        [number[stands_for[region_of(bone)]] for bone in avatar.skeleton.bone_names]
+    )
+    owners = owners_of(target, {rig_bone: bone for bone, rig_bone in mapped.items()})
+    of_target = np.array([-1 if o is None else number[region_of(o)] for o in owners], np.int64)
+    points = apply(from_target, target.vertices)
+    target_shares = _filled(group_shares(target.weights, of_target, len(REGIONS)), points)
+    return Skeletons(
+        to_target,
+        points,
+        canonical,
+        joints,
+        group_shares(avatar.weights, of_canonical, len(REGIONS)),
+        target_shares,
+        _feet_forward(points, dominant(target_shares), joints),
+    )
+
+
+def _filled(shares: F64, points: F64) -> F64:
+    """Assign skin that follows no bone to the region of the nearest skin that does."""
+    from scipy.spatial import cKDTree
+
+    bare = shares.sum(axis=1) == 0.0
+    if not bare.any() or bare.all():
+        return shares
+    filled = shares.copy()
+    filled[bare] = shares[~bare][cKDTree(points[~bare]).query(points[bare])[1]]
+    return filled
+
+
+def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
+    """Share of the feet that reach farther forward than back from the ankle; 1 without feet."""
+    forward = []
+    for side in "LR":
+        foot = points[region == REGIONS.index(f"foot.{side}")]
+        if len(foot) > 10 and f"ankle.{side}" in joints:
+            reach = foot[:, 1] - joints[f"ankle.{side}"][1]
+            forward.append(-reach.min() > reach.max())
+    return float(np.mean(forward)) if forward else 1.0
+
+
+def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
+    """Leave out a finger that represents all of them: it tells no single finger's place."""
+    found = dict(mapped)
+    for side in "LR":
+        fingers = [bone for bone in mapped if bone[:7] in _FINGERS and bone.endswith(f".{side}")]
+        if len({bone[6] for bone in fingers}) == 1:
+            for bone in fingers:
+                del found[bone]
+    return found
+
+
+def _joints(
+    avatar: Avatar, target: TargetAvatar, mapped: Mapping[str, str]
+) -> tuple[dict[str, F64], dict[str, F64]]:
+    heads = dict(
+        zip(avatar.skeleton.bone_names, avatar.skeleton.rest[:, :3, 3].astype(float), strict=True)
+    )
+    rig = {bone.name: np.asarray(bone.head, np.float64) for bone in target.bones}
+    canonical = {joint: heads[bone] for bone, joint in JOINT_OF.items()}
+    joints = {joint: rig[mapped[bone]] for bone, joint in JOINT_OF.items() if bone in mapped}
+    for side in "LR":
+        toes = [f"toe{number}-1.{side}" for number in range(1, 6)]
+        found = sorted({mapped[bone] for bone in toes if bone in mapped})
+        canonical[f"ball.{side}"] = np.mean([heads[bone] for bone in toes], axis=0)
+        if found:
+            joints[f"ball.{side}"] = np.mean([rig[bone] for bone in found], axis=0)
+        for finger in range(1, 6):
+            for phalanx in range(1, 4):
+                bone = f"finger{finger}-{phalanx}.{side}"
+                canonical[bone] = heads[bone]
+                if bone in mapped:
+                    joints[bone] = rig[mapped[bone]]
+    return canonical, joints
+
+
+def dominant(shares: F64) -> I64:
+    """Region of each vertex: the one with the largest share, -1 without any."""
+    found: I64 = np.where(shares.max(axis=1) > 0.0, shares.argmax(axis=1), -1)
+    return found

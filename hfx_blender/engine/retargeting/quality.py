@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Judges the fit of a perceptual model to an avatar, part by part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.model import PerceptualModel
+from ..body.parts import LEFT, PARTS, RIGHT
+from .regions import REGIONS
+from .surface import Places
+from .target import areas_of
+
+F64 = npt.NDArray[np.float64]
+
+FARTHEST_MM: Final = 15.0
+"""A part's vertices may be this far from the skin before they land on it (95 of 100)."""
+
+IN_PLACE: Final = 0.8
+"""Share of a part's vertices that must lie on skin of that part of the avatar."""
+
+AREA_RATIOS: Final = (0.4, 2.5)
+"""Allowed range of a part's area relative to the canonical body of the same size."""
+
+RIGHT_WAY: Final = 0.9
+"""Share of the limbs' vertices that must lie on their own side."""
+
+_REGIONS_OF: Final = {
+    "head": ("head", "torso"),
+    "torso": ("torso", "head", "upperarm", "upperleg"),
+    "upper_arm": ("upperarm", "torso", "forearm"),
+    "forearm": ("forearm", "upperarm", "hand"),
+    "hand_dorsum": ("hand", "forearm", "finger"),
+    "hand_palm": ("hand", "forearm", "finger"),
+    "fingers": ("finger", "hand"),
+    "upper_leg": ("upperleg", "torso", "lowerleg"),
+    "lower_leg": ("lowerleg", "upperleg", "foot"),
+    "foot_dorsum": ("foot", "lowerleg"),
+    "foot_sole": ("foot",),
+}
+
+
+@dataclass(frozen=True)
+class PartQuality:
+    """Fit of one body part of one model on one avatar; lengths as if it were 1.8 m tall."""
+
+    part: str
+    distance_mean_mm: float  # to the avatar's skin, before landing on it
+    distance_p95_mm: float
+    in_place: float  # 0..1, share of its vertices that lie on that part of the avatar
+    area_ratio: float  # area against the canonical body's at the same size
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Faults of the fit, as text."""
+        found = []
+        if self.distance_p95_mm > FARTHEST_MM:
+            found.append(f"is up to {self.distance_p95_mm:.0f} mm from the avatar's surface")
+        if self.in_place < IN_PLACE:
+            found.append(f"lies on that part of the avatar only for {100 * self.in_place:.0f} %")
+        if not AREA_RATIOS[0] <= self.area_ratio <= AREA_RATIOS[1]:
+            found.append(f"has {self.area_ratio:.2g} times the expected area")
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Fit of a perceptual model to an avatar."""
+
+    model_id: str
+    parts: tuple[PartQuality, ...]
+    sides: float  # 0..1, share of the limbs' vertices that lie on their own side
+    feet_forward: float  # 0..1, share of the feet that point where the body faces
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings: a sentence for each part that fits badly, and for sides that are swapped."""
+        found = [
+            f"{part.part.replace('_', ' ')} {fault}" for part in self.parts for fault in part.faults
+        ]
+        if self.sides < RIGHT_WAY:
+            found.append("left and right are swapped")
+        if self.feet_forward < 1.0:
+            found.append("front and back are swapped, or a foot is turned backwards")
+        return tuple(found)
+
+
+def judge(
+    model: PerceptualModel,
+    places: Places,
+    target_shares: F64,
+    distance_m: F64,
+    feet_forward: float,
+) -> Quality:
+    """Judge the fit of a model's placed vertices.
+
+    Parameters
+    ----------
+    places : Places
+        Normalised space: the canonical body's size, facing and upright.
+    target_shares : (V, R) float64
+        The avatar's own regions at the places.
+    distance_m : (V,) float64
+        How far each vertex was from the skin.
+    feet_forward : float
+        Share of the feet that point forwards.
+    """
+    stems = [region.partition(".")[0].rstrip("12345") for region in REGIONS]
+    known = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}
+    dominant = np.array(stems)[target_shares.argmax(axis=1)]
+    old, new = (_areas(p.astype(np.float64), model) for p in (model.vertices, places.points))
+    parts = []
+    for number, name in enumerate(PARTS):
+        mine = model.part == number
+        regions = _REGIONS_OF[name]
+        at_home = np.isin(dominant[mine], regions) | (regions[0] not in known)
+        parts.append(
+            PartQuality(
+                name,
+                1000.0 * float(distance_m[mine].mean()),
+                1000.0 * float(np.percentile(distance_m[mine], 95)),
+                float((places.found[mine] & at_home).mean()),
+                float(new[mine].sum() / old[mine].sum()),
+            )
+        )
+    limb = ~np.isin(model.part, [PARTS.index("head"), PARTS.index("torso")])
+    right_side = np.where(model.side == LEFT, places.points[:, 0] > 0.0, places.points[:, 0] < 0.0)
+    limb &= np.isin(model.side, (LEFT, RIGHT))
+    return Quality(model.id, tuple(parts), float(right_side[limb].mean()), feet_forward)
+
+
+def _areas(points: F64, model: PerceptualModel) -> F64:
+    """Area of each vertex: a third of its triangles, (V,)."""
+    triangles = model.triangles.astype(np.int64)
+    thirds = np.repeat(areas_of(points, triangles) / 3.0, 3)
+    return np.bincount(triangles.ravel(), thirds, minlength=len(points)).astype(np.float64)

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Perceptual models on a user's own avatar: same vertex ids, the avatar's places and bones.
+
+The canonical avatar is posed onto the target's rest pose and pulled onto its skin once
+(:func:`warp`); the vertices of any model ride along and land on the target's triangles
+(:func:`fit`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.model import Avatar, PerceptualModel, SkinWeights
+from ..scene import FittedModel, SurfaceAnchors
+from .joints import Skeletons, skeletons_of
+from .pose import matrices, posed
+from .quality import Quality, judge
+from .shapes import fields_for, shape
+from .surface import Places, TargetSurface, pull, vertex_normals
+from .target import RigMapping, TargetAvatar
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_LANDING_M: Final = 0.05
+"""Farthest that a vertex may be from the skin on which it lands (of a body 1.8 m tall)."""
+
+_LEAST_WEIGHT: Final = 0.004
+"""Skin weights below this are dropped: at most 2 mm at half a metre from a joint."""
+
+_SAME_TOPOLOGY: Final = 0.95
+"""Share of the canonical avatar's edges that a mesh must have to be the same mesh, reshaped."""
+
+
+@dataclass(frozen=True, eq=False)
+class Warp:
+    """Deformation of the canonical avatar into a target's shape, shared by all models."""
+
+    target: TargetAvatar
+    mapping: RigMapping
+    bodies: Skeletons
+    surface: TargetSurface
+    vertices: F64  # (V, 3) of the canonical avatar, normalised space
+    normals: F64  # (V, 3)
+    same: I64 | None  # (V,) the target's own vertices, where it is the same mesh
+
+
+def warp(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Warp:
+    """Bring the canonical avatar into the shape of a target.
+
+    Where the target is the same mesh (MakeHuman's base mesh, the shipped avatar), each vertex
+    goes exactly to its own place.
+
+    Raises
+    ------
+    InputError
+        The target's joints are missing or are not a person's.
+    """
+    bodies = skeletons_of(avatar, target, mapping)
+    surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
+    same = _same_mesh(avatar, target)
+    faces = avatar.faces.astype(np.int64)
+    triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
+    if same is not None:
+        vertices = bodies.points[same]
+    else:
+        vertices = pull(
+            _shaped(avatar, bodies, triangles, surface), triangles, bodies.avatar_shares, surface
+        )
+    normals = vertex_normals(vertices, triangles)
+    return Warp(target, mapping, bodies, surface, vertices, normals, same)
+
+
+def _shaped(avatar: Avatar, bodies: Skeletons, triangles: I64, surface: TargetSurface) -> F64:
+    """Deform the canonical avatar to the target's pose and, with the shape fields, its shape."""
+    moved = matrices(avatar, bodies)
+    start, fields = posed(avatar, moved), fields_for(avatar)
+    return start if fields is None else shape(fields, moved, start, triangles, bodies, surface)
+
+
+def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
+    """Put a perceptual model onto a target.
+
+    Returns
+    -------
+    fitted : FittedModel
+        In the target's own space and unit.
+    quality : Quality
+        How well it fits, part by part.
+    """
+    places, before = _land(model, warped)
+    to_target = warped.bodies.to_target
+    scale = float(np.cbrt(np.linalg.det(to_target[:3, :3])))
+    corners, weights = warped.target.triangles[places.triangle], places.weights
+    offset = np.zeros(len(model))
+    if warped.same is not None:
+        corners = warped.same[model.avatar_vertices]
+        weights = model.avatar_weights.astype(np.float64)
+        offset = model.avatar_offset_m * scale
+    anchors = SurfaceAnchors(corners.astype(np.int32), weights, offset)
+    vertices = places.points @ to_target[:3, :3].T + to_target[:3, 3]
+    fitted = FittedModel(
+        model_id=model.id,
+        model_hash=model.content_hash,
+        vertices=vertices.astype(np.float32),
+        bone_names=warped.target.bone_names,
+        weights=_skin_weights(model, warped, anchors),
+        anchors=anchors,
+    )
+    shares = warped.bodies.target_shares[warped.target.triangles[places.triangle]].mean(axis=1)
+    # At the canonical size: an avatar in another unit, or of a giant, is judged alike.
+    distance = np.linalg.norm(places.points - before, axis=1)
+    return fitted, judge(model, places, shares, distance, warped.bodies.feet_forward)
+
+
+def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64]:
+    """Project the vertices onto the target; returns their places, and those before."""
+    corners = warped.vertices[model.avatar_vertices]
+    weights = model.avatar_weights.astype(np.float64)
+    points = np.einsum("vc,vci->vi", weights, corners)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    points = points + model.avatar_offset_m[:, None] * across
+    normals = np.einsum("vc,vci->vi", weights, warped.normals[model.avatar_vertices])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    shares = np.einsum("vc,vcr->vr", weights, warped.bodies.avatar_shares[model.avatar_vertices])
+    places = warped.surface.nearest(points, normals, shares, _LANDING_M)
+    lost = np.flatnonzero(~places.found)
+    landed = places.points.copy()
+    if len(lost):  # they stay where they are, hung on the nearest skin of any region
+        anywhere = warped.surface.nearest(
+            points[lost], normals[lost], np.ones((len(lost), shares.shape[1])), np.inf, facing=-1.0
+        )
+        places.triangle[lost], places.weights[lost] = anywhere.triangle, anywhere.weights
+        places.normals[lost] = anywhere.normals
+        landed[lost] = anywhere.points
+    if warped.same is not None:
+        landed = points
+    return Places(places.found, places.triangle, places.weights, landed, places.normals), points
+
+
+def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
+    """The target's vertex of each avatar vertex, if the target is the same mesh."""
+    runs = avatar.provenance.get("source_vertices", [])
+    base = np.concatenate(
+        [np.arange(first, last + 1) for first, last in runs] or [np.zeros(0, int)]
+    )
+    count = len(target.vertices)
+    sides = np.concatenate(
+        [target.triangles[:, [0, 1]], target.triangles[:, [1, 2]], target.triangles[:, [2, 0]]]
+    )
+    have = np.unique(np.sort(sides, axis=1) @ np.array([count, 1]))
+    quads = avatar.faces.astype(np.int64)
+    edges = np.sort(
+        np.concatenate([np.column_stack((quads[:, k], quads[:, (k + 1) % 4])) for k in range(4)])
+    )
+    for ids in (np.arange(len(avatar.vertices)), base):
+        if len(ids) == len(avatar.vertices) and ids.max() < count:
+            wanted = np.sort(ids[edges], axis=1) @ np.array([count, 1])
+            if np.isin(wanted, have).mean() >= _SAME_TOPOLOGY:
+                return ids.astype(np.int64)
+    return None
+
+
+def _skin_weights(model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors) -> SkinWeights:
+    """Skin weights of the target at each vertex; the canonical ones, mapped, where it has none."""
+    from scipy.sparse import coo_array, diags_array
+
+    target, count = warped.target, len(model)
+    own = _matrix(target.weights, len(target.bone_names))
+    rows = np.repeat(np.arange(count), 3)
+    at = coo_array(
+        (anchors.weights.ravel(), (rows, anchors.corners.ravel())),
+        shape=(count, len(target.vertices)),
+    ).tocsr()
+    found = at @ own
+    bare = np.asarray(found.sum(axis=1)).ravel() < 1e-6
+    if bare.any():
+        index = {name: number for number, name in enumerate(target.bone_names)}
+        follows = {**warped.mapping.fallbacks, **warped.mapping.bones}
+        pairs = [
+            (number, index[rig_bone])
+            for number, name in enumerate(model.bone_names)
+            if (rig_bone := follows.get(name)) in index
+        ]
+        of, onto = np.array(pairs).reshape(-1, 2).T
+        shape = (len(model.bone_names), len(target.bone_names))
+        mapped = coo_array((np.ones(len(of)), (of, onto)), shape=shape).tocsr()
+        canonical = _matrix(model.weights, len(model.bone_names)) @ mapped
+        found = found + diags_array(bare.astype(np.float64)) @ canonical
+    found = found.tocsr()
+    found.data[found.data < _LEAST_WEIGHT] = 0.0
+    found.eliminate_zeros()
+    found.sort_indices()
+    sums = np.asarray(found.sum(axis=1)).ravel()
+    values = found.data / np.repeat(sums, np.diff(found.indptr))
+    return SkinWeights(
+        found.indptr.astype(np.int32), found.indices.astype(np.int32), values.astype(np.float32)
+    )
+
+
+def _matrix(weights: SkinWeights, bones: int) -> Any:
+    from scipy.sparse import csr_array
+
+    shape = (len(weights.offsets) - 1, bones)
+    return csr_array(
+        (weights.values.astype(np.float64), weights.bones, weights.offsets), shape=shape
+    )

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Nearest places on a target's skin that belong to the same region of the body, and the pull
+of a posed body onto them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.nearest import barycentric
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_LONGEST_EDGE_M: Final = 0.02
+"""Larger triangles are cut up for the search, whose candidates are found by their centres."""
+
+_CANDIDATES: Final = 8
+_SHARE: Final = 0.1
+"""Skin weight from which a vertex or a triangle takes part in a region."""
+
+_FACING: Final = 0.3
+"""Least cosine between the normals of two places that may be the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places on a target's surface, one for each query point."""
+
+    found: npt.NDArray[np.bool_]  # (P,) whether there is one
+    triangle: I64  # (P,) of the target
+    weights: F64  # (P, 3) barycentric, none negative, sum 1
+    points: F64  # (P, 3)
+    normals: F64  # (P, 3) smooth
+
+
+class TargetSurface:
+    """A target's skin, normalised space, searched region by region."""
+
+    def __init__(self, points: F64, triangles: I64, shares: F64) -> None:
+        from scipy.spatial import cKDTree
+
+        self.points, self.triangles = points, triangles
+        self.normals = vertex_normals(points, triangles)
+        whole = shares[triangles].mean(axis=1)
+        pieces, parent, corners = _cut(points[triangles])
+        self._pieces, self._parent, self._corners = pieces, parent, corners
+        centres = pieces.mean(axis=1)
+        self._members = [np.flatnonzero(whole[parent, r] >= _SHARE) for r in range(shares.shape[1])]
+        self._trees = [cKDTree(centres[m]) if len(m) else None for m in self._members]
+
+    def nearest(
+        self,
+        points: F64,
+        normals: F64,
+        shares: F64,
+        reach_m: float,
+        facing: float = _FACING,
+    ) -> Places:
+        """Find the nearest place for each point, in a shared region, facing alike.
+
+        Parameters
+        ----------
+        points, normals : (P, 3) float64
+        shares : (P, R) float64
+            Skin weights of the regions.
+        reach_m : float
+            Farthest that a place may be.
+        facing : float
+            Least cosine between the normals of a point and of its place.
+        """
+        count = len(points)
+        best = np.full(count, np.inf)
+        triangle, weights = np.zeros(count, np.int64), np.zeros((count, 3))
+        place, out = np.zeros((count, 3)), np.zeros((count, 3))
+        for region, (members, tree) in enumerate(zip(self._members, self._trees, strict=True)):
+            asked = np.flatnonzero(shares[:, region] >= _SHARE)
+            if tree is None or not len(asked):
+                continue
+            tries = min(_CANDIDATES, len(members))
+            _, near = tree.query(points[asked], k=tries)
+            piece = members[np.reshape(near, (len(asked), tries))].ravel()
+            point = np.repeat(asked, tries)
+            bary = barycentric(points[point], self._pieces[piece])
+            at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
+            inside = np.einsum("nc,nck->nk", bary, self._corners[piece])
+            corner = self.triangles[self._parent[piece]]
+            normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
+            distance = np.linalg.norm(at - points[point], axis=1)
+            alike = np.einsum("ni,ni->n", normal, normals[point])
+            distance[(alike < facing) | (distance > reach_m)] = np.inf
+            table = distance.reshape(len(asked), tries)
+            choice = table.argmin(axis=1)
+            row = np.arange(len(asked)) * tries + choice
+            better = table[np.arange(len(asked)), choice] < best[asked]
+            won, row = asked[better], row[better]
+            best[won] = distance[row]
+            triangle[won], weights[won] = self._parent[piece[row]], inside[row]
+            place[won], out[won] = at[row], normal[row]
+        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+        return Places(np.isfinite(best), triangle, weights, place, out)
+
+
+def _cut(corners: F64) -> tuple[F64, I64, F64]:
+    """Halve triangles at their longest edge until none is too long.
+
+    Returns
+    -------
+    pieces : (N, 3, 3)
+    parent : (N,)
+        Triangle that a piece is of.
+    places : (N, 3, 3)
+        Barycentric weights of each piece's corners in that triangle.
+    """
+    parent = np.arange(len(corners))
+    places = np.broadcast_to(np.eye(3), (len(corners), 3, 3)).copy()
+    while True:
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        long = edges.max(axis=1) > _LONGEST_EDGE_M
+        if not long.any() or len(corners) > 1_000_000:
+            return corners, parent, places
+        halves = []
+        for values in (corners, places):
+            rows = values[long]
+            order = (edges[long].argmax(axis=1)[:, None] + np.arange(3)) % 3
+            a, b, c = (rows[np.arange(len(rows)), order[:, k]] for k in range(3))
+            middle = (a + b) / 2
+            one, two = np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)
+            halves.append(np.concatenate((values[~long], one, two)))
+        corners, places = halves
+        parent = np.concatenate((parent[~long], parent[long], parent[long]))
+
+
+def vertex_normals(points: F64, triangles: I64) -> F64:
+    """Unit normals, weighted by area, (V, 3)."""
+    corners = points[triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.column_stack(
+        [
+            np.bincount(triangles.ravel(), np.repeat(across[:, axis], 3), minlength=len(points))
+            for axis in range(3)
+        ]
+    )
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
+"""Weight of a vertex's neighbours against the surface, round by round."""
+
+_REACH_M: Final = 0.12
+"""Farthest that the surface may pull from in the first round; half of it in the last."""
+
+
+def pull(points: F64, triangles: I64, shares: F64, surface: TargetSurface) -> F64:
+    """Pull a posed body onto the surface smoothly: neighbours move alike.
+
+    Each round looks for the nearest places and moves towards their tangent planes, so that the
+    skin can slide; the displacement's differences along the edges are held small (a membrane),
+    less from round to round.
+
+    Parameters
+    ----------
+    points : (V, 3) float64
+    triangles : (F, 3) int64
+    shares : (V, R) float64
+        Regions of the vertices.
+
+    Returns
+    -------
+    (V, 3) float64
+    """
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
+
+    laplacian = _laplacian(triangles, len(points))
+    moved = points
+    for number, stiffness in enumerate(STIFFNESS):
+        reach = _REACH_M * (1.0 - 0.5 * number / (len(STIFFNESS) - 1))
+        normals = vertex_normals(moved, triangles)
+        places = surface.nearest(moved, normals, shares, reach)
+        gap = np.einsum("vi,vi->v", places.points - moved, places.normals)
+        goal = moved + gap[:, None] * places.normals
+        hold = places.found.astype(np.float64)
+        system = stiffness * laplacian + diags_array(hold + 1e-6)
+        shift = splu(system.tocsc()).solve((hold + 1e-6)[:, None] * (goal - points))
+        moved = points + shift
+    return moved
+
+
+def _laplacian(triangles: I64, count: int) -> Any:
+    """Graph Laplacian of a mesh, (V, V), each edge of weight 1."""
+    from scipy.sparse import coo_array, diags_array
+
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    graph = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count)).tocsr()
+    graph = ((graph + graph.T) > 0).astype(np.float64)
+    return diags_array(graph.sum(axis=1)) - graph

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Avatar of a user, for retargeting: its mesh, its bones, and checks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ..body.model import SkinWeights
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+_LARGE_PIECE: Final = 0.01
+"""Share of the skin from which a connected piece counts: a hand, a shoe, a sleeve."""
+
+_LARGE_PIECES: Final = 0.5
+"""Share of the skin that such pieces must have together: eyes, lashes, buttons may be the rest."""
+
+_PINCHED_EDGES: Final = 0.01
+"""Share of edges that may have more than two triangles."""
+
+_DOUBLED_FACES: Final = 0.1
+"""Share of faces that may lie there twice: both sides of lashes and eyelids."""
+
+_UNSKINNED: Final = 0.2
+"""Share of vertices that may have no weight of any bone."""
+
+
+class Bone(Protocol):
+    """Bone of a user's rig, at rest."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def parent(self) -> str | None: ...
+    @property
+    def head(self) -> npt.ArrayLike: ...
+    @property
+    def tail(self) -> npt.ArrayLike: ...
+
+
+class RigMapping(Protocol):
+    """Mapping from canonical bones to the bones of a rig."""
+
+    @property
+    def bones(self) -> Mapping[str, str]:
+        """Canonical bone -> its counterpart."""
+
+    @property
+    def fallbacks(self) -> Mapping[str, str]:
+        """Canonical bone without counterpart -> the rig's bone that it follows."""
+
+
+@dataclass(frozen=True, eq=False)
+class TargetAvatar:
+    """An avatar in the rest space of its own armature, in that armature's own unit."""
+
+    vertices: F64  # (A, 3)
+    triangles: I64  # (F, 3) counter-clockwise seen from outside
+    weights: SkinWeights  # rows may be empty where no bone moves a vertex
+    bone_names: tuple[str, ...]  # that the weights name
+    bones: tuple[Bone, ...]  # all of the armature's, same space as the vertices
+    metres: float = 1.0  # length of one unit
+
+
+def check(target: TargetAvatar, name: str) -> None:
+    """Refuse a mesh that no body can be fitted to.
+
+    Raises
+    ------
+    InputError
+        It has no faces, holds something else than numbers, has no size, is not skinned, is in
+        many pieces or is no surface (several sheets meet at its edges).
+    """
+    if not len(target.triangles):
+        raise InputError(f"Avatar '{name}' has no faces that a body could be fitted to.")
+    if not np.isfinite(target.vertices).all():
+        bad = int(np.flatnonzero(~np.isfinite(target.vertices).all(axis=1))[0])
+        raise InputError(f"Avatar '{name}': the place of vertex {bad} is not a finite number.")
+    areas = areas_of(target.vertices, target.triangles)
+    if not (np.isfinite(target.metres) and target.metres > 0.0 and areas.sum() > 0.0):
+        raise InputError(f"Avatar '{name}' has no size: its scale is zero, or all faces are flat.")
+    used = np.unique(target.triangles)
+    bare = np.count_nonzero(np.diff(target.weights.offsets)[used] == 0)
+    if bare > _UNSKINNED * len(used):
+        raise InputError(
+            f"Avatar '{name}': {bare} of its {len(used)} vertices follow no bone of the armature; "
+            "parent it to the armature with weights first."
+        )
+    welded = weld(target.vertices)[target.triangles]
+    pieces = _pieces(welded)
+    shares = np.bincount(pieces, areas) / areas.sum()
+    large = shares[shares >= _LARGE_PIECE].sum()
+    if large < _LARGE_PIECES:
+        raise InputError(
+            f"Avatar '{name}' is in {len(shares)} pieces, of which the largest is only "
+            f"{100 * shares.max():.2g} % of the surface; join or merge them to one skin (pieces "
+            f"of {100 * _LARGE_PIECE:.0f} % must make {100 * _LARGE_PIECES:.0f} % at least)."
+        )
+    single = np.unique(np.sort(welded, axis=1), axis=0)
+    if len(single) < (1.0 - _DOUBLED_FACES) * len(welded):
+        single = welded
+    ends = np.sort(np.concatenate([single[:, [0, 1]], single[:, [1, 2]], single[:, [2, 0]]]))
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    counts = np.unique(ends, axis=0, return_counts=True)[1]
+    pinched = int(np.count_nonzero(counts > 2))
+    if pinched > _PINCHED_EDGES * len(counts):
+        raise InputError(
+            f"Avatar '{name}' is not a surface: at {pinched} of its {len(counts)} edges more than "
+            "two faces meet (non-manifold). Clean the mesh up, or choose another."
+        )
+
+
+def weld(points: F64) -> I64:
+    """Index of the first point at the same place (many imported meshes are split at seams)."""
+    size = float(np.ptp(points, axis=0).max()) or 1.0
+    grid = np.round(points / (1e-6 * size)).astype(np.int64)
+    _, first, place = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+    found: I64 = first[place.ravel()]
+    return found
+
+
+def _pieces(triangles: I64) -> I64:
+    """Connected piece of each triangle, numbered from 0."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = int(triangles.max()) + 1
+    starts, ends = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
+    graph = coo_array((np.ones(len(starts), np.int8), (starts, ends)), shape=(count, count))
+    label = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    return np.unique(label, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+def areas_of(points: F64, triangles: I64) -> F64:
+    """Area of each triangle."""
+    corners = points[triangles]
+    found: F64 = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    return found
+
+
+def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
+    """Skin weight of each vertex for groups of bones, (V, groups); rows sum to 1 or are 0.
+
+    Parameters
+    ----------
+    group_of : (B,) int64
+        Group of each bone; -1: none.
+    """
+    count = len(weights.offsets) - 1
+    owners = np.repeat(np.arange(count), np.diff(weights.offsets))
+    group = group_of[weights.bones]
+    known = group >= 0
+    flat = np.bincount(
+        owners[known] * groups + group[known], weights.values[known], minlength=count * groups
+    )
+    shares = flat.reshape(count, groups)
+    sums = shares.sum(axis=1, keepdims=True)
+    found: F64 = np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0)
+    return found
+
+
+def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | None]:
+    """Canonical bone that stands for each bone of the weights.
+
+    A bone that is not mapped (twist, helper) belongs to the nearest mapped bone above it, one
+    that the mapped bones hang on to the root. None: it hangs loose, and says nothing.
+
+    Parameters
+    ----------
+    canonical : mapping of the rig's bone to the canonical bone that it really is
+    """
+    parents = {bone.name: bone.parent for bone in target.bones}
+
+    def upwards(name: str) -> Iterator[str]:
+        at: str | None = name
+        seen: set[str] = set()
+        while at is not None and at not in seen:
+            yield at
+            seen.add(at)
+            at = parents.get(at)
+
+    carrying = {above for name in canonical for above in upwards(name)}
+    found: list[str | None] = []
+    for name in target.bone_names:
+        mapped = next((at for at in upwards(name) if at in canonical), None)
+        if mapped is not None:
+            found.append(canonical[mapped])
+        else:
+            found.append("root" if name in carrying else None)
+    return found

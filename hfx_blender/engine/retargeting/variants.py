@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Canonical models on a variant's avatar: exact, nothing is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body import library
+from ..body.model import AVATAR_ID, Avatar, load_model
+from ..scene import FittedModel, SurfaceAnchors
+
+
+def people() -> list[library.Entry]:
+    """Avatars of the variants that the user has installed."""
+    return [entry for entry in library.installed()[0] if entry.kind == "avatar"]
+
+
+def fitted_to(avatar: Avatar) -> list[FittedModel]:
+    """Place every shipped model on the skin of a variant.
+
+    Effects, tracks and devices go on speaking of the canonical models: a variant is another
+    body, not another set of ids.
+
+    Raises
+    ------
+    InputError
+        A model of the variant is missing, or was made from another edition of the canonical one.
+    """
+    suffix = avatar.id.removeprefix(AVATAR_ID)
+    found = []
+    for entry in library.shipped():
+        if entry.kind != "model":
+            continue
+        model = load_model(entry.id + suffix)
+        owner = library.owner_of_ids(model.id, model.provenance)
+        found.append(
+            FittedModel(
+                model_id=owner.id,
+                model_hash=owner.content_hash,
+                vertices=model.vertices,
+                bone_names=model.bone_names,
+                weights=model.weights,
+                anchors=SurfaceAnchors(
+                    model.avatar_vertices,
+                    model.avatar_weights.astype(np.float64),
+                    model.avatar_offset_m.astype(np.float64),
+                ),
+            )
+        )
+    return found

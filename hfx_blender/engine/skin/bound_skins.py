@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Perceptual models and their skins on the bodies of a scene, made when first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.model import PerceptualModel
+from ..counters import Counters
+from ..scene import BodyDescription, SkinBinding, SurfaceBinding
+from ..tolerance import Tolerance
+from .cell_coverage import BodySkin, Skin, finer_id
+from .posing import PosableModel
+from .skinned_model import SkinnedModel
+from .surface_posing import SurfaceModel
+
+I32 = npt.NDArray[np.int32]
+
+
+class BoundSkins:
+    """Cache of the skins that a scene has needed.
+
+    Parameters
+    ----------
+    models : callable
+        Loads a perceptual model by its id; called at the first moment it is needed.
+    tolerance : Tolerance
+    counters : Counters
+        Told of each model that is loaded.
+    """
+
+    def __init__(
+        self,
+        models: Callable[[str], PerceptualModel],
+        tolerance: Tolerance,
+        counters: Counters,
+    ) -> None:
+        self._load = models
+        self._tolerance = tolerance
+        self._counters = counters
+        self._models: dict[str, PerceptualModel] = {}
+        self._skins: dict[tuple[str, str | None], Skin] = {}
+        self._bound: dict[tuple[str, str], BodySkin] = {}
+
+    def of(self, body: BodyDescription, model_id: str) -> BodySkin:
+        """A model's skin on a body."""
+        key = (body.id, model_id)
+        if key not in self._bound:
+            binding = body.binding
+
+            def bind(model: PerceptualModel, clusters: list[I32]) -> PosableModel:
+                if isinstance(binding, SkinBinding):
+                    fitted = binding.fitted.get(model.id)
+                    placed = model if fitted is None else fitted.of(model)
+                    return SkinnedModel(placed, binding, clusters)
+                return SurfaceModel(model, binding.anchors[model.id], clusters)
+
+            self._bound[key] = BodySkin(self._skin_of(model_id, binding), bind)
+        return self._bound[key]
+
+    def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> Skin:
+        """Skin shared by all bodies whose binding can pose the same models."""
+        model = self.model(model_id)
+        fine = finer_id(model, self._tolerance)
+        if isinstance(binding, SurfaceBinding):
+            fine = fine if fine in binding.anchors else None
+        elif model_id in binding.fitted:
+            fine = fine if fine in binding.fitted else None
+        if (model_id, fine) not in self._skins:
+            finer = None if fine is None else self.model(fine)
+            self._skins[model_id, fine] = Skin(model, self._tolerance, finer)
+        return self._skins[model_id, fine]
+
+    def model(self, model_id: str) -> PerceptualModel:
+        """A perceptual model by its id."""
+        if model_id not in self._models:
+            self._models[model_id] = self._load(model_id)
+            self._counters.models_loaded.append(model_id)
+        return self._models[model_id]

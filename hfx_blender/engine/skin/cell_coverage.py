@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cells of skin that perceptual vertices stand for, and the samples of these cells.
+
+A vertex stands for its cell of skin: the places that are nearer to it than to its neighbours,
+each distance counted in the neighbour's own spacing. A cell is sampled in its triangles; on
+limbs, where the temperature model has too few to follow the skin, in those of a finer model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.cells import cell_of_skin
+from ..body.clusters import clusters_of
+from ..body.model import PerceptualModel
+from ..indexing import ramp, sorted_by
+from ..native import skin as native_skin
+from ..native import skin_outline as native
+from ..native.bounds import Outline
+from ..native.skin import PosedBones, UsedBones
+from ..scene import PoseBlock
+from ..tolerance import Tolerance
+from .cell_sizes import CellSizes
+from .posing import PosableModel
+from .skin_mesh import SkinMesh
+from .skin_table import SkinTable
+from .skinned_model import SkinnedModel
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+FINEST_SHARE: Final = 1.0 / 8.0
+FINEST_M: Final = (0.00025, 0.001)
+"""Distance of samples where no error at all is accepted: an eighth of the spacing of vertices,
+and between these. A finer one changes no coverage by more than a hundredth, however a pose
+stretches the skin."""
+
+_HEXAGON: Final = math.sqrt(2.0 / math.sqrt(3.0))  # spacing of cells of area 1
+
+
+def spacing_m(area_m2: F64) -> F64:
+    """Distance of neighbours whose cells have this area."""
+    spacing: F64 = _HEXAGON * np.sqrt(area_m2)
+    return spacing
+
+
+def sample_distance_m(tolerance: Tolerance, spacing: F64) -> F64:
+    """Accepted distance of skin from its sample where vertices are ``spacing`` apart, metres.
+
+    A sample stands for the skin around it. Where all of that is within the accepted error, the
+    sample is inside if the skin is inside of a volume that much smaller, and is not if the skin
+    is outside of one that much larger: so no edge of a contact is found farther off. What asks
+    for less than the finest gets the finest.
+    """
+    wanted = np.minimum(tolerance.spacing_share * spacing, tolerance.distance_m)
+    return np.maximum(wanted, finest_m(spacing))
+
+
+def finest_m(spacing: F64) -> F64:
+    """Accepted distance where no error is accepted, metres."""
+    finest: F64 = np.clip(FINEST_SHARE * spacing, *FINEST_M)
+    return finest
+
+
+def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
+    """Test that single vertices do not represent enough of the skin.
+
+    No skin is farther from its vertex than the vertices around.
+    """
+    is_asked = tolerance.spacing_share < 1.0 or math.isfinite(tolerance.distance_m)
+    return is_asked and len(model.triangles) > 0
+
+
+def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
+    """Id of the model whose surface a model's cells are sampled on; None for its own.
+
+    Vertices of the temperature model are too far apart to follow a limb's surface.
+    """
+    if model.modality != "temperature" or not _is_split(model, tolerance):
+        return None
+    return cell_of_skin(model)[0]
+
+
+class Skin:
+    """Sampling of one perceptual model's cells; shared by all bodies that have the model.
+
+    Parameters
+    ----------
+    model : PerceptualModel
+    tolerance : Tolerance
+    finer : PerceptualModel, optional
+        The model of :func:`finer_id`; without it the model's own triangles are its skin.
+
+    Attributes
+    ----------
+    is_split : bool
+        Whether any cell has more than one sample; the paper's test has not.
+    edge_m : float
+        How far off the edge of a contact may be where that is most.
+    surface : PerceptualModel
+        Whose triangles are the skin: the model itself or a finer one.
+    clusters : list of (C,) int32
+        Vertices of the model that are looked at together.
+    outlines : list of (n,) int32
+        For each cluster the vertices of the surface that its skin lies between.
+    margins_m : (number of clusters,) float64 or None
+        How far the skin may bulge beyond them in the rest pose.
+    """
+
+    def __init__(
+        self,
+        model: PerceptualModel,
+        tolerance: Tolerance,
+        finer: PerceptualModel | None = None,
+    ) -> None:
+        self.model = model
+        self.tolerance = tolerance
+        spacing = spacing_m(model.areas_m2.astype(np.float64))
+        self.is_split = _is_split(model, tolerance)
+        self.surface, owner = model, np.arange(len(model), dtype=np.int32)
+        if finer is not None:
+            self.surface, owner = finer, cell_of_skin(model)[1]
+        self.edge_m = tolerance.edge_m(float(spacing.max()))
+        self._owner = owner
+        self._spacing = spacing[owner]  # (skin vertices,)
+        if self.surface is model:
+            self.clusters = clusters_of(model)
+        else:
+            self.clusters = clusters_of(model, load=np.bincount(owner, minlength=len(model)))
+        self.outlines: list[I32] = self.clusters
+        self.margins_m: F64 | None = None
+        if self.is_split:
+            self.outlines, self.margins_m = self._outlined()
+
+    def _outlined(self) -> tuple[list[I32], F64]:
+        """Outline of each cluster (its units, the corners around them), and the margin of
+        its skin.
+        """
+        order, firsts = sorted_by(self._owner, len(self.model))
+        cells = np.concatenate(self.clusters)
+        step, cell_of = ramp(firsts[cells + 1] - firsts[cells])
+        units = order[firsts[cells][cell_of] + step].astype(np.int32)
+        cluster_of = owners_of(self.clusters, len(self.model))[self._owner]
+        starts = sorted_by(cluster_of, len(self.clusters))[1]
+        if native.is_there():
+            mesh = SkinMesh.of(self.surface)
+            return native.outlined(mesh, starts, units, cluster_of)
+        triangles = self.surface.triangles
+        clusters = cluster_of[triangles]
+        pairs = []
+        for a, b in ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)):
+            apart = np.flatnonzero(clusters[:, a] != clusters[:, b])
+            pairs.append(clusters[apart, a] * len(self.surface) + triangles[apart, b])
+        cluster, vertex = np.divmod(np.unique(np.concatenate(pairs)), len(self.surface))
+        cuts = np.searchsorted(cluster, np.arange(len(starts)))
+        outlines = [
+            np.concatenate([units[starts[k] : starts[k + 1]], vertex[cuts[k] : cuts[k + 1]]])
+            for k in range(len(starts) - 1)
+        ]
+        margins = np.zeros(len(outlines))
+        bounds = self._bulge_bounds()
+        for column in clusters.T:
+            np.maximum.at(margins, column, bounds)
+        return [each.astype(np.int32) for each in outlines], margins
+
+    def _bulge_bounds(self) -> npt.NDArray[np.float32]:
+        """Upper bound of the height of a triangle's samples above it, (F,) metres."""
+        corners = self.surface.triangles.T
+        points = [self.surface.vertices[corner] for corner in corners]
+        normals = [self.surface.normals[corner] for corner in corners]
+        bounds = np.zeros(len(self.surface.triangles), np.float32)
+        for one, other in ((0, 1), (1, 2), (2, 0)):
+            edge = points[other] - points[one]
+            both = np.abs(np.einsum("fi,fi->f", edge, normals[one]))
+            both += np.abs(np.einsum("fi,fi->f", edge, normals[other]))
+            np.maximum(bounds, both / 6.0, out=bounds)
+        return bounds
+
+    @cached_property
+    def table(self) -> SkinTable:
+        """Table of the skin's samples; filled cluster by cluster, as they are needed."""
+        return SkinTable(
+            self.surface,
+            self.clusters,
+            self.outlines,
+            self._owner,
+            sample_distance_m(self.tolerance, self._spacing),
+            finest_m(self._spacing),
+            self.is_split,
+            self.tolerance,
+        )
+
+
+class BodySkin:
+    """A perceptual model's skin on one body.
+
+    Parameters
+    ----------
+    skin : Skin
+    bind : callable
+        Binds a model to the body, in the clusters that it is given.
+    """
+
+    def __init__(
+        self, skin: Skin, bind: Callable[[PerceptualModel, list[I32]], PosableModel]
+    ) -> None:
+        self.skin = skin
+        self._bind = bind
+        self.surface = bind(skin.surface, skin.outlines)
+
+    @cached_property
+    def vertices(self) -> PosableModel:
+        """The model's own vertices, in the clusters of the skin."""
+        if self.skin.outlines is self.skin.clusters:
+            return self.surface
+        return self._bind(self.skin.model, self.skin.clusters)
+
+    def posed_bones(self, pose: PoseBlock, rows: I64, to_target: F64) -> PosedBones | None:
+        """Matrices of the bones that move the skin, to target space; None without bones or
+        library.
+        """
+        if not isinstance(self.surface, SkinnedModel) or not native_skin.is_there():
+            return None
+        assert pose.bones is not None
+        return PosedBones(pose.bones, rows, to_target, self.used_bones)
+
+    @cached_property
+    def own_outline(self) -> Outline | None:
+        """Boxes of what bones move of the model's own vertices; None where these are the skin's."""
+        if not self.is_grouped:
+            return None
+        assert isinstance(self.vertices, SkinnedModel)
+        return self.vertices.outline
+
+    @cached_property
+    def used_bones(self) -> UsedBones:
+        """Bones that move any of the skin, or of the model's own vertices."""
+        models = {self.surface, self.vertices} if self.is_grouped else {self.surface}
+        used = [each.used_bones for each in models if isinstance(each, SkinnedModel)]
+        return UsedBones(np.unique(np.concatenate(used)))
+
+    @cached_property
+    def cell_sizes(self) -> CellSizes | None:
+        """Bounds of cell sizes in a pose; None where they are unknown without posing."""
+        if not isinstance(self.surface, SkinnedModel):
+            return None
+        own = self.vertices if self.is_grouped else None
+        assert own is None or isinstance(own, SkinnedModel)
+        return CellSizes(self.skin.table, self.surface, own)
+
+    @cached_property
+    def cluster_of(self) -> I64:
+        """The skin's cluster of each vertex of the model."""
+        return owners_of(self.skin.clusters, len(self.skin.model))
+
+    @cached_property
+    def groups(self) -> PosableModel:
+        """The model's own vertices in the largest clusters that pay."""
+        if self.skin.surface is self.skin.model:
+            return self.vertices
+        return self._bind(self.skin.model, clusters_of(self.skin.model))
+
+    @cached_property
+    def group_sizes(self) -> I64:
+        """Number of vertices of each group, (groups,)."""
+        return np.array([len(ids) for ids in self.groups.clusters], np.int64)
+
+    @property
+    def is_grouped(self) -> bool:
+        """Test that groups differ from the clusters of the skin."""
+        return self.skin.surface is not self.skin.model
+
+    def asked_groups(self, asked: Bool) -> Bool:
+        """Groups that hold any of the clusters ``asked`` (n, clusters): (n, groups) bool."""
+        if not self.is_grouped:
+            return asked
+        found: Bool = (asked[:, None] & self._members).any(axis=2)
+        return found
+
+    @cached_property
+    def _members(self) -> Bool:
+        """Membership of clusters in groups, (groups, clusters) bool."""
+        members = np.zeros((len(self.groups.clusters), len(self.skin.clusters)), np.bool_)
+        members[owners_of(self.groups.clusters, len(self.skin.model)), self.cluster_of] = True
+        return members
+
+
+def owners_of(clusters: list[I32], count: int) -> I64:
+    """Cluster of each vertex, (count,)."""
+    owners = np.zeros(count, np.int64)
+    owners[np.concatenate(clusters)] = np.repeat(
+        np.arange(len(clusters)), [len(ids) for ids in clusters]
+    )
+    return owners

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A model's skin in flat arrays, cluster by cluster; filled where it is first needed.
+
+A *unit* is a vertex of the skin, and of each triangle around it the *quad* next to the vertex:
+from it over a place on one edge and a place inside to a place on the other edge. These places
+divide edges and triangle by the size of the cells, so that skin next to a much finer neighbour
+belongs to the coarser one. A quad is sampled at ``steps`` by ``steps`` places; where a pose
+stretches it, at more of them.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.model import PerceptualModel
+from ..indexing import lacking, largest, ramp
+from ..native import skin_filling as native
+from ..tolerance import Tolerance
+from .skin_mesh import SkinMesh
+from .skin_quads import Quads, closeness, steps_within
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+Bool = npt.NDArray[np.bool_]
+
+_FLAT_ENOUGH: Final = 0.1  # of the distance of samples: a lower bulge is not modelled
+
+MOST_STEPS: Final = 256
+"""A cell of a metre is sampled no more finely than this along a quad: memory has an end."""
+
+_LEAST_SHARE: Final = 0.01
+"""A vertex may stand for this share of its unit, however exact the rest of it has to be."""
+
+_TURNED: Final = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
+
+
+class SkinTable:
+    """The skin of a model's cells. A *place* is a vertex of the skin in one of the clusters.
+
+    Each cluster has a place for each of its units, in the order of their cells, and then one
+    for each corner around them. Units are known by their places. Memory is only taken by what
+    :meth:`need` has filled.
+
+    Parameters
+    ----------
+    surface : PerceptualModel
+        Whose triangles are the skin.
+    cells : list of (C,) int32
+        Each cluster's vertices of the perceptual model.
+    outlines : list of (n,) int32
+        Each cluster's vertices of the skin: one for each unit, then corners around them.
+    owner : (skin vertices,) int32
+        The vertex of the model whose cell each vertex of the skin is in.
+    distance, finest : (skin vertices,) float64
+        How far skin at rest may be from its sample, metres, and how far at the finest.
+    is_split : bool
+        Whether vertices stand for more than themselves.
+    tolerance : Tolerance
+        Says how far skin that is posed may be from its sample, and how much of a unit may be
+        counted where its vertex is.
+
+    Attributes
+    ----------
+    surface : PerceptualModel
+        As given.
+    mesh : SkinMesh
+        Its triangles.
+    starts : (clusters + 1,) int64
+        Each cluster's first place.
+    place_counts : (clusters,) int64
+        How many places each cluster has.
+    unit_counts, cell_starts : (clusters,), (clusters + 1,) int64
+        How many of a cluster's places are units; its first cell, where cells are counted in
+        the order of the clusters.
+    is_simple : bool
+        Each cell is one unit.
+    vertices : (P,) int32
+        The vertex of the skin at each place.
+    is_split : bool
+        As given; else the vertex is a unit's only sample.
+    cell_of, unit_shares, vertex_shares, reaches, means : (P,)
+        Of each unit: its cell; its share of the cell's area, and what the sample at the vertex
+        stands for; how far its skin goes towards the farthest corner, as a share, at most and on
+        average.
+    quad_starts : (P + 1,) int64
+        The first quad of each unit.
+    unit_of, around : (Q,), (Q, 2) int64
+        Each quad's unit, and the places of its triangle's other corners.
+    is_ringed : (P,) uint8
+        Whether the first of these already are all neighbours of a unit.
+    steps, finest, heights_m, wholes, sample_starts : (Q,)
+        Of each quad: samples both ways at rest, and the most in any pose; height of the bulge in
+        the rest pose, 0 where it does not count; share of the cell's area, all samples together;
+        its first sample.
+    quads : (Q, 10) float64
+        Of each quad, what places its samples: see :class:`.skin_quads.Quads`, places, areas and
+        bulges; these are the areas of a sample as a share of the cell's, and of none that does
+        not count.
+    bulge_m, most_samples : (clusters,)
+        The highest bulge of each cluster; the most samples of any of its cells.
+    largest_cell : int
+        The most samples of any cell that is filled in.
+    """
+
+    def __init__(
+        self,
+        surface: PerceptualModel,
+        cells: list[I32],
+        outlines: list[I32],
+        owner: I32,
+        distance: F64,
+        finest: F64,
+        is_split: bool,
+        tolerance: Tolerance,
+    ) -> None:
+        self.surface, self.mesh = surface, SkinMesh.of(surface)
+        self._distances, self.is_split = np.stack([distance, finest]), is_split
+        self.spacing_share, self.distance_m = tolerance.spacing_share, tolerance.distance_m
+        self._most_share = max(tolerance.amplitude, _LEAST_SHARE)
+        self.cells = np.concatenate(cells)
+        counts = np.bincount(owner, minlength=len(self.cells)).astype(np.int64, copy=False)
+        self.starts = np.cumsum([0, *(len(some) for some in outlines)], dtype=np.int64)
+        self.place_counts = np.diff(self.starts)
+        self.cell_starts = np.cumsum([0, *(len(some) for some in cells)], dtype=np.int64)
+        self.unit_counts = np.add.reduceat(counts[self.cells], self.cell_starts[:-1])
+        self.is_simple = len(self.cells) == int(self.unit_counts.sum())
+        self.vertices = np.concatenate(outlines)
+        total = len(self.vertices)
+        self._is_made = np.zeros(len(cells), np.bool_)
+        self._cluster = np.repeat(np.arange(len(cells)), np.diff(self.starts))
+
+        is_unit = np.arange(total) - self.starts[self._cluster] < self.unit_counts[self._cluster]
+        self.cell_of = np.zeros(total, np.int64)
+        self.cell_of[is_unit] = np.repeat(np.arange(len(self.cells)), counts[self.cells])
+        numbers = np.where(is_unit & is_split, np.diff(self.mesh.starts)[self.vertices], 0)
+        self.quad_starts = np.concatenate([[0], np.cumsum(numbers, dtype=np.int64)])
+        quads = int(self.quad_starts[-1])
+        self.unit_shares, self.vertex_shares = np.zeros(total), np.zeros(total)
+        self.reaches = np.zeros(total)
+        self.means, self.is_ringed = np.zeros(total), np.zeros(total, np.uint8)
+        self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int64)
+        self.steps, self.finest = np.zeros(quads, np.int64), np.zeros(quads, np.int64)
+        self.heights_m, self.wholes = np.zeros(quads), np.zeros(quads)
+        self.sample_starts, self.quads = np.zeros(quads, np.int64), np.zeros((quads, 10))
+        self.bulge_m, self.most_samples = np.zeros(len(cells)), np.ones(len(cells), np.int64)
+        self._sample_count, self.largest_cell = 0, 1
+        self._samples = np.zeros((4, 0))
+
+    @property
+    def samples(self) -> F64:
+        """Barycentric placement of each sample, (4, S): the shares of the ways to both other
+        corners; the height, as a share of the triangle's size; the sample's share of the cell's
+        area."""
+        return self._samples
+
+    def quads_of(self, units: I64) -> tuple[I64, I64]:
+        """All quads of some units, one unit after the other: owners, and quads."""
+        step, owner = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
+        return owner, self.quad_starts[units][owner] + step
+
+    def links(self, cluster: int) -> I64:
+        """Units of a cluster, ascending, and corners around them, (2 Q, 2) places in it."""
+        first = self.starts[cluster]
+        quads = slice(self.quad_starts[first], self.quad_starts[self.starts[cluster + 1]])
+        links: I64 = np.stack(
+            [np.repeat(self.unit_of[quads], 2), self.around[quads].ravel()], axis=1
+        )
+        return links - first
+
+    def neighbours(self, cluster: int) -> tuple[I64, I64]:
+        """Neighbours of a cluster's units, as pairs of places in the cluster; units ascend."""
+        ids = self.vertices[self.starts[cluster] : self.starts[cluster + 1]]
+        units = ids[: self.unit_counts[cluster]]
+        order, starts = self.mesh.corners, self.mesh.starts
+        step, unit = ramp(starts[units + 1] - starts[units])
+        face, turn = np.divmod(order[starts[units][unit] + step], 3)
+        place = np.zeros(len(self.surface), np.int64)
+        place[ids] = np.arange(len(ids))
+        return unit, place[self.surface.triangles[face, _TURNED[1].take(turn)]]
+
+    def need(self, clusters: I64) -> None:
+        """Fill in the skin of clusters that have not been filled yet."""
+        new = lacking(self._is_made, clusters)
+        if not len(new):
+            return
+        if native.is_there():
+            self._fill(new)
+        else:
+            self._fill_in_numpy(new)
+        self._is_made[new] = True
+        self.largest_cell = int(self.most_samples.max())
+
+    def _fill(self, new: I64) -> None:
+        settings = self._distances, self._closeness, self.is_split, self._most_share
+        filling = native.Filling(self, self.mesh, *settings)
+        count = filling.fill(new, self._sample_count)
+        self._make_room(count)
+        filling.place_samples(self._samples)
+
+    def _fill_in_numpy(self, new: I64) -> None:
+        step, which = ramp(self.unit_counts[new])
+        units = self.starts[new][which] + step
+        vertices = self.vertices[units]
+        turn, unit, ring, around = self._rings(new, units)
+        quads = Quads.of(self.surface, ring)
+        areas = np.bincount(unit, quads.total, minlength=len(units))
+        areas = np.where(areas > 0.0, areas, 1.0)
+
+        distance = self._distances[0, vertices]
+        steps, most = (
+            np.clip(steps_within(quads.places, quads.squares, each), 1.0, MOST_STEPS)
+            for each in self._distances[:, vertices[unit]]
+        )
+        numbers = np.bincount(unit, steps * steps, len(units))
+        cell = self.cell_of[units]
+        unit_shares = areas / np.bincount(cell, areas)[cell]
+        vertex_shares = unit_shares * np.where(
+            numbers > 0, np.minimum(1.0 / (numbers + 1.0), self._most_share), 1.0
+        )
+        scale = (unit_shares - vertex_shares) / areas
+
+        heights = np.abs(quads.bulges).max(axis=0) / 3.0  # all three edges meet in the middle
+        is_curved = heights * quads.sizes > _FLAT_ENOUGH * distance[unit]
+        bulges = 2.0 * np.where(is_curved, heights, 0.0)
+        reaches = largest(quads.reaches + bulges, unit, len(units))
+        means = np.bincount(unit, quads.total * (quads.means + bulges), len(units)) / areas
+
+        self.unit_shares[units], self.vertex_shares[units] = unit_shares, vertex_shares
+        if self.is_split:
+            self.reaches[units], self.means[units] = reaches, means
+        at = self.quad_starts[units][unit] + turn
+        self.unit_of[at], self.around[at] = units[unit], around
+        self.is_ringed[units] = _same_members(unit, around, len(units), len(self.vertices))
+        self.heights_m[at] = np.where(is_curved, heights * quads.sizes, 0.0)
+        self.steps[at], self.finest[at] = steps, most
+        self.wholes[at] = quads.total * scale[unit]
+        self.bulge_m[new] = largest(self.heights_m[at], which[unit], len(new))
+        of_cells = np.bincount(cell, 1 + np.bincount(unit, most * most, len(units)))
+        self.most_samples[new] = np.maximum(largest(of_cells[cell], which, len(new)), 1.0)
+        self._place_samples(at, quads, scale[unit])
+
+    def _rings(self, clusters: I64, units: I64) -> tuple[I64, I64, I32, I64]:
+        """The quads of units: number, unit, triangle from the unit on, places around it."""
+        corner_order, corner_starts = self.mesh.corners, self.mesh.starts
+        step, unit = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
+        vertices = self.vertices[units]
+        face, turn = np.divmod(corner_order[corner_starts[vertices][unit] + step], 3)
+        # Corners from the unit's own, the way round that the triangle goes.
+        ring = np.stack(
+            [self.surface.triangles[face, _TURNED[k].take(turn)] for k in range(3)], axis=1
+        )
+        # A vertex of the skin may be in several clusters: its place in the one of the unit.
+        more, which = ramp(self.starts[clusters + 1] - self.starts[clusters])
+        places = self.starts[clusters][which] + more
+        size = len(self.surface)
+        keys = self._cluster[places] * size + self.vertices[places]
+        order = np.argsort(keys, kind="stable")
+        wanted = self._cluster[units][unit][:, None] * size + ring[:, 1:]
+        return step, unit, ring, places[order[np.searchsorted(keys[order], wanted)]]
+
+    def _make_room(self, count: int) -> None:
+        """Make room for samples in a new array, as others may be reading the present one."""
+        self._sample_count = count
+        if count > self._samples.shape[1]:
+            larger = np.empty((4, max(count, 2 * self._samples.shape[1])))
+            larger[:, : self._samples.shape[1]] = self._samples
+            self._samples = larger
+
+    @cached_property
+    def _closeness(self) -> F64:
+        """Reciprocal spacing of vertices, up to a constant factor, (skin vertices,)."""
+        return closeness(self.mesh.areas_m2)
+
+    def _place_samples(self, at: I64, quads: Quads, scale: F64) -> None:
+        steps = self.steps[at]
+        counts = steps * steps
+        self.sample_starts[at] = self._sample_count + np.cumsum(counts) - counts
+        self._make_room(self._sample_count + int(counts.sum()))
+        curved = self.heights_m[at] > 0.0
+        parts = quads.places, quads.areas * (scale / counts), quads.bulges * curved
+        self.quads[at] = np.concatenate(parts).T
+        for number in np.unique(steps).tolist():
+            mine = np.flatnonzero(steps == number)
+            places = self.sample_starts[at[mine]][:, None] + np.arange(number * number)
+            self._samples[:, places] = self.samples_of(at[mine], number)
+
+    def samples_at(self, quads: I64, number: int) -> F64:
+        """Samples of some quads, ``number`` squared of each, (4, k, N); see :attr:`samples`.
+
+        What a pose needs more of is made anew.
+        """
+        is_known = self.steps[quads] == number
+        if not is_known.any():
+            return self.samples_of(quads, number)
+        at = self.sample_starts[quads][:, None] + np.arange(number * number)
+        if is_known.all():
+            return self._samples.take(at, axis=1)
+        found = np.empty((4, *at.shape))
+        found[:, is_known] = self._samples.take(at[is_known], axis=1)
+        found[:, ~is_known] = self.samples_of(quads[~is_known], number)
+        return found
+
+    def samples_of(self, quads: I64, number: int) -> F64:
+        """Samples of some quads, ``number`` squared of each, (4, k, N)."""
+        # Places of the samples in each quad, (1, N).
+        ticks = (np.arange(number) + 0.5) / number
+        s, t = (each.reshape(1, -1) for each in np.meshgrid(ticks, ticks, indexing="ij"))
+        edge, other, inner, inner_2, *rest = self.quads[quads].T[:, :, None]
+        area, by_s, by_t, to_one, to_two, between = rest
+        one = s * (1.0 - t) * edge + s * t * inner
+        two = (1.0 - s) * t * other + s * t * inner_2
+        height = (1.0 - one - two) * (one * to_one + two * to_two) + one * two * between
+        fewer = np.square(self.steps[quads] / number)[:, None]
+        return np.stack([one, two, height, (area + s * by_s + t * by_t) * fewer])
+
+
+def _same_members(owners: I64, pairs: I64, count: int, size: int) -> Bool:
+    """Test owners for pairs (N, 2) whose first and second members are equal sets, (count,) bool."""
+    first, other = (np.sort(owners * size + each) for each in pairs.T)
+    same = np.ones(count, np.bool_)
+    same[first[first != other] // size] = False
+    return same

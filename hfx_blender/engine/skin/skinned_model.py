@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Models that the bones of a body move: linear blend skinning."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.clusters import clusters_of
+from ..body.model import PerceptualModel
+from ..indexing import largest
+from ..kinematics.motion import longest_axis
+from ..matmul import stacked_product
+from ..native import skin as native
+from ..native.bounds import Outline
+from ..native.skin import PosedBones, UsedBones
+from ..native.skin_table import Table
+from ..scene import PoseBlock, SkinBinding
+from .bound_weights import BoneBoxes, BoundWeights
+from .posing import PosedClusters, Skin
+from .skinned_clusters import Links, SkinnedClusters
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+
+class SkinnedModel:
+    """Linear blend skinning: a vertex is a convex combination of its bones' transforms of it.
+
+    That convexity bounds a cluster without posing it: by the hull, over its bones, of the
+    bone's matrix times the box of the vertices that it moves.
+    """
+
+    def __init__(
+        self, model: PerceptualModel, binding: SkinBinding, clusters: list[I32] | None = None
+    ) -> None:
+        self.clusters = clusters_of(model) if clusters is None else clusters
+        self._weights = BoundWeights.of(model, binding.bone_names)
+        self._still = self._weights.bone_count
+        self._factors: dict[int, tuple[I64, F64]] = {}
+        self._sparse: dict[int, tuple[I64, F64, I64]] = {}
+        self._links: dict[int, Links] = {}
+        self._moved_by: dict[int, F64] = {}
+
+    @cached_property
+    def _boxes(self) -> BoneBoxes:
+        return BoneBoxes.of(self._weights, self.clusters)
+
+    @cached_property
+    def _native(self) -> native.Clusters:
+        bound = self._weights.clusters(self.clusters)
+        return native.Clusters(bound, self._boxes.ends, self._boxes.bones)
+
+    def cluster_bones(self, cluster: int) -> I64:
+        """Bones that move anything in a cluster, ascending."""
+        return self._boxes.bones[self._boxes.ends[cluster] : self._boxes.ends[cluster + 1]]
+
+    def cluster_factors(self, cluster: int) -> tuple[I64, F64]:
+        """Bones of a cluster, and weight times homogeneous rest position (Vc, 4 Bc)."""
+        if cluster not in self._factors:
+            ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
+            entries, owners = self._weights.entries(ids)
+            column = np.searchsorted(bones, self._weights.bones[entries])
+            factors = np.zeros((len(ids), len(bones), 4))
+            factors[owners, column] = (
+                self._weights.values[entries, None] * self._weights.rest[ids[owners]]
+            )
+            self._factors[cluster] = bones, factors.reshape(len(ids), -1)
+        return self._factors[cluster]
+
+    def cluster_entries(self, cluster: int) -> tuple[I64, F64, I64]:
+        """Weights of a cluster one by one: bone, weight times homogeneous rest position (E, 4), and
+        the start of each vertex's weights."""
+        if cluster not in self._sparse:
+            ids = self.clusters[cluster]
+            bones, owners, factors = self._weights.factors(ids)
+            self._sparse[cluster] = bones, factors, np.searchsorted(owners, np.arange(len(ids)))
+        return self._sparse[cluster]
+
+    def bone_matrices(self, pose: PoseBlock, rows: I64, to_target: F64, bones: I64) -> F64:
+        """Rest to target space for some bones, (n, len(bones), 3, 4)."""
+        assert pose.bones is not None
+        if native.is_there():
+            return PosedBones(pose.bones, rows, to_target, UsedBones(bones)).matrices
+        if len(bones) and bones.max() == self._still:
+            posed = np.tile(np.eye(3, 4), (len(rows), len(bones), 1, 1))
+            moving = np.flatnonzero(bones < self._still)
+            posed[:, moving] = pose.bones[rows[:, None], bones[None, moving]]
+        else:
+            posed = pose.bones[rows[:, None], bones[None, :]]
+        moved = to_target[:, None, :3, :3] @ posed
+        moved[..., 3] += to_target[:, None, :3, 3]
+        return moved
+
+    def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        if native.is_there():
+            assert pose.bones is not None
+            return self.outline.bounds(pose.bones, rows, to_target, None)[:2]
+        matrices = self.bone_matrices(pose, rows, to_target, self._boxes.used)
+        pairs = matrices[:, self._boxes.slots]
+        centres = np.einsum("npij,pj->npi", pairs[..., :3], self._boxes.centres) + pairs[..., 3]
+        halves = np.einsum("npij,pj->npi", np.abs(pairs[..., :3]), self._boxes.halves)
+        low = np.minimum.reduceat(centres - halves, self._boxes.ends[:-1], axis=1)
+        high = np.maximum.reduceat(centres + halves, self._boxes.ends[:-1], axis=1)
+        return low, high
+
+    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        if native.is_there():
+            assert pose.bones is not None
+            around = self._whole.bounds(pose.bones, rows, to_target, None)[2]
+            return around[:, 0], around[:, 1]
+        matrices = self.bone_matrices(pose, rows, to_target, self._boxes.used)
+        linear, (middles, edges) = matrices[..., :3], self._boxes.of_bones
+        centres = np.einsum("nbij,bj->nbi", linear, middles) + matrices[..., 3]
+        halves = np.einsum("nbij,bj->nbi", np.abs(linear), edges)
+        return (centres - halves).min(axis=1), (centres + halves).max(axis=1)
+
+    @cached_property
+    def outline(self) -> Outline:
+        """Boxes of what each bone moves of each cluster, for the native library."""
+        slots, boxes = self._boxes.slots, (self._boxes.centres, self._boxes.halves)
+        return Outline(self._boxes.used, self._boxes.ends, slots, *boxes)
+
+    @cached_property
+    def _whole(self) -> Outline:
+        """Boxes of what each bone moves of the whole model, for the native library."""
+        bones = np.arange(len(self._boxes.used), dtype=np.int64)
+        boxes = self._boxes.of_bones
+        return Outline(self._boxes.used, np.array([0, len(bones)]), bones, *boxes)
+
+    def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        bones = self.cluster_bones(cluster)
+        return self.posed_by(cluster, self.bone_matrices(pose, rows, to_target, bones))
+
+    def posed_by(self, cluster: int, matrices: F64) -> F64:
+        """Positions under the matrices (n, B, 3, 4) of a cluster's bones."""
+        factors = self.cluster_factors(cluster)[1]
+        count = len(matrices)
+        stacked = np.ascontiguousarray(matrices.transpose(2, 0, 1, 3)).reshape(1, 3 * count, -1)
+        return stacked_product(stacked, factors).reshape(3, count, -1)
+
+    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
+        is_used = np.zeros(self._still + 1, np.bool_)
+        is_used[np.concatenate([self.cluster_bones(c) for c in clusters.tolist()])] = True
+        matrices = self.bone_matrices(pose, rows, to_target, np.flatnonzero(is_used))
+        return SkinnedClusters(self, np.cumsum(is_used) - 1, matrices)
+
+    def cluster_moves(
+        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
+    ) -> F64:
+        starts = self._boxes.ends[clusters]
+        counts = self._boxes.ends[clusters + 1] - starts
+        firsts = np.cumsum(counts) - counts
+        pairs = np.repeat(starts - firsts, counts) + np.arange(int(counts.sum()))
+        bones, slots = np.unique(self._boxes.slots[pairs], return_inverse=True)
+        before, after = (
+            self.bone_matrices(pose, row, target, self._boxes.used[bones])
+            for row, target in zip(rows, to_target, strict=True)
+        )
+        changes = (after - before)[:, slots]
+        moves = np.abs(
+            np.einsum("npij,pj->npi", changes[..., :3], self._boxes.centres[pairs])
+            + changes[..., 3]
+        )
+        moves += np.einsum("npij,pj->npi", np.abs(changes[..., :3]), self._boxes.halves[pairs])
+        squared = np.maximum.reduceat(np.square(moves).sum(axis=2), firsts, axis=1)
+        return np.sqrt(squared)
+
+    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        bones = [self.cluster_bones(cluster) for cluster in clusters.tolist()]
+        firsts = np.cumsum([0, *(len(some) for some in bones[:-1])])
+        used, slots = np.unique(np.concatenate(bones), return_inverse=True)
+        linear = self.bone_matrices(pose, rows, to_target, used)[..., :3]
+        stretches: F64 = np.minimum.reduceat(longest_axis(linear)[:, slots], firsts, axis=1)
+        return stretches
+
+    @property
+    def used_bones(self) -> I64:
+        """Bones that move anything, ascending; the number of bones stands for what rests."""
+        return self._boxes.used
+
+    def native_clusters(self, clusters: I64, table: Table | None = None) -> native.Clusters:
+        """Native table of all clusters, with these filled in.
+
+        Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
+        """
+        self._native.add(clusters, table)
+        return self._native
+
+    @property
+    def pairs(self) -> tuple[I64, I64, F64, F64]:
+        """Cluster-bone pairs with boxes at rest of what each bone moves: each cluster's first pair
+        (C + 1,), bones (P,), centres and half edges of boxes (P, 3)."""
+        return self._boxes.ends, self._boxes.bones, self._boxes.centres, self._boxes.halves
+
+    def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
+        """:meth:`cluster_moves` between two rows of bones, in the space of ``linear`` (n, 3, 3)."""
+        before, after = rows
+        return bones.cluster_moves(before, after, linear, clusters, *self.pairs)
+
+    def links(self, cluster: int, table: Skin) -> Links:
+        """Links of a cluster's vertices to their neighbours; cached. See :class:`PosedClusters`."""
+        if cluster not in self._links:
+            units = int(table.unit_counts[cluster])
+            self._links[cluster] = self._made_links(cluster, units, table.links(cluster))
+        return self._links[cluster]
+
+    def _made_links(self, cluster: int, units: int, links: I64) -> Links:
+        ids = self.clusters[cluster]
+        bones = self.cluster_bones(cluster)
+        entries, owners = self._weights.entries(ids)
+        weights = np.zeros((len(ids), len(bones)))
+        weights[owners, np.searchsorted(bones, self._weights.bones[entries])] = (
+            self._weights.values[entries]
+        )
+        rest = self._weights.rest[ids, :3]
+        one, other = links.T
+        gaps = np.sqrt(np.square(rest[one] - rest[other]).sum(axis=1))
+        distances = largest(gaps, one, units)
+        differences = largest(np.abs(weights[one] - weights[other]), one, units)
+        return Links(distances, np.ascontiguousarray(differences.T), self._moved(cluster))
+
+    def _moved(self, cluster: int) -> F64:
+        """Weight, centre and radius of what each bone moves of a cluster; see :class:`Links`."""
+        if cluster in self._moved_by:
+            return self._moved_by[cluster]
+        ids, bones = self.clusters[cluster], self.cluster_bones(cluster)
+        entries, _ = self._weights.entries(ids)
+        columns = np.searchsorted(bones, self._weights.bones[entries])
+        rest = self._weights.rest[ids, :3]
+        low, high = rest.min(axis=0), rest.max(axis=0)
+        moved = np.zeros((len(bones), 6))
+        moved[:, 0] = np.bincount(columns, self._weights.values[entries], len(bones)) / len(ids)
+        moved[:, 1:4], moved[:, 4] = 0.5 * (low + high), 1.0
+        moved[:, 5] = 0.5 * np.sqrt(np.square(high - low).sum())
+        self._moved_by[cluster] = moved
+        return moved
+
+    def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
+        entries, owners = self._weights.entries(vertices)
+        bones, slot = np.unique(self._weights.bones[entries], return_inverse=True)
+        matrices = self.bone_matrices(pose, np.array([row]), to_target[None], bones)[0]
+        blended = np.zeros((len(vertices), 3, 4))
+        np.add.at(blended, owners, self._weights.values[entries, None, None] * matrices[slot])
+        return np.einsum("vij,vj->iv", blended, self._weights.rest[vertices])

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Positions of vertices that ride on an avatar's surface; see :mod:`.posing`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..body.clusters import clusters_of
+from ..body.model import PerceptualModel
+from ..indexing import largest
+from ..kinematics.motion import longest_axis
+from ..scene import PoseBlock, SurfaceAnchors
+from .posing import PosedClusters, Skin, joined, runs
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+I64 = npt.NDArray[np.int64]
+
+
+class SurfaceModel:
+    """Vertices ride on the triangles of an avatar's evaluated mesh."""
+
+    def __init__(
+        self,
+        model: PerceptualModel,
+        anchors: SurfaceAnchors,
+        clusters: list[I32] | None = None,
+    ) -> None:
+        self.clusters = clusters_of(model) if clusters is None else clusters
+        self._anchors = anchors
+
+    def _on_surface(self, vertices: I32, surface: npt.NDArray[np.float32]) -> F64:
+        """Positions on surfaces (n, A, 3) -> (n, k, 3), avatar's local space."""
+        anchors = self._anchors
+        corners = surface[:, anchors.corners[vertices]].astype(np.float64)
+        edge_1 = corners[:, :, 1] - corners[:, :, 0]
+        edge_2 = corners[:, :, 2] - corners[:, :, 0]
+        normals = np.cross(edge_1, edge_2)
+        lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+        normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+        points: F64 = np.einsum("nvci,vc->nvi", corners, anchors.weights[vertices])
+        return points + normals * anchors.offset_m[vertices][:, None]
+
+    def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        lows, highs = [], []
+        for cluster in range(len(self.clusters)):
+            points = self.cluster_points(cluster, pose, rows, to_target)
+            lows.append(points.min(axis=2).T)
+            highs.append(points.max(axis=2).T)
+        return np.stack(lows, axis=1), np.stack(highs, axis=1)
+
+    def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
+        assert pose.surface is not None
+        surface = pose.surface[rows]
+        low, high = surface.min(axis=1).astype(np.float64), surface.max(axis=1).astype(np.float64)
+        # Weights below 0 reach beyond the triangle, by no more than their part of the whole.
+        beyond = float(np.maximum(-self._anchors.weights, 0.0).sum(axis=1).max(initial=0.0))
+        above = float(np.abs(self._anchors.offset_m).max(initial=0.0))
+        half = 0.5 * (high - low) + 2.0 * beyond * (high - low).max(axis=1)[:, None] + above
+        linear = to_target[:, :3, :3]
+        centre = np.einsum("nij,nj->ni", linear, 0.5 * (low + high)) + to_target[:, :3, 3]
+        reach = np.einsum("nij,nj->ni", np.abs(linear), half)
+        return centre - reach, centre + reach
+
+    def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        assert pose.surface is not None
+        local = self._on_surface(self.clusters[cluster], pose.surface[rows])
+        moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
+        return np.ascontiguousarray(moved.transpose(2, 0, 1))
+
+    def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
+        return _SurfaceClusters(self, pose, rows, to_target)
+
+    def cluster_moves(
+        self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
+    ) -> F64:
+        moves = np.zeros((len(rows[0]), len(clusters)))
+        for k, cluster in enumerate(clusters.tolist()):
+            before, after = (
+                self.cluster_points(cluster, pose, row, target)
+                for row, target in zip(rows, to_target, strict=True)
+            )
+            moves[:, k] = np.sqrt(np.square(after - before).sum(axis=0).max(axis=1))
+        return moves
+
+    def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        """Stretch of the body's transform; the stretch of its surface is not known."""
+        stretches = longest_axis(to_target[:, :3, :3])
+        return np.repeat(stretches[:, None], len(clusters), axis=1)
+
+    def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
+        assert pose.surface is not None
+        local = self._on_surface(vertices, pose.surface[row : row + 1])[0]
+        moved: F64 = to_target[:3, :3] @ local.T + to_target[:3, 3:]
+        return moved
+
+
+@dataclass(frozen=True, eq=False)
+class _SurfaceClusters:
+    """Clusters of a model that rides on a surface."""
+
+    model: SurfaceModel
+    pose: PoseBlock
+    rows: I64
+    to_target: F64
+
+    def points(self, cluster: int, at: I64) -> F64:
+        return self.model.cluster_points(cluster, self.pose, self.rows[at], self.to_target[at])
+
+    def all_points(self, clusters: I64, at: I64) -> F64:
+        return joined(self, clusters, at)
+
+    def skin(self, clusters: I64, at: I64, table: Skin) -> tuple[F64, F64]:
+        """The distances are exact."""
+        points, gaps = [], []
+        for first, last in runs(clusters):
+            cluster = int(clusters[first])
+            posed, ends = self.points(cluster, at[first:last]), table.links(cluster)
+            one, other = posed[:, :, ends[:, 0]], posed[:, :, ends[:, 1]]
+            lengths = np.sqrt(np.square(one - other).sum(axis=0)).T
+            units = int(table.unit_counts[cluster])
+            points.append(posed.reshape(3, -1))
+            gaps.append(largest(lengths, ends[:, 0], units).T.ravel())
+        return np.concatenate(points, axis=1), np.concatenate(gaps)
