@@ -13,9 +13,9 @@ from mathutils import Matrix
 
 from ..engine.colouring import Colour, Spread
 from ..engine.samples import Sample
+from .displayed_skin import DisplayedSkin, triangles_of
 from .incidence import Incidence
 from .skin_colours import SkinColours
-from .skin_now import Skin, triangles_of
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
@@ -92,7 +92,7 @@ class ColouredMesh:
         bytes_[self._place.take(coloured)] = colours * 255.0 + 0.5
         return Shown(self._drawn, self._indices, bytes_)
 
-    def layer(self, skin: Skin, shown: Shown, unit_m: float) -> Layer:
+    def layer(self, skin: DisplayedSkin, shown: Shown, unit_m: float) -> Layer:
         """Place the visible part on the skin as it stands now."""
         scale = max(abs(skin.world.determinant()) ** (1 / 3), 1e-12)
         above = _ABOVE_SKIN_M / unit_m / scale

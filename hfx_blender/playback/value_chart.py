@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.colouring import COLD, FULL_COLOUR, Colour
-from .over_time import OverTime
+from .timeline_record import TimelineRecord
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -55,7 +55,7 @@ class Chart:
 
 
 def chart(
-    found: OverTime,
+    found: TimelineRecord,
     palette: Mapping[str, Colour],
     width: float,
     height: float,
@@ -65,7 +65,7 @@ def chart(
 
     Parameters
     ----------
-    found : OverTime
+    found : TimelineRecord
     palette : mapping
         Colours by modality.
     width, height : float

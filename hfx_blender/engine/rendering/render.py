@@ -111,9 +111,10 @@ class _Played:
 class Renderer:
     """Renders the blocks of one track for one device as they come.
 
-    Parameters are those of :func:`render`; without ``looks_ahead`` values stand at the time at
-    which they are meant to be felt, whatever an actuator's latency. Memory is one block's
-    working arrays, the raster (8 bytes per time and column) and 17 bytes per sample.
+    Parameters are those of :func:`render`; without ``compensates_latency`` values
+    stand at the time at which they are meant to be felt, whatever an actuator's latency. Memory
+    is one block's working arrays, the raster (8 bytes per time and column) and 17 bytes per
+    sample.
     """
 
     def __init__(
@@ -123,10 +124,10 @@ class Renderer:
         models: ModelLoader = load_model,
         *,
         body_id: str | None = None,
-        looks_ahead: bool = True,
+        compensates_latency: bool = True,
     ) -> None:
         self._header = header
-        self._looks_ahead = looks_ahead
+        self._compensates_latency = compensates_latency
         self._device = device
         self._models = models
         self._body_id = _wearer(header, device, body_id)
@@ -412,10 +413,12 @@ class Renderer:
             first = part.stop
 
     def _late_rows(self, kind: ActuatorType) -> int:
-        return rows_of(self._header.time.rate_hz, kind.latency_ms) if self._looks_ahead else 0
+        return (
+            rows_of(self._header.time.rate_hz, kind.latency_ms) if self._compensates_latency else 0
+        )
 
     def _early(self, part: slice, kind: ActuatorType) -> F64:
-        latency_ms = kind.latency_ms if self._looks_ahead else 0.0
+        latency_ms = kind.latency_ms if self._compensates_latency else 0.0
         rate_hz = self._header.time.rate_hz
         return advanced(self._values[:, part], self._neutral[part], rate_hz, latency_ms)
 

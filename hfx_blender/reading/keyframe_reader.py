@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..authoring.effect_values import Shapes, to_metres
-from ..devices.live.future import FutureBlock, FutureScene
+from ..devices.live.keyed_scene import KeyedBlock, KeyedScene
 from ..engine.scene import HapticSurface, HapticVolume
 from . import stepping
 from .animation_curves import NotModelledError
@@ -29,13 +29,13 @@ Key = tuple[str, str]
 """Kind and name of a datablock."""
 
 
-class LookAhead:
+class KeyframeReader:
     """Reader of a scene's keyframes at other frames.
 
     Parameters
     ----------
     live : LiveScene
-    before : LookAhead, optional
+    before : KeyframeReader, optional
         Of the same scene before an edit that concerned no body: those are not read again.
 
     Attributes
@@ -46,7 +46,7 @@ class LookAhead:
         What bodies follow.
     """
 
-    def __init__(self, live: LiveScene, before: LookAhead | None = None) -> None:
+    def __init__(self, live: LiveScene, before: KeyframeReader | None = None) -> None:
         self._live = live
         self._effects: list[CurveEffect] = []
         self._bodies: list[CurveBody] = []
@@ -60,7 +60,7 @@ class LookAhead:
         except NotModelledError as error:
             self.reason = str(error)
 
-    def _read(self, before: LookAhead | None) -> None:
+    def _read(self, before: KeyframeReader | None) -> None:
         found, described = self._live.objects, self._live.description
         graph = found.layer.depsgraph
         for effect, state in zip(found.effects, found.activations, strict=True):
@@ -75,10 +75,10 @@ class LookAhead:
             self._bodies.append(CurveBody(body, each.binding, found.unit_m))
         self.posing = frozenset(key for body in found.bodies for key in _followed_by(body))
 
-    def scene(self, edition: int) -> FutureScene:
+    def scene(self, edition: int) -> KeyedScene:
         """Constant part of the scene, for another process."""
         live = self._live
-        return FutureScene(
+        return KeyedScene(
             edition,
             replace(live.description, source={}, warnings=()),
             live.tolerance,
@@ -87,12 +87,12 @@ class LookAhead:
             tuple(body.rig.keyed for body in self._bodies),
         )
 
-    def block(self, edition: int, frames: F64) -> FutureBlock:
+    def block(self, edition: int, frames: F64) -> KeyedBlock:
         """Animated state at played frames, (T,); they may lie between whole ones."""
         animation = animation_frames(self._live.objects.scene, frames)
         effects = (effect.read(animation) for effect in self._effects)
         unit_m = self._live.objects.unit_m
-        return FutureBlock(
+        return KeyedBlock(
             edition,
             frames.astype(np.float32).astype(np.float64),
             tuple(replace(each, shapes=()) for each in effects),
