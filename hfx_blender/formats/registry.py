@@ -99,11 +99,12 @@ def write(
             f"{' and '.join(chosen.modalities)} only; export it as csv or npz."
         )
     written = chosen.write(raster, device, stem, tolerance)
+    if not chosen.holds_waves:
+        written += Written(notes=losses.one_frequency(raster))
+    written = written.of(f"{chosen.title} of device '{device.id}'")
     if lost:
         missing = f"{chosen.title} cannot hold the {' and '.join(lost)} of device '{device.id}'"
         written = Written(written.files, (missing, *written.left_out), written.notes)
-    if not chosen.holds_waves:
-        written += Written(notes=losses.one_frequency(raster, chosen.title))
     return written
 
 
@@ -144,7 +145,7 @@ def _signal_format(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
     ) -> Written:
         written = write_signals(signals, frequencies, stem, tolerance)
-        return written + Written((), losses.off_range(signals, held(frequencies), title))
+        return written + Written((), losses.off_range(signals, held(frequencies)))
 
     def write_raster(
         raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
@@ -334,7 +335,8 @@ def write_all(
     written = Written()
     for name in formats:
         if name in TRACK_FORMATS:
-            written += TRACK_FORMATS[name].write(track, devices, stem, tolerance)
+            one = TRACK_FORMATS[name]
+            written += one.write(track, devices, stem, tolerance).of(one.title)
             continue
         for suffix, device, raster in played if name in DEVICE_FORMATS else ():
             chosen = DEVICE_FORMATS[name]
