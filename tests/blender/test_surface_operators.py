@@ -15,6 +15,7 @@ import pytest
 from hfx_blender.authoring import surfaces
 from hfx_blender.devices import surface_calibration
 from hfx_blender.engine.texture.surface_texture import DRIVE_PER_M, Renderer
+from hfx_blender.errors import InputError
 from hfx_blender.formats import texture_map
 
 
@@ -172,6 +173,19 @@ def test_exported_maps_come_back_the_same(denim: Any, tmp_path: Path) -> None:
     assert texture_map.read(tmp_path / "denim.texture.json").tiles
     settings.renderer = "TEXTILE"
     with pytest.raises(Exception, match="has no heights"):
+        surfaces.texture_of(denim)
+
+
+def test_a_map_with_values_that_are_none_is_refused_with_their_number(
+    denim: Any, tmp_path: Path
+) -> None:
+    bpy.ops.hfx.export_texture(filepath=str(tmp_path / "denim.texture.json"), bits="8")
+    bpy.ops.hfx.import_texture(filepath=str(tmp_path / "denim.texture.json"))
+    image = denim.hfx.surface.sharpness_image
+    pixels = np.array(image.pixels[:], np.float32)
+    pixels[[0, 4, 8]] = np.nan, 1.5, 1.0005
+    image.pixels.foreach_set(pixels)
+    with pytest.raises(InputError, match=rf"2 of {pixels.size // 4} values.*'{image.name}'"):
         surfaces.texture_of(denim)
 
 
