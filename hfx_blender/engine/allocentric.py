@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
+from weakref import WeakSet
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,7 @@ from .scene import (
     PoseBlock,
 )
 from .surface_effects import SurfaceEffects
+from .volume.mesh import MeshVolume
 
 if TYPE_CHECKING:
     from .parallel.threads import Threads
@@ -41,6 +43,7 @@ class AllocentricAreas:
         self._maker = maker
         self._threads = threads
         self._responses = responses
+        self._indexed: WeakSet[MeshVolume] = WeakSet()
         self._surfaces = SurfaceEffects(1.0 / float(maker.scene.time.rate_hz), maker.counters)
 
     def volume(
@@ -62,6 +65,7 @@ class AllocentricAreas:
         if reach.is_clear(animated, body, effect.model_id):
             self._maker.counters.volume_tests += len(rows)
             return _nothing
+        self._maker.counters.reach(body.id)
         rows, heard, follows = followed(rows, posed, animated, block)
         skin = self._maker.skins.of(body, effect.model_id)
         found = contact.begin(
@@ -80,7 +84,20 @@ class AllocentricAreas:
             threads=self._threads,
             title=f"effect '{effect.name}'",
         )
-        return lambda: self._felt(effect, animated, body, block, pose, skin, found())
+
+        def felt() -> SampleRun | None:
+            hits = self._counted(found(), animated)
+            return self._felt(effect, animated, body, block, pose, skin, hits)
+
+        return felt
+
+    def _counted(self, hits: contact.Contacts, animated: EffectBlock) -> contact.Contacts:
+        """Contacts; meshes that were made searchable for them are counted."""
+        for shape in animated.shapes:
+            if isinstance(shape, MeshVolume) and shape.is_indexed and shape not in self._indexed:
+                self._indexed.add(shape)
+                self._maker.counters.meshes_indexed += 1
+        return hits
 
     def _felt(
         self,

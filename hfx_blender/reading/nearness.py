@@ -135,9 +135,9 @@ def swept_boxes(matrices: F64, bounds: F64, there: npt.NDArray[np.bool_]) -> Box
     arms = np.einsum("tnij,tnj->tni", np.abs(linear), np.abs(middle) + half)
     turns = (linear != linear[0]).any(axis=(0, 2, 3))
     longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=0, initial=0.0, where=there))
-    more = np.where(turns, longest, 0.0) + _ROUNDING * np.maximum(
-        np.abs(low), np.abs(high)
-    ).max(axis=1)
+    more = np.where(turns, longest, 0.0) + _ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(
+        axis=1
+    )
     sure = known.all(axis=0)[:, None]
     low, high = low - more[:, None], high + more[:, None]
     return np.where(sure, low, -np.inf), np.where(sure, high, np.inf)

@@ -111,6 +111,11 @@ class MeshVolume:
         """Only what is not made when it is asked for: that may be of this process's memory."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
+    @property
+    def is_indexed(self) -> bool:
+        """Whether it was made searchable."""
+        return not self.__dict__.keys().isdisjoint(("_grid", "_tree"))
+
     @cached_property
     def bounds(self) -> F64:
         return np.stack([self._vertices.min(axis=0), self._vertices.max(axis=0)])
