@@ -65,9 +65,10 @@ class AllocentricAreas:
         if reach.is_clear(animated, body, effect.model_id):
             self._maker.counters.volume_tests += len(rows)
             return _nothing
-        self._maker.counters.reach(body.id)
         rows, heard, follows = followed(rows, posed, animated, block)
         skin = self._maker.skins.of(body, effect.model_id)
+        counters = self._maker.counters
+        before = counters.vertices_posed
         found = contact.begin(
             animated,
             volume.falloff,
@@ -75,7 +76,7 @@ class AllocentricAreas:
             skin,
             pose,
             reach.bounds(body, effect.model_id),
-            self._maker.counters,
+            counters,
             follows=follows,
             heard=heard,
             own_sets=bool(self._maker.record),
@@ -85,8 +86,13 @@ class AllocentricAreas:
             title=f"effect '{effect.name}'",
         )
 
+        at_once = counters.vertices_posed - before
+
         def felt() -> SampleRun | None:
+            before = counters.vertices_posed - at_once
             hits = self._counted(found(), animated)
+            if counters.vertices_posed > before:
+                counters.reach(body.id)
             return self._felt(effect, animated, body, block, pose, skin, hits)
 
         return felt

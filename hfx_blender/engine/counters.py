@@ -12,7 +12,9 @@ class Counters:
     """Work done since the engine was made."""
 
     models_loaded: list[str] = field(default_factory=list)
-    bodies_reached: list[str] = field(default_factory=list)  # ids; near a volume at some time
+    bodies_reached: list[str] = field(
+        default_factory=list
+    )  # ids; a volume came near, skin was looked at
     meshes_indexed: int = 0  # mesh volumes that were made searchable, as skin came near
     times_evaluated: int = 0  # rows of blocks that held an active effect
     times_skipped: int = 0  # rows in which nothing was active
@@ -55,7 +57,7 @@ class Counters:
         return Counters(models_loaded=new, bodies_reached=reached, warnings=warnings, **changes)
 
     def reach(self, body_id: str) -> None:
-        """Count a body that a volume came near."""
+        """Count a body whose skin was looked at."""
         if body_id not in self.bodies_reached:
             self.bodies_reached.append(body_id)
 

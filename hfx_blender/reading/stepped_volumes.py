@@ -15,7 +15,7 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import responses
 from ..stored_values import limited, limited_row
-from . import effect_values, visibility
+from . import effect_values
 from .nearness import Box, swept_boxes
 from .response_values import highest_of
 from .scene_rows import Places
@@ -60,7 +60,6 @@ class SteppedVolumes:
         self._is_mesh = np.array([each.hfx.shape == "MESH" for each in effects], np.bool_)
         halves = np.array([_half_size(each) for each in effects], np.float64).reshape(-1, 3)
         self._still = np.stack([-halves, halves], axis=1)
-        self._blink = any(map(visibility.is_keyed, effects))
         self._listed: dict[Stepper, tuple[int, I64, list[int]]] = {}
 
     def __len__(self) -> int:
@@ -90,10 +89,10 @@ class SteppedVolumes:
     def _rows(self, stepper: Stepper, count: int) -> tuple[I64, list[int]]:
         """Rows of the volumes among the objects that a scene shows, and those not among them.
 
-        The order changes only where some are shown or hidden.
+        Their order changes only where some are shown or hidden.
         """
         known = self._listed.get(stepper)
-        if known is None or known[0] != count or self._blink or stepper.is_own:
+        if known is None or known[0] != count or stepper.is_changing:
             number = {each.original: k for k, each in enumerate(stepper.objects)}
             found = [number.get(effect, -1) for effect in self._effects]
             missing = [k for k, row in enumerate(found) if row < 0]
