@@ -313,6 +313,7 @@ class SceneExport:
                 "stepping": recorded.stepping,
                 **recorded.engine,
             },
+            reading=recorded.reading,
             notes=shortened((*removed, *recorded.notes, *short, *rendered.notes, *written.notes)),
             made_from=made_from,
         )

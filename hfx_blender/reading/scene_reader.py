@@ -24,10 +24,12 @@ from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
+from ..reading_counters import ReadingCounters
 from ..report import shortened
 from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
-from .reading_plan import Pass, Plan, plan_of
+from .reading_pass import Pass
+from .reading_plan import Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
 from .simulation import Simulation, goes_on_by_itself
 from .stepped_reading import SteppedReading
@@ -165,9 +167,15 @@ class SceneReader:
         self._plan: Plan | None = None
 
     @property
-    def times_stepped(self) -> int:
-        """Number of times that Blender has evaluated a scene so far."""
-        return self._reading.times_stepped
+    def counters(self) -> ReadingCounters:
+        """What reading took, so far."""
+        simulation, asleep = self._found.simulation, self._found.dormant.items()
+        return replace(
+            self._shapes.counters,
+            frames_played=0 if simulation is None else simulation.frames_played,
+            instances=len(self._instances.descriptions),
+            skipped={effect.name: why for effect, why in asleep},
+        )
 
     @property
     def faults(self) -> dict[str, set[int]]:
@@ -262,7 +270,10 @@ class SceneReader:
                 if history:
                     indices = np.insert(indices, 0, first - 1)
                 block = self._without_hidden(reading.block(indices, history))
-                yield block if own is None else self._instances.extended(block, own)
+                if own is not None:
+                    block = self._instances.extended(block, own)
+                    self._shapes.counters.times_stepped += len(indices)
+                yield block
 
     def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
         """Silence effects on a body while it is disabled."""
@@ -283,7 +294,7 @@ class SceneReader:
         return self._plan
 
     def _pass(
-        self, plan: Plan, stack: ExitStack, tolerance: Tolerance, *, is_spotty: bool = False
+        self, plan: Plan, stack: ExitStack, tolerance: Tolerance, spots: I64 | None = None
     ) -> Pass:
         is_exact = self._with_velocities or bool(self._instances.descriptions)
         return Pass(
@@ -295,7 +306,7 @@ class SceneReader:
             always_posed=self._always_posed,
             stretch_of=self._stretch_of,
             stack=stack,
-            is_spotty=is_spotty,
+            spots=spots,
             with_far=self._with_far,
         )
 
@@ -367,7 +378,8 @@ class SceneReader:
 
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
         with ExitStack() as stack:
-            reading = self._pass(plan, stack, EXACT, is_spotty=True)
+            spots = np.array([row.index for row in truth])
+            reading = self._pass(plan, stack, EXACT, spots)
             return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 

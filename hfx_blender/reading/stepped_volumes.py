@@ -15,7 +15,7 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import responses
 from ..stored_values import limited, limited_row
-from . import effect_values, visibility
+from . import effect_values
 from .nearness import Box, swept_boxes
 from .response_values import highest_of
 from .scene_rows import Places
@@ -60,7 +60,6 @@ class SteppedVolumes:
         self._is_mesh = np.array([each.hfx.shape == "MESH" for each in effects], np.bool_)
         halves = np.array([_half_size(each) for each in effects], np.float64).reshape(-1, 3)
         self._still = np.stack([-halves, halves], axis=1)
-        self._blink = any(map(visibility.is_keyed, effects))
         self._listed: dict[Stepper, tuple[int, I64, list[int]]] = {}
 
     def __len__(self) -> int:
@@ -71,16 +70,13 @@ class SteppedVolumes:
         listed = stepper.objects
         count = len(listed)
         rows, missing = self._rows(stepper, count)
-        flat = np.zeros(count * 16, np.float32)
-        listed.foreach_get("matrix_world", flat)
         there = np.ones(len(self), np.bool_)
-        matrices = flat.reshape(-1, 4, 4)[rows].transpose(0, 2, 1).astype(np.float64)
+        matrices = _all(listed, "matrix_world", count, 16).reshape(-1, 4, 4)[rows]
+        matrices = matrices.transpose(0, 2, 1).astype(np.float64)
         boxes = self._still
         if self._is_mesh.any():
-            flat = np.zeros(count * 24, np.float32)
-            listed.foreach_get("bound_box", flat)
-            corners = flat.reshape(-1, 8, 3)[rows].astype(np.float64)
-            boxes = _boxes(corners)
+            corners = _all(listed, "bound_box", count, 24).reshape(-1, 8, 3)[rows]
+            boxes = _boxes(corners.astype(np.float64))
             boxes[~self._is_mesh] = self._still[~self._is_mesh]
         for k in missing:
             evaluated = stepper.evaluated(self._effects[k])
@@ -93,10 +89,10 @@ class SteppedVolumes:
     def _rows(self, stepper: Stepper, count: int) -> tuple[I64, list[int]]:
         """Rows of the volumes among the objects that a scene shows, and those not among them.
 
-        The order changes only where some are shown or hidden.
+        Their order changes only where some are shown or hidden.
         """
         known = self._listed.get(stepper)
-        if known is None or known[0] != count or self._blink or stepper.is_own:
+        if known is None or known[0] != count or stepper.is_changing:
             number = {each.original: k for k, each in enumerate(stepper.objects)}
             found = [number.get(effect, -1) for effect in self._effects]
             missing = [k for k, row in enumerate(found) if row < 0]
@@ -105,12 +101,26 @@ class SteppedVolumes:
         return known[1:]
 
 
+def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:
+    """A property of all objects, (count or 1, width): where there are none, of one that is not."""
+    flat = np.zeros(max(count, 1) * width, np.float32)
+    if count:
+        objects.foreach_get(name, flat)
+    return flat
+
+
+def swept(places: Sequence[Places], unit_m: float) -> tuple[Box, F64]:
+    """Boxes (N, 3) around volumes over these times and between them; their matrices, metres."""
+    matrices = np.stack([each.matrices for each in places])
+    matrices[..., :3, :] *= unit_m
+    there = np.stack([each.there for each in places])
+    return swept_boxes(matrices, np.stack([each.boxes for each in places]), there), matrices
+
+
 def near(places: Sequence[Places], unit_m: float, skins: Sequence[Box | None]) -> Bool:
     """Which volumes may meet any of some boxes at these times, or between two of them, (N,)."""
     there = np.stack([each.there for each in places])
-    matrices = np.stack([each.matrices for each in places])
-    matrices[..., :3, :] *= unit_m
-    low, high = swept_boxes(matrices, np.stack([each.boxes for each in places]), there)
+    (low, high), _ = swept(places, unit_m)
     # Not "and": a box that is no number may be anywhere.
     found = np.zeros(there.shape[1], np.bool_)
     for skin in skins:

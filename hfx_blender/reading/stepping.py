@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import bpy
 
 from . import simulation as simulations
+from . import visibility
 from .reached import data_reached_from
 
 if TYPE_CHECKING:
@@ -55,6 +57,11 @@ class Stepper:
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
         """Evaluated object at this time."""
         return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
+
+    @cached_property
+    def is_changing(self) -> bool:
+        """Whether the scene may show other objects at other times."""
+        return self.is_own or any(map(visibility.is_keyed, self._scene.objects))
 
     @property
     def objects(self) -> bpy.types.bpy_prop_collection:

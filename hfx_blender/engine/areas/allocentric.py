@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
+from weakref import WeakSet
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,7 @@ from ..scene import (
 )
 from ..skin.cell_coverage import BodySkin
 from ..surface.surface_effects import SurfaceEffects
+from ..volume.mesh import MeshVolume
 from . import on_demand
 from .sample_run_builder import RunMaker
 
@@ -42,6 +44,7 @@ class AllocentricAreas:
         self._maker = maker
         self._threads = threads
         self._responses = responses
+        self._indexed: WeakSet[MeshVolume] = WeakSet()
         self._surfaces = SurfaceEffects(1.0 / float(maker.scene.time.rate_hz), maker.counters)
 
     def volume(
@@ -65,14 +68,16 @@ class AllocentricAreas:
             return _nothing
         rows, heard, follows = followed(rows, posed, animated, block)
         skin = self._maker.skins.of(body, effect.model_id)
-        found = contacts.begin(
+        counters = self._maker.counters
+        before = counters.vertices_posed
+        found = contact.begin(
             animated,
             volume.falloff,
             rows,
             skin,
             pose,
             reach.bounds(body, effect.model_id),
-            self._maker.counters,
+            counters,
             follows=follows,
             heard=heard,
             own_sets=bool(self._maker.record),
@@ -81,7 +86,25 @@ class AllocentricAreas:
             threads=self._threads,
             title=f"effect '{effect.name}'",
         )
-        return lambda: self._felt(effect, animated, body, block, pose, skin, found())
+
+        at_once = counters.vertices_posed - before
+
+        def felt() -> SampleRun | None:
+            before = counters.vertices_posed - at_once
+            hits = self._counted(found(), animated)
+            if counters.vertices_posed > before:
+                counters.reach(body.id)
+            return self._felt(effect, animated, body, block, pose, skin, hits)
+
+        return felt
+
+    def _counted(self, hits: contact.Contacts, animated: EffectBlock) -> contact.Contacts:
+        """Contacts; meshes that were made searchable for them are counted."""
+        for shape in animated.shapes:
+            if isinstance(shape, MeshVolume) and shape.is_indexed and shape not in self._indexed:
+                self._indexed.add(shape)
+                self._maker.counters.meshes_indexed += 1
+        return hits
 
     def _felt(
         self,

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What reading a scene took, so that "only what a scene requires" can be tested and reported."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Final
+
+
+@dataclass
+class ReadingCounters:
+    """Work done since a scene's reader was made."""
+
+    times_stepped: int = 0  # Blender was set to a time, and evaluated what is stepped
+    frames_played: int = 0  # of simulations, before anything was read
+    effects_read: int = 0  # (effect, time) of which all was read from Blender
+    places_read: int = 0  # (volume, time) of which only the place and a box were read
+    poses_read: int = 0  # (body, time) read from Blender
+    meshes_read: int = 0  # (mesh, time) whose vertices were read
+    meshes_made: int = 0  # meshes made into closed surfaces; see Counters.meshes_indexed
+    instances: int = 0  # volumes that are shown as instances
+    far: dict[str, int] = field(default_factory=dict)  # volume: samples at which only its place was
+    skipped: dict[str, str] = field(default_factory=dict)  # effect: why nothing of it was read
+
+    def add(self, more: ReadingCounters) -> None:
+        """Count what was counted where another part of the scene was read."""
+        for name in _NUMBERS:
+            setattr(self, name, getattr(self, name) + getattr(more, name))
+        self.instances = max(self.instances, more.instances)
+        for name, count in more.far.items():
+            self.far[name] = self.far.get(name, 0) + count
+        self.skipped |= more.skipped
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for a report."""
+        return asdict(self)
+
+
+_NUMBERS: Final = tuple(
+    each.name for each in fields(ReadingCounters) if each.type == "int" and each.name != "instances"
+)
