@@ -126,7 +126,8 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
 def read(path: Path) -> dict[str, Any] | None:
     """Read a report; None if the file is missing or no report."""
     try:
-        if path.stat().st_size > _LARGEST_REPORT:
+        # A pipe of that name would be waited for, and no signal ends that.
+        if not path.is_file() or path.stat().st_size > _LARGEST_REPORT:
             return None
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from .atomic_files import move, passing
+from .atomic_files import move, passing, refuse_taken
 from .errors import OutputError
 from .stage_folders import stage_folder
 
@@ -70,12 +70,9 @@ def place(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     OutputError
-        One of the names is that of a folder; nothing was moved.
+        One of the names is that of a folder, a device or a pipe; nothing was moved.
     """
     for path in files:
-        if (folder / path.name).is_dir():
-            raise OutputError(
-                f"{folder / path.name}: cannot be written (there is a folder of that name)."
-            )
+        refuse_taken(folder / path.name)
     with placing:
         return move(files, folder)

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Final
 
 from .. import file_limits
+from ..atomic_files import refuse_taken
 from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import renderers_given
-from ..engine.rendering.raster import Raster
+from ..engine.rendering.raster import Column, Raster
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
@@ -88,8 +89,7 @@ def convert(
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
         for path in written.files:
-            if (target.parent / path.name).is_dir():
-                raise OutputError(f"{target.parent / path.name}: there is a folder of that name.")
+            refuse_taken(target.parent / path.name)
         files = tuple(path.replace(target.parent / path.name) for path in written.files)
     return replace(written, files=files)
 
@@ -261,15 +261,26 @@ def _raster(source: Path, device: DeviceConfig) -> Raster:
     is_csv = source.name.endswith(csv_raster.SUFFIX)
     raster = csv_raster.read(source) if is_csv else npz_raster.read(source)
     wanted = [
-        (actuator.id, control.name)
+        Column(actuator.id, control.name, actuator.type.unit(control))
         for actuator in device.actuators
         for control in actuator.type.controls
     ]
-    if [(each.actuator, each.parameter) for each in raster.columns] != wanted:
-        raise InputError(f"{source}: its columns are not those of the device '{device.id}'.")
+    if list(raster.columns) != wanted:
+        raise InputError(
+            f"{source}: its columns are not those of the device '{device.id}'"
+            f"{_first_difference(raster.columns, wanted)}."
+        )
     if not is_csv and raster.device_id != device.id:
         raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
     return replace(raster, device_id=device.id)
+
+
+def _first_difference(found: Sequence[Column], wanted: Sequence[Column]) -> str:
+    for number, (one, other) in enumerate(zip(found, wanted, strict=False), start=1):
+        if one != other:
+            names = [csv_raster.column_name(each) for each in (one, other)]
+            return f": column {number} is '{names[0]}', expected is '{names[1]}'"
+    return f": it has {len(found)}, expected are {len(wanted)}"
 
 
 @contextmanager
