@@ -111,7 +111,7 @@ def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) 
 def followed(
     rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
 ) -> tuple[I64, Bool, Bool]:
-    """Rows with those that they follow; which are heard; which follow the row before them.
+    """Rows with those that they follow; which are reported; which follow the row before them.
 
     A row follows the sample before its own if the effect was on then and the pose is known.
     """

@@ -89,5 +89,5 @@ def test_a_row_of_its_own_follows_none():
     block = AnimationBlock(np.array([7]), (), ())
     animated = EffectBlock(np.ones(1), np.ones((1, 1)))
     only = np.zeros(1, np.int64)
-    rows, heard, follows = followed(only, only, animated, block)
-    assert (rows.tolist(), heard.tolist(), follows.tolist()) == ([0], [True], [False])
+    rows, reported, follows = followed(only, only, animated, block)
+    assert (rows.tolist(), reported.tolist(), follows.tolist()) == ([0], [True], [False])

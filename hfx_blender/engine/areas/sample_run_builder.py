@@ -21,7 +21,7 @@ I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
 
-class RunMaker:
+class SampleRunBuilder:
     """Makes runs of one scene's samples.
 
     Parameters

@@ -33,7 +33,7 @@ _UPRIGHT: Final = 0.05
 _ROUNDING: Final = 1e-12
 
 
-class BlockReach:
+class BlockBroadPhase:
     """What is known of a block's volumes and bodies, each found out once.
 
     Parameters

@@ -52,7 +52,7 @@ class ReachableBounds:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class VolumeBroadPhase:
     """A volume and a body over some rows."""
 
     skin: BodySkin
@@ -76,7 +76,7 @@ class Placed:
         skin: BodySkin,
         pose: PoseBlock,
         bounds: ReachableBounds,
-    ) -> Placed:
+    ) -> VolumeBroadPhase:
         assert effect.matrices is not None
         which = effect.shapes_at(rows)
         matrices, to_world = effect.matrices[rows], pose.to_world[rows]
@@ -180,7 +180,7 @@ class Placed:
         which = self.target.which[later]
         for k in np.unique(which).tolist():
             mine = np.flatnonzero(which == k)
-            limits[mine] = continuous_collision.unseen_m(
+            limits[mine] = continuous_collision.max_untracked_motion_m(
                 self.target.shapes[k],
                 self.inverses[later[mine]],
                 self.target.falloff,

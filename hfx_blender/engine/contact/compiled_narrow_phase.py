@@ -72,7 +72,7 @@ def look_at_skin(
     column_of: I64,
     threads: Threads | None = None,
 ) -> Callable[[], int]:
-    """Contact weights of cells, of what is inside and of what passed; see ``accumulator.Found``.
+    """Contact weights of cells, of what is inside and of what passed; see ``ContactAccumulator``.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ class Details:
     ways: F64  # (3, total) how it moved then, for a whole time between samples
 
     @classmethod
-    def none_yet(cls, *shape: int) -> Details:
+    def empty(cls, *shape: int) -> Details:
         return cls(
             np.zeros((3, *shape)),
             np.full(shape, np.nan),

@@ -23,7 +23,7 @@ from ..volume.mesh import MeshVolume
 from ..volume.placement import inverse_placement
 from ..volume.shape import Falloff, Shape
 from .contact_details import Details
-from .narrow_phase import WHOLE, Inside, sampled, steps_of, told_by_vertices
+from .narrow_phase import WHOLE, Inside, sampled, steps_of, vertex_sample_suffices
 from .target import Target, steepest
 
 F64 = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ _ROUNDING: Final = 1e-9
 _ALONG: Final = 5  # places of a passage at which falloff is looked up
 
 
-def unseen_m(
+def max_untracked_motion_m(
     shape: Shape, inverses: F64, falloff: Falloff, tolerance: Tolerance, edge_m: float
 ) -> F64:
     """How far skin may move against a volume between two samples without being followed, metres.
@@ -213,7 +213,9 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
     near = _may_meet(path, reaches, rows, target)
     slots, pairs, unit, path = slots[near], pairs[near], unit[near], path[:, :, near]
     earlier = earlier[near]
-    told = told_by_vertices(posed, slots, target) & told_by_vertices(posed, earlier, target)
+    told = vertex_sample_suffices(posed, slots, target) & vertex_sample_suffices(
+        posed, earlier, target
+    )
     shares = np.where(told, table.unit_shares[unit], table.vertex_shares[unit])
     found = [_entered(posed, path, slots, shares, target)]
     split = np.flatnonzero(~told & table.is_split)

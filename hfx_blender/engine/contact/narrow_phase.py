@@ -39,7 +39,7 @@ class Inside:
     points: F64  # (3, N) shape space
 
 
-def covered(
+def coverage_weights(
     posed: PosedSkin, wanted: Bool, target: Target, inside: list[Inside] | None = None
 ) -> F64:
     """Contact weights, one for each contact of ``posed``: the share of each cell that is inside.
@@ -66,7 +66,7 @@ def covered(
         varies = table.is_split & (steepest(target.falloff) * reach > target.amplitude)
         near |= varies & (at_vertex > 0.0) & (-gap < target.falloff.share + reach)
         asked = np.flatnonzero(near)
-        near[asked] = ~told_by_vertices(posed, slots[asked], target)
+        near[asked] = ~vertex_sample_suffices(posed, slots[asked], target)
     shares[slots] = at_vertex * table.unit_shares[unit]
     some = np.flatnonzero(near)
     if len(some):
@@ -102,7 +102,7 @@ def covered(
     return shares
 
 
-def told_by_vertices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
+def vertex_sample_suffices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
     """Which of some slots need no samples: strength at the vertices of units is close enough.
 
     The mean over a unit's skin differs from its vertex by no more than the steepest change of

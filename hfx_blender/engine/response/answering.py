@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from ..contact.contacts import ReachableBounds
+from ..contact.broad_phase import ReachableBounds
 from ..modality import MODALITIES
 from ..response_filters.controls import Kind
 from ..samples import SampleRun, Stream

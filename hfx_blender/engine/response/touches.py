@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..contact.contacts import ReachableBounds
+from ..contact.broad_phase import ReachableBounds
 from ..response_filters.controls import About, Filter, Kind
 from ..response_filters.filters import (
     distance_value,

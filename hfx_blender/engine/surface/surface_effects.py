@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..active_rows import followed
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
-from ..contact.contacts import ReachableBounds
+from ..contact.broad_phase import ReachableBounds
 from ..counters import Counters
 from ..modality import MODALITIES
 from ..scene import AnimationBlock, EffectBlock, EffectDescription, HapticSurface, PoseBlock
@@ -89,9 +89,9 @@ class SurfaceEffects:
         if key not in self._followed:
             self._followed[key] = _Followed(area, skin.skin.model, self._step_s)
         one = self._followed[key]
-        rows, heard, follows = followed(rows, bounds.rows, animated, block)
+        rows, reported, follows = followed(rows, bounds.rows, animated, block)
         if one.index == int(block.indices[rows[0]]):  # it was the last of the block before
-            rows, heard, follows = rows[1:], heard[1:], follows[1:]
+            rows, reported, follows = rows[1:], reported[1:], follows[1:]
         elif one.index != int(block.indices[rows[0]]) - 1:
             one.follower.restart()
         else:
@@ -103,7 +103,7 @@ class SurfaceEffects:
                 int(np.count_nonzero(~placed)),
             )
             follows = follows & np.concatenate([[True], placed[:-1]])
-            rows, heard, follows = rows[placed], heard[placed], follows[placed]
+            rows, reported, follows = rows[placed], reported[placed], follows[placed]
         if not len(rows):
             return None
         one.index = int(block.indices[rows[-1]])
@@ -112,7 +112,7 @@ class SurfaceEffects:
         if len(vertices) > 1:
             vertices = vertices[rows]
         matrices = animated.matrices[rows]
-        self._counters.volume_tests += int(np.count_nonzero(heard))
+        self._counters.volume_tests += int(np.count_nonzero(reported))
         time, ids, points = self._near(area, matrices, vertices, skin, pose, bounds, rows)
         found = []
         for part in _parts(np.bincount(time, minlength=len(rows))):
@@ -127,7 +127,7 @@ class SurfaceEffects:
             )
             felt = one.renderer.render(paths)
             found.append(
-                _gathered(paths, *felt, animated, rows[part], heard[part], area.texture.device)
+                _gathered(paths, *felt, animated, rows[part], reported[part], area.texture.device)
             )
         return _joined([each for each in found if each is not None])
 
@@ -210,11 +210,11 @@ def _gathered(
     frequency: F64,
     animated: EffectBlock,
     rows: I64,
-    heard: Bool,
+    reported: Bool,
     device: DeviceRange,
 ) -> SurfaceSamples | None:
     """The contacts that feel something, row by row; the strongest of a row is its amplitude."""
-    felt = np.flatnonzero((drive > 0.0) & heard[np.maximum(paths.time, 0)])
+    felt = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
     if not len(felt):
         return None
     time = paths.time[felt]
