@@ -119,8 +119,7 @@ def safety(records: list[dict[str, Any]]) -> None:
     """The table of silence in ``live.md``."""
     from hfx_blender.maintenance.bench import machine, safety
 
-    made_on = dict.fromkeys(machine.as_line({**each["machine"], "load": None}) for each in records)
-    caption = f"Measured on {'; '.join(made_on)}."
+    caption = f"Measured on {machine.as_one_line([each['machine'] for each in records])}."
     table = safety.as_markdown(records)
     replace_part(DOCS / "live.md", "safety", f"{caption}\n\n{table}")
 

@@ -53,6 +53,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take back what :func:`register` did."""
+    """Unregister the add-on from Blender."""
     atexit.unregister(unregister)
     _unregister()

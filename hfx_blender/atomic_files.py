@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,10 +16,10 @@ from typing import BinaryIO, Final
 from .errors import OutputError
 
 _passing: set[Path] = set()
-"""Folders that nothing stays in: what is written there is forced to the disk by who moves it."""
+"""Staging folders of :func:`passing`: whoever moves files out of them forces these to the disk."""
 
 PATIENCE_S: Final = 5.0
-"""So long a lock is waited for."""
+"""Longest wait for a lock, seconds."""
 
 _RETRY_S: Final = 0.01
 
@@ -27,7 +28,7 @@ _AT_ONCE = 8  # files that are forced to the disk together: a disk takes them in
 
 @contextmanager
 def passing(folder: Path) -> Iterator[None]:
-    """Write into a folder that is gone afterwards; :func:`move` what is to stay."""
+    """Context with a folder that is removed afterwards; :func:`move` files that are to be kept."""
     _passing.add(folder)
     try:
         yield
@@ -128,7 +129,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keep other processes and threads that lock the same file out of the ``with`` block.
+    """Lock a file: other processes and threads that lock it wait outside the ``with`` block.
 
     The lock is a file ``path`` + ``.lock``, which stays; it is given back if its owner is killed.
 
@@ -151,6 +152,27 @@ def locked(path: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)  # which gives it back
+
+
+def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
+    """Replace a JSON file that several processes write, each of which changes a part of it.
+
+    Parameters
+    ----------
+    path : Path
+    content : callable
+        Reads the file and gives what it is to hold. Nobody else who amends the file writes it
+        between the two; what it raises leaves the file as it was.
+
+    Raises
+    ------
+    OutputError
+        Somebody else keeps it for longer than :data:`PATIENCE_S`, or it cannot be written.
+    """
+    with locked(path):
+        made = json.dumps(content(), indent=1).encode()
+        with atomic_file(path) as file:
+            file.write(made)
 
 
 def _is_taken(descriptor: int) -> bool:

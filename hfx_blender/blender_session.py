@@ -54,7 +54,7 @@ def start() -> Any:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Let Ctrl-C, and signals that end the process, wait for the end of the block.
+    """Delay Ctrl-C, and signals that end the process, until the end of the block.
 
     While it starts, and in operators, Blender swallows or wraps what Python raises.
     """
@@ -84,7 +84,7 @@ _ENDING: Final = tuple(
 
 
 class TerminatedError(KeyboardInterrupt):
-    """The process was asked to end by a signal; it ends as after Ctrl-C."""
+    """Raised after a signal to end the process; it ends as after Ctrl-C."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -98,7 +98,7 @@ def _terminated(number: int, _frame: FrameType | None) -> None:
 
 
 def end_on_signals() -> None:
-    """Have SIGTERM and SIGHUP end the work as Ctrl-C does, unless somebody else handles them."""
+    """Make SIGTERM and SIGHUP end the work as Ctrl-C does, unless they have other handlers."""
     if threading.current_thread() is threading.main_thread():
         for each in _ENDING:
             if signal.getsignal(each) is signal.SIG_DFL:
@@ -106,7 +106,7 @@ def end_on_signals() -> None:
 
 
 def inside_blender() -> bool:
-    """Whether this runs in a whole Blender, not in its Python module: a file is open already."""
+    """Test that this runs in a whole Blender, not in its Python module: a file is open already."""
     bpy = sys.modules.get("bpy")
     return bpy is not None and bool(bpy.app.binary_path)  # app.module is not there before 4.5
 
@@ -134,7 +134,7 @@ def open_blend(path: Path) -> None:
 
 
 def leave(code: int) -> None:
-    """End the process at once, whatever its threads wait for.
+    """End the process at once, whatever its threads are waiting for.
 
     Blender's module sometimes hangs while Python takes it down, after all work is done; what it
     would have cleared away then is cleared away here.

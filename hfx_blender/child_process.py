@@ -28,7 +28,7 @@ def _load_package() -> None:
 
 
 def main() -> None:
-    """Run what the command line names, as if Python had been told to."""
+    """Run a module or program from the command line, as Python would."""
     packages, what, *arguments = sys.argv[1:]
     sys.path += [path for path in packages.split(os.pathsep) if path and path not in sys.path]
     _load_package()

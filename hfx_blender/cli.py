@@ -57,7 +57,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
 
 
 def run(arguments: Sequence[str], prog: str = "hfx") -> int:
-    """Do one command and return its exit code; every fault of the user's is one line."""
+    """Run one command and return its exit code; every fault of the user's becomes one line."""
     console = Console(as_json="--json" in arguments)
     try:
         left_out.refuse(arguments)
@@ -89,7 +89,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
 
 
 def _unless_lost(console: Console) -> int:
-    """The exit code of work that is done, by whether its results could be printed."""
+    """Exit code of finished work, by whether its results could be printed."""
     if console.fault is None:
         return 0
     console.warn(f"hfx: standard output: cannot be written ({console.fault.strerror}).")
@@ -106,7 +106,7 @@ _MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:
-    """``--frames -10:20`` as one argument: argparse would take the range for an option."""
+    """Join ``--frames -10:20`` into one argument: argparse would take the range for an option."""
     joined: list[str] = []
     for argument in arguments:
         if joined and joined[-1] in _MAY_BE_NEGATIVE:

@@ -45,7 +45,7 @@ def strip_fcurves(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
 
 
 def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection]:
-    """The F-curves of each action that a datablock has assigned or plays; they can be removed."""
+    """F-curves of each action that a datablock has assigned or plays; they can be removed."""
     data = owner.animation_data
     if data is None:
         return []
@@ -65,7 +65,7 @@ def curve_collections(owner: bpy.types.ID) -> list[bpy.types.bpy_prop_collection
 
 
 def with_grouped(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
-    """Strips, and those in meta strips."""
+    """Strips, including those in meta strips."""
     for strip in strips:
         yield strip
         yield from with_grouped(strip.strips)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the command line says: results, messages, and progress on long work."""
+"""Output of the command line: results, messages, and progress of long work."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Console:
 
 
 def is_unread(error: OSError) -> bool:
-    """Whether writing failed as the reader has gone (``hfx info x | head``)."""
+    """Test a write error for a reader that has gone (``hfx info x | head``)."""
     return error.errno in (errno.EPIPE, errno.EINVAL)  # the latter on Windows
 
 
@@ -86,7 +86,7 @@ def _shown(text: str, several_lines: bool) -> str:
 
 
 def _write_nowhere(stream: TextIO) -> None:
-    """From now on; what the stream still holds, too."""
+    """Redirect a stream to the null device, with everything that it still holds."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exporting one scene: record its track, render it for devices, write files, tell what was felt.
+"""Exports one scene: records its track, renders it for devices, writes files and a report.
 
 Everything is written into a folder of its own beside the destination and moved into place when
 all of it is complete.
@@ -62,7 +62,7 @@ _THREADS: Final = 2
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """What is exported, and how."""
+    """Settings of an export."""
 
     formats: tuple[str, ...] = ("track",)
     devices: tuple[DeviceConfig, ...] = ()
@@ -81,7 +81,7 @@ class ExportSettings:
 
 @dataclass(frozen=True, eq=False)
 class ScenePart:
-    """A part of a scene's samples that was recorded alone."""
+    """Part of a scene's samples that was recorded alone."""
 
     track: Path
     recorded: Recorded
@@ -89,7 +89,7 @@ class ScenePart:
 
 
 class SceneExport:
-    """The export of one scene of the open file: all at once, or part by part.
+    """Export of one scene of the open file: in one go, or part by part.
 
     Raises
     ------
@@ -110,7 +110,7 @@ class SceneExport:
             tolerance=self.tolerance,
             with_positions="positions" in settings.record,
             with_velocities="velocities" in settings.record,
-            with_shapes="glb" in settings.formats,
+            with_far="glb" in settings.formats,
         )
         if settings.strict and self.reader.description.warnings:
             told = shortened(self.reader.description.warnings, MOST_LINES)
@@ -176,7 +176,7 @@ class SceneExport:
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
     ) -> ExportReport:
-        """What :meth:`whole` writes, from parts in the order of time.
+        """Write the results of :meth:`whole` from parts in the order of time.
 
         All that carries on from one sample to the next is worked out here, on the whole track.
         """
@@ -219,7 +219,9 @@ class SceneExport:
         return Recorded.of(self.reader, engine), renderers
 
     def _join_volumes(self, volumes: VolumeRecorder, files: Sequence[Path]) -> None:
-        """Where volumes were in all parts; their shapes are read again, where each is first."""
+        """Join the recorded motion of volumes; their shapes are read again where each
+        occurs first.
+        """
         kept = []
         for file in files:
             with np.load(file, allow_pickle=False) as arrays:
@@ -329,7 +331,7 @@ def _write_clips(
     stem: Path,
     tolerance: CurveTolerance,
 ) -> tuple[Written, Rendered]:
-    """Each named clip of a track as files of its own, from time 0.
+    """Write each named clip of a track as files of its own, from time 0.
 
     Scripts begin anew with each clip; a device whose script fails in one of them is left out
     of all, and is silent in what is returned.
@@ -368,7 +370,7 @@ def _write_clips(
 def _named(
     played: Sequence[tuple[DeviceConfig, Raster]],
 ) -> list[tuple[str, DeviceConfig, Raster]]:
-    """What each device plays, with what tells its files' names apart."""
+    """Devices and rasters with distinct suffixes for their files' names."""
     several = len({raster.body_id for _, raster in played}) > 1
     return [
         # an id may be any text
@@ -382,7 +384,7 @@ def _named(
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
-    """The devices that a scene names. A .blend names devices, it never chooses files."""
+    """Load the devices that a scene names. A .blend names devices, it never chooses files."""
     for device in scene.hfx.devices:
         if "/" in device.name or "\\" in device.name or device.name.endswith(".json"):
             raise InputError(
@@ -393,7 +395,7 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:
-    """A scene of the open file; the one that was active when it was saved by default."""
+    """Get a scene of the open file; by default the one that was active when it was saved."""
     if name is None:
         return bpy.context.scene
     if name not in bpy.data.scenes:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an export tells: what was felt, what no device played, which files there are."""
+"""Report of an export: samples by effect, effects that no device played, files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LARGEST_REPORT = 2**26
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What one export wrote, and what was felt."""
+    """Results of one export."""
 
     scene: str
     files: tuple[Path, ...]
@@ -56,7 +56,7 @@ class ExportReport:
 
 
 def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
-    """What each effect did to each body over a whole track."""
+    """Summary of each effect on each body over a whole track."""
     names = {effect.id: effect for effect in track.header.effects}
     bodies = {body.id: body.name for body in track.header.bodies}
     period_s = 1.0 / float(track.header.time.rate_hz)
@@ -77,7 +77,7 @@ def felt_effects(track: TrackReader) -> tuple[dict[str, Any], ...]:
 
 
 def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str, Any], ...]:
-    """What was felt by a body but rendered by none of its devices."""
+    """Effects on a body that none of its devices renders."""
     effects = {effect.id: effect.name for effect in header.effects}
     bodies = {body.id: body.name for body in header.bodies}
     return tuple(
@@ -100,7 +100,7 @@ _OTHERWISE = {
 
 
 def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...]:
-    """How devices play effects otherwise than they are, and what kinds they do not play.
+    """Notes on effects that devices play differently or not at all.
 
     What no device plays of an effect is told by :func:`not_played`; that one of several devices
     does not lie where an effect is felt is how devices share a body.
@@ -122,7 +122,7 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
 
 
 def read(path: Path) -> dict[str, Any] | None:
-    """A report; None if there is none, or it is no such file."""
+    """Read a report; None if the file is missing or no report."""
     try:
         if path.stat().st_size > _LARGEST_REPORT:
             return None
@@ -133,7 +133,7 @@ def read(path: Path) -> dict[str, Any] | None:
 
 
 def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path, ...]:
-    """Files of devices that an earlier export of this name wrote, and that are as it wrote them.
+    """Unchanged device files that an earlier export of this name wrote.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a file, a folder or a numbered row of files holds, as a hash."""
+"""Content hashes of files, folders and numbered rows of files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FRAMES: Final = "<FRAMES>"
 """Stands for the number of a frame in the name of a row of files."""
 
 MOST_FILES: Final = 100_000
-"""More in one folder are refused: a .blend may name any folder there is."""
+"""Largest number of files in one folder: a .blend may name any folder there is."""
 
 _NUMBERS: Final = {FRAMES: r"\d+", "<UDIM>": r"\d{4}", "<UVTILE>": r"u\d+_v\d+"}
 
@@ -37,7 +37,7 @@ def sha256_of(path: Path) -> str:
 
 
 def state_of(path: Path) -> str | None:
-    """SHA-256 of what is at a path: a file, all of a folder, or a numbered row of files.
+    """SHA-256 of a file, of all of a folder, or of a numbered row of files.
 
     Parameters
     ----------

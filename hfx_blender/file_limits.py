@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What one file may ask for, checked before any memory is taken for it.
+"""Limits on the memory that one file may ask for, checked before any is taken.
 
 A few bytes can ask for days of values. Every reader and converter asks here first;
 ``hfx ... --largest N``, or :func:`raised` in Python, allows N times as much.
@@ -23,23 +23,23 @@ _COUNTLESS: Final = 1e300  # whole numbers may be larger than any float
 
 
 class TooLargeError(InputError):
-    """A file that may be valid asks for more than is allowed."""
+    """Raised for a file that may be valid but asks for more than is allowed."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The most of one kind of thing that a file may ask for."""
+    """Limit on one kind of quantity that a file may ask for."""
 
     default: float
     unit: str  # as a message says it, behind the number
 
     @property
     def allowed(self) -> float:
-        """The limit that holds now."""
+        """Current limit."""
         return self.default * _times.get()
 
     def check(self, asked: float, name: str, asks: str) -> None:
-        """Refuse more than is allowed.
+        """Reject more than is allowed.
 
         Parameters
         ----------
@@ -64,29 +64,30 @@ class Limit:
 
 
 MEMORY: Final = Limit(float(1 << 30), "bytes")
-"""Of arrays at a time: an hour at 1 kHz of 37 values, a day at 100 Hz of 15."""
+"""Limit on arrays held at a time: an hour at 1 kHz of 37 values, a day at 100 Hz of 15."""
 
 SECONDS: Final = Limit(86_400.0, "s")
 """A day of envelopes."""
 
 UNFOLDED: Final = Limit(2e6, "effects and keyframes")
-"""What references of a file stand for, all of them together."""
+"""Limit on the expansion of a file's references, all of them together."""
 
 OVERLAP: Final = Limit(2e7, "keyframes")
-"""Of what sounds at the same time, counted for each piece that sounds."""
+"""Limit on overlapping sounds, counted for each piece that sounds."""
 
 PIXELS: Final = Limit(float(1 << 26), "pixels")
-"""Of one picture: 8192 x 8192."""
+"""Limit on one picture: 8192 x 8192."""
 
 UNPACKED: Final = Limit(float(1 << 28), "bytes")
-"""That any file may become, however small it is; :func:`check_unfolded` is the rule."""
+"""Limit on the unpacked size of any file, however small it is; :func:`check_unfolded`
+is the rule."""
 
 PACKING: Final = 200.0
-"""How many times its own size a file may become: recorded values pack 2 to 100 times."""
+"""Largest ratio of unpacked to packed size: recorded values pack 2 to 100 times."""
 
 
 def check_unfolded(unfolded: float, size: float, name: str) -> None:
-    """Refuse a small file, of ``size`` bytes, that becomes a huge one.
+    """Reject a small file, of ``size`` bytes, that unfolds to a huge one.
 
     Raises
     ------
@@ -97,7 +98,7 @@ def check_unfolded(unfolded: float, size: float, name: str) -> None:
 
 
 def check_unpacked(unpacked: float, packed: float, name: str) -> None:
-    """Refuse a small packed file that becomes a huge one, and what is too large anyhow.
+    """Reject a small packed file that unpacks to a huge one, and any that is too large.
 
     Raises
     ------
@@ -109,7 +110,7 @@ def check_unpacked(unpacked: float, packed: float, name: str) -> None:
 
 @contextmanager
 def raised(times: float) -> Iterator[None]:
-    """Allow ``times`` as much as usual within the ``with`` block (this thread's only).
+    """Context in which ``times`` as much is allowed, in this thread.
 
     Raises
     ------

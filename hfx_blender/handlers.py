@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What happens by itself: before a file is saved, copies of effects get ids of their own, and
-what is being painted is stored with its effect; drawn fades go along with their clips.
-After a file is loaded, what was painted on earlier body models is carried over to the present ones.
+"""Blender's handlers: before a file is saved, copies of effects get ids of their own, and painted
+areas are stored with their effects; drawn fades follow their clips. After a file is loaded, areas
+on earlier body models are carried over to the present ones.
 """
 
 from __future__ import annotations

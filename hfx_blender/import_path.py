@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Folders that Python may import from: never the current one, nor one named relative to it.
+"""Import path of Python: without the current folder and folders relative to it.
 
 A stranger's folder may hold a ``numpy.py`` beside a .blend. ``PYTHONPATH=:`` or ``PYTHONPATH=.``
 would have Python run it. This file uses only what every Python has loaded before it looks at
@@ -41,7 +41,7 @@ def absolute(python_path: str) -> list[str]:
 
 
 def protect() -> None:
-    """Take the current folder, and what is named relative to it, out of ``sys.path``.
+    """Remove the current folder, and relative ones, from ``sys.path``.
 
     PYTHONPATH loses the same entries, for processes that are started from here.
     """
@@ -54,7 +54,7 @@ def protect() -> None:
 
 
 def is_own_command(arguments: list[str]) -> bool:
-    """Whether a command line of Python runs ``hfx``: its script, or the module of it."""
+    """Test a Python command line for ``hfx``: its script, or its module."""
     if arguments[1:3] == ["-m", "hfx_blender.cli"]:
         return True
     scripts = [each for each in arguments[1:] if not each.startswith("-")]

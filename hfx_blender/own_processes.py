@@ -41,7 +41,7 @@ def _python() -> list[str]:
 def start(
     command: Sequence[str], variables: Mapping[str, str] | None = None, **settings: Any
 ) -> subprocess.Popen[Any]:
-    """Start a process of this package: every one of them is started here.
+    """Start a process of this package: the only place where processes are started.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def start(
 
 
 def run(command: Sequence[str], limit_s: float | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a process of this package to its end, and take what it prints.
+    """Run a process of this package to its end, and return its output.
 
     Raises
     ------
@@ -82,8 +82,8 @@ def run(command: Sequence[str], limit_s: float | None = None) -> subprocess.Comp
 
 
 def environment() -> dict[str, str]:
-    """Environment of a process of this package: it finds the user's models, and imports from
-    where the user says; what PYTHONPATH names relative to the current folder is left out."""
+    """Environment of a process of this package: with the user's model folders and import paths,
+    without entries of PYTHONPATH relative to the current folder."""
     # A Blender heeds none of Python's variables. Nor does what it starts.
     ignored = "PYTHON" if sys.flags.ignore_environment else ()
     kept = {name: value for name, value in os.environ.items() if not name.startswith(ignored)}
@@ -93,14 +93,14 @@ def environment() -> dict[str, str]:
 
 
 def cores() -> int:
-    """How many processor cores this process may use."""
+    """Number of processor cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def read_exactly(stream: IO[bytes], count: int) -> bytes | None:
-    """So many bytes of a pipe, which gives what it has; None if it ends before."""
+    """Read exactly ``count`` bytes of a pipe; None at the end of the stream."""
     parts = []
     while count:
         part = stream.read(count)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preferences of the extension: colours of one's own, folders of one's own, devices in them."""
+"""Preferences of the extension: own colours, own folders, and the devices in them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _folder(label: str, tip: str) -> StringProperty:
 
 
 class HfxPreferences(bpy.types.AddonPreferences):
-    """What holds for a user, whatever file is open."""
+    """Preferences of a user, independent of the open file."""
 
     bl_idname = __package__
 
@@ -102,14 +102,14 @@ class HfxPreferences(bpy.types.AddonPreferences):
         _draw_scripts(layout)
 
     def take_colours(self) -> None:
-        """Let the palette "My Colours" be these colours."""
+        """Set the palette "My Colours" from the preferences."""
         from .engine import colouring
 
         chosen = {name: tuple(getattr(self, name)) for name in (*MODALITIES, _COLD)}
         colouring.set_own_palette(chosen)
 
     def take_folders(self) -> None:
-        """Let these folders be searched, by this process and those that it starts."""
+        """Set the folders to search, for this process and those that it starts."""
         for name, variable in _VARIABLES.items():
             _found_before.setdefault(variable, os.environ.get(variable))
             chosen = getattr(self, name)
@@ -121,7 +121,7 @@ class HfxPreferences(bpy.types.AddonPreferences):
 
 
 def _draw_scripts(layout: bpy.types.UILayout) -> None:
-    """The list of approved device scripts, each of which can be withdrawn."""
+    """Draw the list of approved device scripts, with buttons to withdraw them."""
     from .devices.live import approval
 
     column = layout.column()
@@ -137,7 +137,7 @@ def _draw_scripts(layout: bpy.types.UILayout) -> None:
 
 
 def preferences() -> HfxPreferences | None:
-    """The user's preferences; none where this is no installed extension, as in a script."""
+    """Preferences of the user; None where this is no installed extension, as in a script."""
     found = bpy.context.preferences.addons.get(__package__)
     return None if found is None else found.preferences
 

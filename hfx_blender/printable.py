@@ -14,7 +14,7 @@ _UNSAFE: Final = re.compile(
 
 
 def printable(text: str) -> str:
-    """Escape what would steer a terminal, or end the line, as ``\\x1b``.
+    """Escape characters that would steer a terminal, or end the line, as ``\\x1b``.
 
     Parameters
     ----------

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a .blend stores: ``Object.hfx`` for effects and bodies, ``Scene.hfx`` for the export."""
+"""Properties stored in a .blend: ``Object.hfx`` for effects and bodies, ``Scene.hfx`` for the
+export.
+"""
 
 from __future__ import annotations
 
@@ -112,7 +114,7 @@ def _parameter(modality: str, name: str, label: str, tip: str, **options: object
 
 
 class HfxAvatarPart(bpy.types.PropertyGroup):
-    """Another mesh of an avatar that is in several pieces."""
+    """Additional mesh of an avatar in several pieces."""
 
     mesh: PointerProperty(
         name="Mesh",
@@ -143,7 +145,7 @@ class HfxMappedBone(bpy.types.PropertyGroup):
 
 
 class HfxActuatorValue(bpy.types.PropertyGroup):
-    """One actuator of a vector sensation; its name is the actuator's id."""
+    """Actuator of a vector sensation; its name is the actuator's id."""
 
     value: FloatProperty(
         name="Value",
@@ -378,10 +380,19 @@ PALETTES = (
 )
 
 
+def _turn_down(self: HfxDeviceName, context: bpy.types.Context) -> None:
+    from .playback.live import live
+
+    if self.id_data == context.scene:
+        live.turn_down(context.scene)
+
+
 class HfxDeviceName(bpy.types.PropertyGroup):
     """A device of the user's registry, by name; a .blend never brings its configuration."""
 
-    is_muted: BoolProperty(name="Mute", description="Silent while designing", default=False)
+    is_muted: BoolProperty(
+        name="Mute", description="Silent while designing", default=False, update=_turn_down
+    )
     gain: FloatProperty(
         name="Gain",
         description="Times every strength while designing; the device's limits stay",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Recording a scene's track, whole or in parts that others record at the same time."""
+"""Records a scene's track, whole or in parts that others record at the same time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Felt = tuple[AnimationBlock, list[SampleRun]]
 
 @dataclass(frozen=True)
 class Recorded:
-    """What recording told besides the samples; plain data, so that processes can hand it on."""
+    """Facts of a recording besides the samples; plain data, so that processes can hand it on."""
 
     engine: dict[str, Any]  # the engine's counters
     faults: dict[str, list[int]]  # message: samples at which the scene could not be read well
@@ -43,7 +43,7 @@ class Recorded:
 
     @classmethod
     def of(cls, reader: SceneReader, engine: Engine) -> Self:
-        """That of a recording that has just ended."""
+        """Collect the facts of a recording that has just ended."""
         return cls(
             engine.counters.as_dict(),
             {text: sorted(samples) for text, samples in reader.faults.items()},
@@ -61,7 +61,7 @@ class Recorded:
 
     @classmethod
     def merged(cls, parts: Sequence[Self]) -> Self:
-        """What one recording of all parts, given in the order of time, would have told."""
+        """Merge parts, given in the order of time, into the facts of a single recording."""
         counted = Counters()
         faults: dict[str, set[int]] = {}
         for part in parts:
@@ -79,13 +79,13 @@ class Recorded:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What went wrong while samples were read and evaluated, and how often."""
+        """Warnings while samples were read and evaluated, with their counts."""
         counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
         return tuple(f"{text} ({count} times)" for text, count in counts.items())
 
 
 def why_in_one_go(reader: SceneReader) -> str | None:
-    """Why a scene cannot be recorded in parts; None: it can, and that gives the same."""
+    """Reason why a scene cannot be recorded in parts with equal results; None if it can."""
     for effect in reader.description.effects:
         if isinstance(effect.area, HapticSurface):
             return f"what is felt of the surface '{effect.name}' goes on from sample to sample"
@@ -93,7 +93,7 @@ def why_in_one_go(reader: SceneReader) -> str | None:
 
 
 def lead_in(engine: Engine) -> int:
-    """Samples before a part that must be evaluated for what still rings in it."""
+    """Number of samples before a part that must be evaluated for ringing responses."""
     memory_s = engine.responses.memory_s
     return ceil(memory_s * engine.scene.time.rate_hz) + 1 if memory_s else 0
 
@@ -110,7 +110,7 @@ def record_track(
     part: tuple[int, int] | None = None,
     processes: int = 1,
 ) -> Generator[float, None, list[tuple[DeviceConfig, Renderer]]]:
-    """Evaluate a scene block by block, record it, and have it rendered on the way.
+    """Evaluate a scene block by block, record it, and pass the samples to renderers.
 
     Renderers are returned that have been given all of it, for each device on each body.
 
@@ -180,7 +180,7 @@ def _header(
 
 
 def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Felt]:
-    """What comes from a sample on; what was counted before it is forgotten."""
+    """Yields blocks from sample ``first`` on; discards the counters of warm-up blocks."""
     for block, felt in found:
         if block.indices[-1] < first:
             counters.clear()
@@ -189,7 +189,7 @@ def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Fe
 
 
 def _chunks(found: Iterator[Felt]) -> Iterator[list[Felt]]:
-    """The blocks of each chunk of the track together; none as long as it may go on."""
+    """Group blocks by chunk of the track; an empty list while a chunk goes on."""
     some: list[Felt] = []
     for pair in found:
         if some and _chunk(some[-1]) != _chunk(pair):

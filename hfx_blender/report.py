@@ -20,14 +20,14 @@ MOST_KEPT: Final = 1000
 
 
 def shortened(texts: Iterable[str], most: int = MOST_KEPT) -> tuple[str, ...]:
-    """Each text once, and how many more there are than ``most``."""
+    """Distinct texts, at most ``most``, and a count of the others."""
     found = tuple(dict.fromkeys(texts))
     left = len(found) - most
     return found if left <= 0 else (*found[:most], f"... and {left} more")
 
 
 def describe(report: ExportReport) -> str:
-    """What was felt, what no device played, what was written: a few lines for a person."""
+    """Describe an export in a few lines: samples, effects without a device, files."""
     lines = [f"Scene '{report.scene}'"]
     for felt in report.felt:
         if felt["seconds"]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the shipped data lies: in a checkout, in an installed wheel, in an extension."""
+"""Folders of data: in a checkout, in an installed wheel, in an extension."""
 
 import os
 import sys
@@ -10,6 +10,7 @@ from .errors import HfxError
 BODY_MODELS_VARIABLE = "HFX_BODY_MODELS"
 DEVICES_VARIABLE = "HFX_DEVICES"
 EFFECTS_VARIABLE = "HFX_EFFECTS"
+USER_DATA_VARIABLE = "HFX_USER_DATA"
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -68,7 +69,7 @@ def user_effects() -> Path:
 
 
 def approved_scripts() -> Path:
-    """File that remembers which device scripts the user allows; it need not exist."""
+    """File of the approved device scripts; it need not exist."""
     return _user_data() / "approved_scripts.json"
 
 
@@ -83,12 +84,15 @@ def live_settings() -> Path:
 
 
 def surface_calibration() -> Path:
-    """File that remembers how strongly surfaces are felt, per device; it need not exist."""
+    """File of the calibrated strength of surfaces, per device; it need not exist."""
     return _user_data() / "surface_calibration.json"
 
 
 def _user_data() -> Path:
-    """Where the platform wants a user's data of ours."""
+    """Where the platform wants a user's data of ours, or the variable ``HFX_USER_DATA``."""
+    named = os.environ.get(USER_DATA_VARIABLE)
+    if named:
+        return Path(named).expanduser()
     if sys.platform == "win32":
         return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming") / "hfx"
     if sys.platform == "darwin":

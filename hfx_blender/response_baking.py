@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Baking a contact response: what it yields at each frame becomes keys of a property."""
+"""Bakes a contact response: its value at each frame becomes a key of a property."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def bake(
     target: str = "ENVELOPE",
     frames: tuple[int, int] | None = None,
 ) -> int:
-    """Write what a volume's response yields at each frame as keys; how many there are.
+    """Write the values of a volume's response at each frame as keys; returns their number.
 
     Of several bodies the one that feels it most counts. Keys where nothing changes are left out.
 
@@ -105,7 +105,7 @@ def _is_animated(effect: bpy.types.Object, path: str) -> bool:
 
 
 def _without_repeats(keys: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Keys without those between two that have the same value."""
+    """Drop keys that have the same value as both of their neighbours."""
     return [
         key
         for k, key in enumerate(keys)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a .blend stores of a volume's contact response: ``Object.hfx.response``, its filters."""
+"""Properties of a contact response, stored in a .blend: ``Object.hfx.response``, its filters."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ def _control(kind: str, control: str, label: str, tip: str, **options: object) -
 
 
 class HfxResponseFilter(bpy.types.PropertyGroup):
-    """One filter; of its controls, those of its kind count. Lengths are in Blender's units."""
+    """Filter of a contact response with the controls of all kinds. Lengths are in
+    Blender's units.
+    """
 
     kind: EnumProperty(
         name="Kind",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sound of a scene's haptic volumes: each a source where it is, as its first body hears it.
+"""Spatial sound of a scene's haptic volumes, each a source, for the first body.
 
 A source sounds as strongly as it is felt (its contact envelope), over a quiet tone of its own by
 which it is heard before. It is written in step with the rasters of devices.
@@ -37,7 +37,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class SoundSettings:
-    """How a scene is heard."""
+    """Settings of a scene's sound."""
 
     layout: Layout = LAYOUTS["stereo"]
     scheme: Scheme = "vbap"
@@ -50,7 +50,7 @@ class SoundSettings:
 
 
 class SoundRecorder:
-    """Collects where sources are and how strongly they are felt, block after block.
+    """Recorder of the motion and strength of sources, block after block.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class SoundRecorder:
         self._number = {scene.effects[k].id: n for n, k in enumerate(self._volumes)}
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
-        """Take the next block, and what is felt in it."""
+        """Add the next block, with its samples."""
         rows = np.arange(block.history, len(block.indices))
         pose = block.poses[0]
         rows = rows[pose.valid[rows]]
@@ -108,7 +108,7 @@ class SoundRecorder:
         self.add_felt(runs)
 
     def add_felt(self, runs: Iterable[SampleRun]) -> None:
-        """What is felt, which is heard too."""
+        """Add samples: what is felt is heard, too."""
         body = self._scene.bodies[0].id
         for run in runs:
             found = self._number.get(run.stream.effect_id)
@@ -116,7 +116,7 @@ class SoundRecorder:
                 self._touches[found, run.indices] = run.levels
 
     def sources(self) -> list[Source]:
-        """What sounds, each with a tone of its own."""
+        """Sound sources, each with a tone of its own."""
         made = []
         settings = self._settings
         steps = (0, 2, 4, 7, 9)  # major pentatonic
@@ -162,7 +162,7 @@ class SoundRecorder:
 
 
 def _held(places: F64) -> F64:
-    """Places that are not known are those last known: what fades out does so where it was."""
+    """Places with gaps filled by the last known one: a sound fades out where it was."""
     known = ~np.isnan(places).any(axis=1)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     first = int(np.argmax(known))
@@ -177,7 +177,7 @@ def write_sound(
     track: Path | None = None,
     progress: Progress = lambda share: None,
 ) -> int:
-    """Write the sound of a scene of the open file as ``path``; how many sources there are.
+    """Write the sound of a scene of the open file as ``path``; returns the number of sources.
 
     ``track`` holds what is felt of just this scene, if it has been recorded already.
 
@@ -188,7 +188,7 @@ def write_sound(
     OutputError
         The file cannot be written.
     """
-    reader = SceneReader(scene, with_positions=True)
+    reader = SceneReader(scene, with_positions=True, with_far=True)
     engine = Engine(reader.description, tolerance=reader.tolerance)
     recorder = SoundRecorder(reader.description, settings)
     count = max(len(reader.sample_indices), 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hidden folders for results that are not finished; those of runs that were killed are removed.
+"""Hidden folders for unfinished results; those of killed runs are removed.
 
 A folder belongs to the process that holds the lock of its file ``owner``. The system lets go of
 the lock when that process ends, however it does. A lock may be unknown to other machines that
@@ -25,7 +25,7 @@ _LONGEST_NAME: Final = 100  # a file system allows 255 bytes
 
 @contextmanager
 def stage_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Make a hidden folder, gone after the block, and remove those that killed runs left beside.
+    """Context with a hidden folder; removes those of killed runs first.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _machine() -> bytes:
 
 
 def _lock(file: BinaryIO) -> None:
-    """Take the lock of a file, until it is closed.
+    """Lock a file, until it is closed.
 
     Raises
     ------

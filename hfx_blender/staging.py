@@ -17,7 +17,7 @@ placing = threading.Lock()
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder that results come into, and those above it.
+    """Make the folder of the results, and its parents.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Path]:
-    """A folder beside the results that is gone afterwards, whatever happens.
+    """Context with a folder beside the results that is removed afterwards in any case.
 
     ``folder`` is made; if it is new and nothing came into it, it is gone as well. The new one
     is in it, or in ``within``, a folder of the same file system.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long work in steps, between which its caller may show how far it is, or give it up.
+"""Long work in steps, between which the caller may show progress or cancel.
 
 Such work is a generator: it yields the share that is done and returns its result. Closing it
 early undoes what it has begun, as an error would.
@@ -15,7 +15,7 @@ _T = TypeVar("_T")
 
 
 def finish(steps: Generator[float, None, _T], progress: Progress = lambda share: None) -> _T:
-    """Do all steps, and give the result."""
+    """Do all steps, and return the result."""
     while True:
         try:
             progress(next(steps))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values of our property groups as a file holds them, which may be past all limits.
+"""Values of our property groups as stored in a file, possibly beyond all limits.
 
 Blender keeps to a property's range where somebody sets it. What a file holds, or a script writes
 past the property, comes as it is: NaN, negative lengths, items that no menu has, text in place of
@@ -23,7 +23,7 @@ _ENDLESS = 3e38
 
 @dataclass(frozen=True)
 class BadValue:
-    """A value that its property does not allow."""
+    """Stored value that its property does not allow."""
 
     path: str  # below Object.hfx or Scene.hfx, such as ``response[2].decay``
     found: str
@@ -35,7 +35,7 @@ class BadValue:
 
     @property
     def top(self) -> str:
-        """The property of Object.hfx or Scene.hfx that it is, or is a part of."""
+        """Property of Object.hfx or Scene.hfx that holds the value."""
         return self.path.partition(".")[0].partition("[")[0]
 
 
@@ -50,7 +50,7 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
 
 
 def limited(group: bpy.types.PropertyGroup, name: str) -> float:
-    """A numeric property, within its limits; NaN stays what it is."""
+    """Numeric property, within its limits; NaN stays NaN."""
     limits = group.bl_rna.properties[name]
     return float(min(max(getattr(group, name), limits.hard_min), limits.hard_max))
 
@@ -62,7 +62,7 @@ def limited_row(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
 
 
 def _stored(owner: bpy.types.ID) -> Mapping[str, Any]:
-    """What Blender stores behind a datablock's registered properties."""
+    """Raw values that Blender stores behind a datablock's registered properties."""
     if hasattr(owner, "bl_system_properties_get"):  # 5.0 and later
         return owner.bl_system_properties_get() or {}
     return owner

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``Object.hfx.surface``: what a .blend stores of an object that is felt by moving over it."""
+"""``Object.hfx.surface``: settings of an object that is felt by moving over it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _remake(self: HfxSurfaceProperties, _context: bpy.types.Context) -> None:
 
 
 def _numbered(name: str) -> int:
-    """What a .blend stores of a material's name: it must not change when others are added."""
+    """Stable number of a material's name for a .blend: it must not change when others are added."""
     return zlib.crc32(name.encode()) >> 1
 
 
@@ -54,7 +54,9 @@ PROCEDURALS = tuple(
 
 
 class HfxSurfaceProperties(bpy.types.PropertyGroup):
-    """How an object's surface is made and felt. Lengths are in mm, as labelled."""
+    """Settings of an object's surface, its maps and its rendering. Lengths are in mm, as
+    labelled.
+    """
 
     source: EnumProperty(
         name="Source", description="What the relief is made of", items=SOURCES, update=_remake
@@ -241,7 +243,7 @@ def _show_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> Non
 
 
 class HfxSurfaceCalibration(bpy.types.PropertyGroup):
-    """The slider of the calibration; what it is set to is kept beside the user's data."""
+    """Slider of the calibration; its result is stored in the user's data."""
 
     device: StringProperty(
         name="Device",

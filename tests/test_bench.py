@@ -67,6 +67,16 @@ def result(*rows: dict[str, Any]) -> dict[str, Any]:
 ROWS = (row("preview", 1.0, 0.2), row("standard", 2.0, 0.05), row("3mm,5ms", 8.0, 0.05))
 
 
+def test_measurements_that_are_shown_together_have_one_caption() -> None:
+    here = {**machine.describe(), "date": "2026-01-02T03:04:05+00:00", "blender": None}
+    with_blender = [{**here, "blender": each} for each in ("4.5.1 LTS", "5.2.0", "4.5.1 LTS")]
+    later = {**here, "date": "2026-01-03T00:00:00+00:00", "load": 3.0}
+    found = machine.as_one_line([later, here, *with_blender])
+    assert found.startswith(f"hfx {here['hfx']}, Blender 4.5.1 LTS and 5.2.0, Python ")
+    assert found.endswith(", 2026-01-02 and 2026-01-03")
+    assert found.count("numpy") == found.count(str(here["processor"])) == 1
+
+
 def test_the_front_is_what_nothing_beats() -> None:
     points = [(3.0, 0.1), (1.0, 0.5), (2.0, 0.5), (4.0, 0.2), (5.0, 0.0)]
     assert trade_chart.front(points) == [1, 0, 4]

@@ -87,7 +87,7 @@ def add_heartbeat(
     fade_in: float = 0.0,
     fade_out: float = 0.0,
 ) -> bpy.types.NlaStrip:
-    """A clip that beats: two short pulses, the second weaker, once a beat."""
+    """Add a clip with a heartbeat: two short pulses, the second weaker, once a beat."""
     scene = bpy.context.scene
     fps = scene.render.fps / scene.render.fps_base
     beat = fps / beats_per_second
@@ -105,7 +105,7 @@ def add_heartbeat(
 
 
 def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
-    """Give an effect clips like those of another, at the same times; how many."""
+    """Copy the clips of an effect to another, at the same times; returns their number."""
     copied = strips_of(source)
     for _, strip in copied:
         if strip.type == "META" or strip.action is None:
@@ -136,7 +136,7 @@ def copy_clips(source: bpy.types.Object, target: bpy.types.Object) -> int:
 
 
 def remove_clip(effect: bpy.types.Object, name: str) -> None:
-    """Take a clip off the timeline; a track without clips goes with it.
+    """Remove a clip from the timeline, and its track if that has no other clips.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fades drawn as a curve: it goes along with its clip.
+"""Fades drawn as a curve that moves with its clip.
 
 The curve is that of the strip's influence, which Blender leaves where it is in time when the strip
 is dragged, trimmed or scaled. So each effect remembers for which span a curve was drawn.
@@ -41,7 +41,7 @@ def draw(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bpy.types.FCurv
 
 
 def curve_of(strip: bpy.types.NlaStrip) -> bpy.types.FCurve:
-    """The curve of a clip whose fades are drawn."""
+    """F-curve of a clip with drawn fades."""
     return strip.fcurves.find("influence")
 
 
@@ -67,7 +67,7 @@ def copy(source: bpy.types.NlaStrip, effect: bpy.types.Object, strip: bpy.types.
 def set_keys(
     effect: bpy.types.Object, strip: bpy.types.NlaStrip, keys: Sequence[tuple[float, float]]
 ) -> None:
-    """Give a clip fades of (frame, strength), straight between these."""
+    """Set a clip's fades from (frame, strength) keys, linear between them."""
     strip.use_animated_influence = True
     compat.set_keys(curve_of(strip), keys)
     _remember(effect)
@@ -84,12 +84,14 @@ def sampled(strip: bpy.types.NlaStrip) -> list[tuple[float, float]]:
 
 
 def is_remembered(effect: bpy.types.Object) -> bool:
-    """Whether an effect may have a clip whose drawn fades have to follow it."""
+    """Test an effect for clips whose drawn fades have to follow them."""
     return _SPANS in effect
 
 
 def follow(effect: bpy.types.Object) -> bool:
-    """Let the drawn fades of an effect go along with clips that were changed; whether any did."""
+    """Move the drawn fades of an effect along with clips that were changed; returns True if any
+    was.
+    """
     if not is_remembered(effect) or effect.library is not None:
         return False
     known = effect[_SPANS].to_dict()
@@ -128,7 +130,9 @@ def _remember(effect: bpy.types.Object) -> None:
 
 
 def _is_cut(effect: bpy.types.Object, strip: bpy.types.NlaStrip) -> bool:
-    """Whether a clip was cut in two: each part then keeps its part of the curve, in place."""
+    """Test a clip for having been cut in two: each part then keeps its part of the curve,
+    in place.
+    """
     return any(
         other != strip
         and other.action == strip.action

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Areas that were painted on earlier editions of the body models, carried over to the present one.
+"""Transfers areas painted on earlier editions of the body models to the present ones.
 
 An area is a list of vertices of one edition. Of each edition that files may still have, a data
 file keeps where its vertices were.
@@ -33,7 +33,7 @@ _STEP_M = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class EarlierModel:
-    """What is kept of an edition: enough to carry an area over from it."""
+    """Earlier edition of a model: enough to carry an area over from it."""
 
     vertices: F64  # (V, 3) metres, canonical rest space
     part: npt.NDArray[np.int64]  # (V,)
@@ -41,7 +41,7 @@ class EarlierModel:
 
 
 def load(model_id: str, content_hash: str) -> EarlierModel | None:
-    """An earlier edition of a model; none if there never was such a one."""
+    """Load an earlier edition of a model; None if it is unknown."""
     import numpy as np
 
     key = f"{model_id}.{content_hash}"
@@ -56,7 +56,7 @@ def load(model_id: str, content_hash: str) -> EarlierModel | None:
 
 @lru_cache(maxsize=1)
 def known() -> frozenset[str]:
-    """The editions that are kept, as ``MODEL_ID.HASH``."""
+    """Editions that are stored, as ``MODEL_ID.HASH``."""
     path = resources.body_models() / _FILE
     if not path.is_file():
         return frozenset()
@@ -67,7 +67,7 @@ def known() -> frozenset[str]:
 def carried_over(
     model_id: str, content_hash: str, vertices: list[int], weights: list[float]
 ) -> F64 | None:
-    """The weights (V,) on the present edition of an area on an earlier one; none if unknown.
+    """Transfer an area from an earlier edition: weights (V,) on the present one; None if unknown.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def update_all() -> list[str]:
 
 
 def keep(model: PerceptualModel) -> None:
-    """Keep an edition of a model, before another one takes its place."""
+    """Store an edition of a model, before another one takes its place."""
     import numpy as np
 
     path = resources.body_models() / _FILE

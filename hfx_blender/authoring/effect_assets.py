@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sensations as assets: what is dragged out of the Asset Browser is an empty that names one.
+"""Sensations as assets: an empty dragged out of the Asset Browser names a sensation.
 
 A drop brings the empty; :func:`take_dropped` puts the sensation in its place: painted effects on
 the body, volumes where it was dropped.
@@ -29,19 +29,19 @@ _ON_BODY_M = 0.1
 
 
 def dropped_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """What was dropped into a scene and has not been taken yet."""
+    """Objects dropped into a scene that have not been replaced yet."""
     return [obj for obj in scene.objects if SENSATION in obj]
 
 
 def is_worn(sensation: Sensation) -> bool:
-    """Whether any of it is painted on a body."""
+    """Test a sensation for effects on the body."""
     from .effect_file import VolumeRecipe
 
     return not all(isinstance(effect.where, VolumeRecipe) for effect in sensation.effects)
 
 
 def take_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[bpy.types.Object]:
-    """Put a sensation in the place of what was dropped; the effects that were made.
+    """Replace a dropped object by its sensation; returns the effects that were made.
 
     What was dropped is gone, whether it fits or not.
 
@@ -69,7 +69,7 @@ def take_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[bpy.
 def nearest_body(
     scene: bpy.types.Scene, place: Sequence[float]
 ) -> tuple[bpy.types.Object | None, float]:
-    """The haptic body whose avatar is nearest to a place, and how far away, Blender's units."""
+    """Haptic body whose avatar is nearest to a place, and its distance, Blender's units."""
     best: tuple[bpy.types.Object | None, float] = (None, float("inf"))
     for body in effects.bodies_of(scene):
         shown = avatar_meshes.meshes_of(body) or [body]
@@ -80,7 +80,7 @@ def nearest_body(
 
 
 def _distance(obj: bpy.types.Object, place: Sequence[float]) -> float:
-    """From a place to an object's bounding box in the world."""
+    """Distance of a place from an object's bounding box in the world."""
     import numpy as np
 
     corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])

@@ -50,7 +50,7 @@ def library() -> dict[str, Path]:
 
 
 def own_library() -> dict[str, Path]:
-    """The user's own sensations, named ``own/STEM``: what was saved into their folder."""
+    """Sensations in the user's own folder, named ``own/STEM``."""
     folder = resources.user_effects()
     return {OWN + path.stem: path for path in sorted(folder.glob("*" + SUFFIX))}
 
@@ -63,7 +63,7 @@ def place(
     frame: float,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> list[bpy.types.Object]:
-    """Make a sensation's effects in a scene; nothing is made if one of them does not fit.
+    """Place a sensation's effects in a scene; all of them, or none if one does not fit.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def sensation_of(
 
 
 def _measured_from(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
-    """The same effect, with its places relative to an origin."""
+    """Copy of an effect with its places relative to an origin."""
     volume = recipe.where
     if not isinstance(volume, VolumeRecipe):
         return recipe
@@ -387,7 +387,7 @@ def _moves(effect: bpy.types.Object) -> list[bpy.types.FCurve]:
 
 
 def _is_motion(curve: bpy.types.FCurve) -> bool:
-    """Whether a curve says where an effect is, or what its actuators get."""
+    """Test a curve for the place of an effect, or the values of its actuators."""
     path = curve.data_path
     return path in ("location", paths.POSITION) or path.startswith(("hfx.drive[", "hfx.response["))
 

@@ -52,7 +52,7 @@ _SIDES: Final = ("both", "left", "right")
 
 @dataclass(frozen=True)
 class ClipRecipe:
-    """One clip; its profile is (seconds, activation) over one repetition.
+    """Clip of a recipe; its profile is (seconds, activation) over one repetition.
 
     Its drawn fades are (seconds, strength) over the whole of it, in place of straight ones.
     """
@@ -78,7 +78,7 @@ class PartsArea:
 
 @dataclass(frozen=True)
 class VertexArea:
-    """What was painted on one edition of one perceptual model."""
+    """Area painted on one edition of one perceptual model."""
 
     model_id: str
     model_hash: str
@@ -88,7 +88,7 @@ class VertexArea:
 
 @dataclass(frozen=True)
 class VolumeRecipe:
-    """A volume that stands, or moves along places; metres, relative to where it is put."""
+    """Volume at rest, or in motion along places; metres, relative to the recipe's origin."""
 
     shape: str
     radius_m: float = 0.5
@@ -105,7 +105,7 @@ class VolumeRecipe:
 
 @dataclass(frozen=True)
 class SpotRecipe:
-    """A point on the skin: its disc, its path, and where on it the point is when."""
+    """Point on the skin: its disc, its path, and its position along the path over time."""
 
     path: PathRecipe
     radius_m: float = 0.03
@@ -124,7 +124,7 @@ class ActuatorsRecipe:
 
 @dataclass(frozen=True)
 class EffectRecipe:
-    """One unitary effect."""
+    """Unitary effect of a sensation."""
 
     name: str
     modality: str
@@ -137,7 +137,7 @@ class EffectRecipe:
 
 @dataclass(frozen=True)
 class Sensation:
-    """What one file holds."""
+    """Content of one effect file."""
 
     name: str
     description: str
@@ -156,12 +156,12 @@ def load(path: Path) -> Sensation:
 
 
 def from_text(text: str) -> Sensation:
-    """The same from the text of a file, as it is copied and pasted."""
+    """Read a sensation from the text of a file, as it is copied and pasted."""
     return _sensation(parse(text.encode(), "What was copied", _MOST_BYTES))
 
 
 def text_of(sensation: Sensation) -> str:
-    """What a file holds."""
+    """Text of a sensation's file."""
     return json.dumps(_document(sensation), indent=1) + "\n"
 
 
@@ -177,7 +177,7 @@ def _sensation(node: Node) -> Sensation:
 
 
 def save(sensation: Sensation, path: Path) -> None:
-    """Write a file; what it held before is lost only when all of the new one is there.
+    """Write a file atomically: an existing one is replaced only by a complete one.
 
     Raises
     ------

@@ -39,12 +39,12 @@ def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
 
 
 def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
-    """How an effect's strength falls off to its boundary."""
+    """Falloff of an effect."""
     return Falloff(FalloffKind(hfx.falloff), limited(hfx, "falloff_share"))
 
 
 def directions(world: F64) -> F64:
-    """Unit vectors along the local Z axis of world matrices (..., 4, 4): where wind blows to."""
+    """Unit vectors along the local Z axis of world matrices (..., 4, 4): the wind's direction."""
     along = world[..., :3, 2]
     lengths = np.linalg.norm(along, axis=-1, keepdims=True)
     return np.where(lengths > 0.0, along / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
@@ -65,12 +65,12 @@ def to_metres(world: F64, unit_m: float) -> F64:
 
 
 def is_empty(evaluated: bpy.types.Object) -> bool:
-    """Whether the mesh of an object has nothing in it, as where nodes make all of it instances."""
+    """Test for a mesh without vertices, as where nodes turn all of it into instances."""
     return evaluated.type == "MESH" and not evaluated.mode == "EDIT" and not evaluated.data.vertices
 
 
 class Shapes:
-    """The shapes of a scene's volumes; a mesh is made into one again only where it deforms."""
+    """Shapes of a scene's volumes; a mesh is converted again only if it deforms."""
 
     def __init__(self) -> None:
         self._meshes: dict[tuple[str, int], tuple[bytes, MeshVolume]] = {}
@@ -79,7 +79,7 @@ class Shapes:
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
     ) -> Shape:
-        """The shape of an effect as it is evaluated at a time; instances may have several."""
+        """Shape of an effect as it is evaluated at a time; instances may have several."""
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
         if not evaluated.data.is_editmode:
@@ -109,7 +109,7 @@ class Shapes:
         return known[1]
 
     def box_of(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> MeshVolume | None:
-        """The box around a mesh as it is evaluated at a time; None where it may have none."""
+        """Box around a mesh as it is evaluated at a time; None where it may have none."""
         if evaluated.type != "MESH" or evaluated.mode == "EDIT" or is_empty(evaluated):
             return None
         corners = np.array([corner[:] for corner in evaluated.bound_box], np.float64)
@@ -117,6 +117,6 @@ class Shapes:
         return MeshVolume.box(bounds, effect.name) if np.isfinite(bounds).all() else None
 
     def last_of(self, effect: bpy.types.Object, part: int = 0) -> Shape | None:
-        """The last mesh of an effect that could be one; None if there never was any."""
+        """Last valid mesh of an effect; None if there never was any."""
         known = self._meshes.get((effect.name_full, part))
         return known[1] if known else None

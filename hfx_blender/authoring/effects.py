@@ -37,14 +37,14 @@ def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def silenced(found: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those of a scene's effects that are muted, or not solo where others are."""
+    """Effects of a scene that are muted, or not solo where others are."""
     found = list(found)
     any_solo = any(effect.hfx.is_solo for effect in found)
     return [e for e in found if e.hfx.is_muted or (any_solo and not e.hfx.is_solo)]
 
 
 def model_id_for(modality: str) -> str:
-    """The perceptual model on which a modality is painted and felt."""
+    """Id of the perceptual model on which a modality is painted and felt."""
     return f"hfx-{MODALITIES[modality].model}-1"
 
 
@@ -94,7 +94,7 @@ def add_painted(
 def add_on_body(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, kind: str, name: str
 ) -> bpy.types.Object:
-    """An effect that belongs to a body, as an empty object."""
+    """Add an effect that belongs to a body, as an empty object."""
     if body.hfx.role != "BODY":
         raise InputError(f"'{body.name}' is not a haptic body.")
     effect = _make_effect(scene, bpy.data.objects.new(name, None), modality, None)
@@ -139,7 +139,7 @@ def _make_effect(
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    """Where a new effect goes: a collection of our own in which it is seen, made if need be."""
+    """Collection for a new effect: one of our own that is visible, made if need be."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else None
     unseen = set() if layer is None else set(_unseen(layer.layer_collection))
     for collection in scene.collection.children_recursive:
@@ -152,7 +152,7 @@ def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
 
 
 def _is_own(collection: bpy.types.Collection) -> bool:
-    """Whether objects can be added to a collection: those of a linked file take none."""
+    """Test that objects can be added to a collection: those of a linked file take none."""
     return collection.library is None and collection.override_library is None
 
 

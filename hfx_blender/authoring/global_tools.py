@@ -21,7 +21,7 @@ STRENGTHS = {
     "temperature": "temperature",
     "wind": "wind_speed",
 }
-"""The property that makes an effect of a modality stronger."""
+"""Property that scales the strength of an effect, by modality."""
 
 _MODULATION = "HFX Modulation"
 
@@ -65,7 +65,7 @@ def _scale(effect: bpy.types.Object, name: str, factor: float, neutral: float) -
 
 
 def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, fps: float) -> int:
-    """Let the intensity of effects swing like a sine; depth 0 takes the swing away.
+    """Modulate the intensity of effects by a sine; depth 0 removes the modulation.
 
     It is an F-curve modifier on ``intensity``, which can be edited in the Graph editor. The
     peaks stay at the intensity that the effect has, the troughs are ``depth`` of it lower.

@@ -99,7 +99,7 @@ def _effects(
     frame: float,
     is_own: bool,
 ) -> list[bpy.types.Object]:
-    """One effect; two for a temperature that both warms and cools."""
+    """Add one effect; two for a temperature that both warms and cools."""
     model = load_model(effects.model_id_for(modality))
     vertices = _vertices(envelope, model, is_own)
     signs = [1.0, -1.0] if modality == "temperature" else [1.0]
@@ -129,7 +129,7 @@ def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[
 
 
 def _positive(curve: Curve, sign: float) -> Curve:
-    """The part of a curve that has this sign, 0 elsewhere; it crosses 0 where it did."""
+    """Part of a curve that has this sign, 0 elsewhere; it crosses 0 at the same times."""
     times, values = curve.times_s, sign * curve.values
     crosses = np.flatnonzero(values[:-1] * values[1:] < 0.0)
     share = values[crosses] / (values[crosses] - values[crosses + 1])

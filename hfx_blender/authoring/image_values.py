@@ -57,7 +57,7 @@ def brightness_of(image: bpy.types.Image) -> F64:
 
 
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
-    """Values (H, W) with what is no number filled from around it, and what was done.
+    """Fill the non-finite values of (H, W) from their surroundings; returns notes on it.
 
     Raises
     ------

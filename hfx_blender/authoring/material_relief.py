@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A material's nodes as what can be felt: where its relief and its colour come from.
+"""Relief and colour that a material's nodes define.
 
 Displacement and bump are heights, read as they are. Whatever else bends the shading normal (a
 normal map, a group, a mix of shaders) is left to be baked as a normal. It works on copies of
@@ -23,7 +23,7 @@ _BENDS = {"BUMP", "NORMAL_MAP"}
 
 @dataclass(frozen=True)
 class Relief:
-    """Where a material's relief comes from."""
+    """Sources of a material's relief."""
 
     height: Value = None  # Blender's units of the world, outwards
     normal: bpy.types.NodeSocket | None = None  # a bent normal, besides the height
@@ -56,7 +56,7 @@ def prepare(material: bpy.types.Material, name: str) -> None:
 
 
 def set_target(material: bpy.types.Material, image: bpy.types.Image) -> None:
-    """Let Cycles bake a material into an image."""
+    """Set the image that Cycles bakes a material into."""
     tree = material.node_tree
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image = image
@@ -67,7 +67,7 @@ def set_target(material: bpy.types.Material, image: bpy.types.Image) -> None:
 
 
 def relief_of(material: bpy.types.Material) -> Relief:
-    """The relief of a material; its displacement is unlinked, so that no bake is bent by it."""
+    """Relief of a material; unlinks its displacement, so that no bake is bent by it."""
     tree = material.node_tree
     displaced = tree.get_output_node("CYCLES").inputs["Displacement"]
     heights: list[Value] = []
@@ -102,7 +102,7 @@ def colour_of(material: bpy.types.Material) -> Value:
 
 
 def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
-    """Let a material shine with a value; the result takes that back."""
+    """Make a material emit a value; returns the function that restores it."""
     node = material.node_tree.nodes.new("ShaderNodeEmission")
     if isinstance(value, bpy.types.NodeSocket):
         material.node_tree.links.new(value, node.inputs["Color"])
@@ -112,7 +112,9 @@ def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
 
 
 def matt(material: bpy.types.Material, relief: Relief) -> Callable[[], None]:
-    """Let a material be matt, bent by a relief's normal only; the result takes that back."""
+    """Make a material matt, bent by a relief's normal only; returns the function that
+    restores it.
+    """
     if relief.is_surface_bent:
         return lambda: None
     node = material.node_tree.nodes.new("ShaderNodeBsdfDiffuse")
@@ -136,7 +138,7 @@ def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[
 
 
 def depends_on(materials: Sequence[bpy.types.Material], uv_map: str) -> str:
-    """What materials depend on besides one UV map; empty if nothing."""
+    """Find what materials depend on besides one UV map; empty if nothing."""
     for material in materials:
         for node in nodes_of(material.node_tree):
             found = _stranger(node, uv_map)
@@ -174,7 +176,7 @@ def nodes_of(
 
 
 def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
-    """What is linked to an input, past reroutes."""
+    """Socket linked to an input, past reroutes."""
     while socket.is_linked:
         found = socket.links[0].from_socket
         if found.node.type != "REROUTE":
@@ -184,7 +186,7 @@ def _source(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:
 
 
 def _shader(material: bpy.types.Material) -> bpy.types.Node | None:
-    """The shader that is the whole surface; None if it is a mix, a group or nothing."""
+    """Shader that is the whole surface; None if it is a mix, a group or nothing."""
     source = _source(material.node_tree.get_output_node("CYCLES").inputs["Surface"])
     if source is None or source.node.type in ("MIX_SHADER", "ADD_SHADER", "GROUP"):
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an object's materials are now, as a short text: it changes where an edit may be felt."""
+"""Fingerprint of an object's materials: a short text that changes with edits that may be felt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import bpy
 
 bake_s: dict[str, float] = {}
-"""How long it took the last time to bake the materials of an object, by its name."""
+"""Duration of the last bake of an object's materials, seconds, by its name."""
 
 _DEPTH = 5
 _OF_NO_MATTER = frozenset(bpy.types.Node.bl_rna.properties.keys()) - {"mute"}
@@ -17,7 +17,7 @@ _OF_A_MATERIAL = ("diffuse_color", "roughness", "metallic")
 
 
 def state_of(obj: bpy.types.Object) -> str:
-    """Changes where a node, a value, a link or an image of the object's materials does.
+    """Fingerprint of an object's materials: changes with any node, value, link or image.
 
     Where nodes are drawn does not count, nor do the pixels of an image (see :func:`images_of`).
     """
@@ -28,7 +28,7 @@ def state_of(obj: bpy.types.Object) -> str:
 
 
 def images_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
-    """The images that the object's materials read."""
+    """Images that the object's materials read."""
     trees = [material.node_tree for material in _materials(obj) if material is not None]
     return {
         node.image

@@ -18,7 +18,7 @@ _LONGEST = 300_000  # frames; what an image user takes in every version
 
 _SCREEN_HEIGHT = 2.2
 _SCREEN_BEHIND = 1.5
-"""Where a flat video stands, seen from the front of the body, metres."""
+"""Distance of a flat video behind the body, seen from its front, metres."""
 
 
 def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.SoundStrip:
@@ -46,7 +46,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
 
 
 def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Object:
-    """A flat video or picture that stands behind the first body.
+    """Add a flat video or picture that stands behind the first body.
 
     Raises
     ------
@@ -106,13 +106,13 @@ def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.type
 
 
 def videos_of(scene: bpy.types.Scene) -> list[bpy.types.Object | bpy.types.World]:
-    """What shows a video that was added: screens, then the world."""
+    """Owners of the videos that were added: screens, then the world."""
     owners = [*scene.objects, *([scene.world] if scene.world is not None else [])]
     return [each for each in owners if START in each]
 
 
 def rate_of(path: Path) -> float:
-    """Frames a second of a video; 0 if it does not tell."""
+    """Frame rate of a video; 0 if it is unknown."""
     clip = bpy.data.movieclips.load(str(path))
     try:
         return float(clip.fps)
@@ -146,7 +146,7 @@ def _play(
     driven: bpy.types.ID,
     user_path: str,
 ) -> None:
-    """Let a video begin at a frame and run at its own rate, whatever the scene's is.
+    """Start a video at a frame and play it at its own rate, whatever the scene's is.
 
     Blender shows picture after picture, frame by frame of the scene: a driver corrects which. Its
     start is an ID property, as a driver that reads the image user that it drives is a cycle.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 GROUP = "hfx"
 PAINTED_EFFECT = "hfx_painted_effect"
-"""On the mesh that is painted on: the effect whose area it shows."""
+"""Property of the mesh that is painted on: the effect whose area it shows."""
 
 _BRUSH_SPACINGS = 1.5
 _SMALLEST_BRUSH_M = 0.03
@@ -51,7 +51,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
 
 def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
-    """A brush that reaches the vertices next to the one under it, Blender's units."""
+    """Brush radius that reaches the vertices next to the one under the brush, Blender's units."""
     import numpy as np
 
     from ..engine.body.model import load_model
@@ -66,7 +66,7 @@ def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
 
 
 def weights_of(effect: bpy.types.Object) -> F64:
-    """The effect's area as it is now, painted or stored, as a weight for each vertex (V,).
+    """Current area of the effect, painted or stored, as a weight for each vertex (V,).
 
     An area on another model, or on another edition of it, means nothing: all 0.
 
@@ -91,7 +91,7 @@ def weights_of(effect: bpy.types.Object) -> F64:
 
 
 def set_weights(effect: bpy.types.Object, weights: F64) -> int:
-    """Replace the effect's area, and what is shown while it is being painted; its size."""
+    """Replace the effect's area, also while it is being painted; returns its size."""
     import numpy as np
 
     vertices = np.flatnonzero(weights > 0.0)
@@ -104,7 +104,7 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
 
 
 def selected_vertices(effect: bpy.types.Object) -> Bool:
-    """Which vertices of the mesh that is being painted on are selected, (V,)."""
+    """Selected vertices of the mesh that is being painted on, as a mask (V,)."""
     import numpy as np
 
     from ..engine.body.model import load_model
@@ -122,7 +122,9 @@ def selected_vertices(effect: bpy.types.Object) -> Bool:
 
 
 def take_over_all() -> None:
-    """Store what is being painted with its effect, so that a saved file or an export has it."""
+    """Store all areas that are being painted with their effects, so that saved files and exports
+    have them.
+    """
     import numpy as np
 
     for obj in bpy.data.objects:
@@ -135,7 +137,7 @@ def take_over_all() -> None:
 
 
 def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
-    """The mesh on which an effect is being painted."""
+    """Mesh on which an effect is being painted."""
     for obj in bpy.data.objects:
         if obj.get(PAINTED_EFFECT) == effect:
             return obj
@@ -176,7 +178,7 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
 
 
 def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:
-    """Which vertices (V,) lie on some parts (none: the whole body), on one side or both."""
+    """Mask (V,) of the vertices on some parts (none: the whole body), on one side or both."""
     import numpy as np
 
     wanted = [PARTS.index(part) for part in parts] or list(range(len(PARTS)))

@@ -52,7 +52,7 @@ def load(path: Path) -> PathRecipe:
 
 
 def recipe_of(document: Node) -> PathRecipe:
-    """The same of a document that was read."""
+    """Read a path from a parsed document."""
     top = document.members(
         required=("schema", "version", "name", "kind", "points_m"),
         optional=("description", "closed", "motion"),
@@ -87,7 +87,7 @@ def motion_of(node: Node) -> tuple[tuple[float, float], ...]:
 
 
 def save(recipe: PathRecipe, path: Path) -> None:
-    """Write a file; what it held before is lost only when all of the new one is there.
+    """Write a file atomically: an existing one is replaced only by a complete one.
 
     Raises
     ------

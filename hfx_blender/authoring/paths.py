@@ -46,7 +46,7 @@ _kept: SkinPaths | None = None
 
 
 def skin() -> SkinPaths:
-    """The skin that paths are drawn on."""
+    """Skin that paths are drawn on; cached."""
     from ..engine.body.model import load_model
     from ..engine.body.skin_path import SkinPaths
 
@@ -78,7 +78,7 @@ def metres_of(scene: bpy.types.Scene) -> float:
 
 
 def stand_at_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
-    """Put the object, which only stands for the effect, where its path begins on the body."""
+    """Move the object, which only stands for the effect, to the start of its path on the body."""
     body = effect.hfx.body
     if body is not None and effect.parent is None:
         effect.location = Anchors.of(path_of(effect)[:1]).on(body, depsgraph)[0][0].tolist()
@@ -96,14 +96,14 @@ def path_of(effect: bpy.types.Object) -> F64:
 
 
 def own_path(effect: bpy.types.Object) -> F64:
-    """The path without the way to where its point is only until the frame changes, (n, 3)."""
+    """Path without the extension to the point's temporary place, (n, 3)."""
     path = path_of(effect)
     own = effect.get(OWN, 0)
     return path[:own] if isinstance(own, int) and 0 < own < len(path) else path
 
 
 def knots_of(effect: bpy.types.Object) -> F64:
-    """The points that the path was drawn through, (k, 3) metres; its own if none are stored."""
+    """Points that the path was drawn through, (k, 3) metres; the path's own if none are stored."""
     found = _points(effect, KNOTS)
     return found if len(found) else path_of(effect)
 
@@ -271,12 +271,12 @@ def curve_of(effect: bpy.types.Object, data_path: str) -> bpy.types.FCurve | Non
 
 
 def reverse(effect: bpy.types.Object) -> None:
-    """Let the path lead the other way; the keyframes stay, so the point goes backwards."""
+    """Reverse the path; the keyframes stay, so the point goes backwards."""
     set_path(effect, path_of(effect)[::-1], knots_of(effect)[::-1])
 
 
 def mirror(effect: bpy.types.Object) -> None:
-    """Take the path to the other side of the body."""
+    """Mirror the path to the other side of the body."""
     import numpy as np
 
     other = np.array([-1.0, 1.0, 1.0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Areas from what is on the avatar itself: an image on its UV map, or selected vertices."""
+"""Areas from the avatar itself: an image on its UV map, or selected vertices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ I64 = npt.NDArray[np.int64]
 
 
 def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_map: str) -> F64:
-    """The weights (V,) that an image gives to an effect's vertices through the avatar's UV map.
+    """Weights (V,) of an effect's vertices from an image on the avatar's UV map.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_m
 
 
 def of_avatar_selection(effect: bpy.types.Object) -> F64:
-    """The weights (V,) of what is selected on the avatar's meshes in Edit Mode."""
+    """Weights (V,) from the vertices selected on the avatar's meshes in Edit Mode."""
     body, anchors = _anchors(effect)
     selected = []
     for mesh in avatar_meshes.meshes_of(body):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places on the canonical skin, where they are on a body as it stands now, and back by a ray."""
+"""Places on the canonical skin mapped to a posed body, and back by a ray."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     I64 = npt.NDArray[np.int64]
 
 SKIN_MODEL = "hfx-pressure-1"
-"""Of the models, the one that samples all of the skin evenly."""
+"""Model that samples all of the skin evenly."""
 
 
 @lru_cache(maxsize=1)
@@ -44,7 +44,7 @@ class Anchors:
 
     @classmethod
     def of(cls, places: F64) -> Anchors:
-        """Of places (n, 3), rest space of the canonical body."""
+        """Anchor places (n, 3), rest space of the canonical body."""
         locator = _locator()
         found, weights, _ = locator.locate(places)
         return cls(locator.triangles[found], weights)
@@ -62,7 +62,7 @@ class Anchors:
 
 
 def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64) -> tuple[F64, F64]:
-    """Where some vertices of the skin's model are on a body by its bones, and their normals.
+    """Positions and normals of some vertices of the skin's model on a body, posed by its bones.
 
     Blender's units, world space, (n, 3) each.
 
@@ -103,7 +103,7 @@ def posed(body: bpy.types.Object, depsgraph: bpy.types.Depsgraph, vertices: I64)
 
 
 class Picker:
-    """Finds the place on the skin that a ray meets; for one pose of one body.
+    """Ray picker of places on the skin, for one pose of one body.
 
     Raises
     ------
@@ -123,7 +123,7 @@ class Picker:
         self._tree = BVHTree.FromPolygons(self._posed.tolist(), model.triangles.tolist())
 
     def hit(self, origin: Vector, direction: Vector) -> F64 | None:
-        """The canonical place (3,) where a ray of the world first meets the skin."""
+        """Canonical place (3,) where a ray of the world first meets the skin."""
         import numpy as np
 
         place, _, triangle, _ = self._tree.ray_cast(origin, direction)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rain, as an effect type with parameters that mean something: it makes the drops.
+"""Rain as an effect type with meaningful parameters: it makes the single drops.
 
 Many small painted taps, each somewhere on the skin that looks up, at random times. The same
 seed rains the same.
@@ -20,7 +20,7 @@ from ..errors import InputError
 from . import clips, effects
 
 GENERATOR = "hfx_rain"
-"""ID property of what was made by one shower: its name."""
+"""ID property of everything that one shower made: its name."""
 
 MAX_SPOTS = 64
 """Places that drops fall on; more drops than that share them."""
@@ -42,7 +42,7 @@ def make(
     strength_m_s2: float = 5.0,
     seed: int = 0,
 ) -> list[bpy.types.Object]:
-    """Make the effects of a shower; one of the same name on the same body is replaced.
+    """Make the effects of a shower; replaces one of the same name on the same body.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def remove(body: bpy.types.Object, name: str) -> int:
 def _places(
     model: PerceptualModel, parts: Sequence[str], count: int, chance: random.Random
 ) -> list[int]:
-    """Vertices on which rain falls, each as likely as its share of the sky that it sees."""
+    """Draw vertices for raindrops, each as likely as its share of the visible sky."""
     seen = np.maximum(model.normals[:, 2].astype(np.float64), 0.0) * model.areas_m2
     seen[~np.isin(model.part, [PARTS.index(part) for part in parts])] = 0.0
     if not seen.any():

@@ -14,7 +14,7 @@ PATH = re.compile(r"hfx\.response\[(\d+)\]\.(\w+)$")
 
 
 def renumber(effect: bpy.types.Object, order: Sequence[int | None]) -> None:
-    """Let curves and drivers follow their filters.
+    """Rename curves and drivers to follow their filters.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ def add_response(
 def emitters(
     scene: bpy.types.Scene, effect: bpy.types.Object
 ) -> list[tuple[bpy.types.Object, bpy.types.ParticleSystem]]:
-    """The particle systems of a scene whose particles are this volume."""
+    """Particle systems of a scene that emit this volume."""
     return [
         (obj, system)
         for obj in scene.objects
@@ -110,7 +110,7 @@ def emitters(
 
 
 def volumes_of(emitter: bpy.types.Object) -> list[bpy.types.Object]:
-    """The haptic volumes that an object's particles are."""
+    """Haptic volumes among an object's particles."""
     found = [obj for system in emitter.particle_systems for obj in _instanced(system.settings)]
     is_volume = {obj: obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME" for obj in found}
     return [obj for obj, ours in is_volume.items() if ours]
@@ -127,7 +127,7 @@ def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
 def swarm_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> SwarmRecipe | None:
-    """What makes particles of a volume; None where nothing does. Of several, the first."""
+    """Recipe of the first particle system that emits a volume; None without any."""
     found = emitters(scene, effect)
     if not found:
         return None
@@ -169,7 +169,9 @@ def add_swarm(
     fps: float,
     origin: Sequence[float],
 ) -> bpy.types.Object:
-    """Make particles of a new volume, which leaves the scene itself; the emitter."""
+    """Make a particle system of a new volume, which leaves the scene itself; returns the
+    emitter.
+    """
     import bmesh
 
     source = bpy.data.collections.new(effect.name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A volume's contact response, and its swarm, as files of effects hold them: plain data.
+"""Contact responses and swarms of volumes, as plain data for files of effects.
 
 A response is a stack of filters with their controls in SI units and keys over time. A swarm is
 what makes many small objects of one volume: a particle system, by its numbers. Forces and things
@@ -24,7 +24,7 @@ Number3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FilterRecipe:
-    """One filter; its controls by the engine's names and units."""
+    """Filter with its controls by the engine's names and units."""
 
     kind: str
     controls: dict[str, float]
@@ -67,7 +67,9 @@ _RANGES: Final[dict[str, tuple[float, float, str]]] = {
 
 
 def abouts_of(kind: Kind) -> tuple[str, ...]:
-    """What distances of a kind of filter may be measured from; none where it measures none."""
+    """References that distances of a kind of filter may be measured from; empty if it measures
+    none.
+    """
     if kind is Kind.DISTANCE:
         return (About.CENTRE, About.AXIS)
     return (About.TIME, About.CENTRE, About.AXIS) if kind is Kind.SINE else ()

@@ -24,7 +24,7 @@ LENGTHS: Final = frozenset({"near", "far", "reach", "wavelength"})
 
 
 def properties_of(each: bpy.types.PropertyGroup) -> tuple[str, ...]:
-    """The properties of a filter that count, in the order of the engine's controls."""
+    """Names of a filter's properties, in the order of the engine's controls."""
     names = _PROPERTIES[Kind(each.kind)]
     if each.kind == "sine" and each.domain != "time":
         return tuple("wavelength" if name == "frequency" else name for name in names)
@@ -32,21 +32,21 @@ def properties_of(each: bpy.types.PropertyGroup) -> tuple[str, ...]:
 
 
 def active(hfx: bpy.types.PropertyGroup) -> list[tuple[int, bpy.types.PropertyGroup]]:
-    """The filters that count, with their places in the stack."""
+    """Unmuted filters, with their places in the stack."""
     if hfx.kind != "VOLUME":
         return []
     return [(k, each) for k, each in enumerate(hfx.response) if not each.is_muted]
 
 
 def described(each: bpy.types.PropertyGroup, rings_s: float = 0.0) -> Filter:
-    """What does not change over time about a filter; ``rings_s`` see :class:`Filter`."""
+    """Engine description of a filter; ``rings_s`` see :class:`Filter`."""
     kind = Kind(each.kind)
     about = About(each.domain if kind is Kind.SINE else each.about)
     return Filter(kind, Operation(each.operation), about, rings_s)
 
 
 def signature(hfx: bpy.types.PropertyGroup) -> tuple[object, ...]:
-    """Changes where the description of a response may."""
+    """Fingerprint of a response's description: changes with every setting that may affect it."""
     return tuple((k, described(each)) for k, each in active(hfx))
 
 

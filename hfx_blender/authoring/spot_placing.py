@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Putting a point on the skin somewhere at a frame: what becomes of its path and its keyframes.
+"""Places a point on the skin at a frame, and updates its path and its keyframes.
 
 As with any object of Blender: what rests is moved; what moves is keyed there if Auto Keying is on,
 else it stays only until the frame changes, or until it is keyed by hand.
@@ -34,13 +34,13 @@ _NEAR_M: Final = 0.01
 
 
 def place_of(effect: bpy.types.Object) -> F64 | None:
-    """Where a point is now (3,), metres, rest space; None: nowhere yet."""
+    """Current place of a point (3,), metres, rest space; None if it has none yet."""
     path = paths.path_of(effect)
     return places_on(path, np.array([effect.hfx.path_position]))[0] if len(path) else None
 
 
 def check_free(effect: bpy.types.Object, data_path: str, what: str) -> None:
-    """Raise InputError if something but the keyframes of its action rules a property."""
+    """Raise InputError if anything but the keyframes of its action controls a property."""
     data = effect.animation_data
     if data is None:
         return
@@ -57,7 +57,7 @@ def check_free(effect: bpy.types.Object, data_path: str, what: str) -> None:
 
 
 def is_auto_keyed(context: bpy.types.Context, effect: bpy.types.Object, data_path: str) -> bool:
-    """Whether Auto Keying, as it is set, keys a property of an effect at this frame."""
+    """Test that Auto Keying, as it is set, keys a property of an effect at this frame."""
     tools, edit = context.tool_settings, context.preferences.edit
     if not tools.use_keyframe_insert_auto:
         return False
@@ -213,7 +213,7 @@ def between(path: F64, first: float, last: float) -> F64:
 
 
 def settle(effect: bpy.types.Object) -> None:
-    """Forget the way to where a point is only until the frame changes; its keys keep their places.
+    """Remove the extension to a temporary place; the keys keep their places.
 
     The point itself is then at the path's end, until it is put elsewhere.
     """
@@ -232,7 +232,9 @@ def settle(effect: bpy.types.Object) -> None:
 
 
 def _hold(effect: bpy.types.Object, place: F64) -> None:
-    """Let a keyed point be elsewhere until the frame changes: at the end of a way that is added."""
+    """Hold a keyed point elsewhere until the frame changes: at the end of an added stretch
+    of path.
+    """
     path = paths.path_of(effect)
     if np.linalg.norm(place - path[-1]) < _SAME_PLACE_M:
         effect.hfx.path_position = 1.0
@@ -311,7 +313,7 @@ def _shortest(first: F64, last: F64) -> F64:
 
 
 def _unroll(curve: bpy.types.FCurve, values: F64, old: F64, scale: float) -> None:
-    """New values of keys that ascend with time, where the old ones went to and fro."""
+    """Recompute keys that ascend with time, where the old values went back and forth."""
     signs = np.sign(np.diff(old))
     into = np.concatenate([[1.0], signs])
     out_of = np.concatenate([signs, [1.0]])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of an object's materials can be felt, baked through Cycles: relief, roughness, colour.
+"""Bakes the tangible parts of an object's materials through Cycles: relief, roughness, colour.
 
 A bake happens in a scratch scene, on a copy of the object with copies of its materials, so that
 there is nothing to restore in the user's: neither render settings nor selection nor nodes are
@@ -52,7 +52,7 @@ class BakedMaterial:
 
     @property
     def is_flat(self) -> bool:
-        """Whether no material states any relief."""
+        """Test that no material states any relief."""
         return self.luminance is not None
 
 
@@ -133,7 +133,7 @@ def _finite(heights: F32, owner: str) -> F64:
 
 
 def _fault(scratch: _Scratch, charts: Charts) -> str:
-    """Why the object itself cannot be baked on its UV map; empty if it can."""
+    """Reason why the object itself cannot be baked on its UV map; empty if it can."""
     if charts.leaves_unit_square:
         return "goes beyond 0 to 1"
     scratch.new_image(_COVERAGE, _COVERAGE)
@@ -159,7 +159,9 @@ def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> 
 
 @contextmanager
 def _scratch(obj: bpy.types.Object) -> Iterator[_Scratch]:
-    """The object as it is evaluated now, alone in a scene of its own; gone afterwards."""
+    """Context with the object as it is evaluated now, alone in a scene of its own; removed
+    afterwards.
+    """
     if obj.type != "MESH":
         raise InputError(f"'{obj.name}' is a {obj.type.lower()}, not a mesh: it has no UV map.")
     if obj.mode == "EDIT":
@@ -174,7 +176,7 @@ def _scratch(obj: bpy.types.Object) -> Iterator[_Scratch]:
 
 
 class _Scratch:
-    """A scene with a copy of one object, which Cycles bakes."""
+    """Scratch scene with a copy of one object, which Cycles bakes."""
 
     def __init__(self) -> None:
         self.made: list[bpy.types.ID] = []
@@ -230,7 +232,7 @@ class _Scratch:
         mesh.polygons.foreach_set("material_index", moved)
 
     def make_tile(self, charts: Charts) -> None:
-        """Let the copy be one face with one UV tile of its material."""
+        """Reduce the copy to one face with one UV tile of its material."""
         from mathutils import Matrix
 
         scale = abs(self.copy.matrix_world.determinant()) ** (1.0 / 3.0)
@@ -246,12 +248,14 @@ class _Scratch:
             material_relief.set_target(material, self._image)
 
     def emitted(self, sockets: Sequence[Value]) -> F32:
-        """What a value of each material is, (H, W, 4); alpha tells where faces are."""
+        """Bake a value of each material, (H, W, 4); alpha tells where faces are."""
         with _wired(self.materials, material_relief.emission, sockets):
             return self.baked("EMIT")
 
     def normals(self, reliefs: list[Relief]) -> F64:
-        """Shading normals in tangent space, (H, W, 3), without what is known as heights."""
+        """Bake shading normals in tangent space, (H, W, 3), without the relief that is known as
+        heights.
+        """
         with _wired(self.materials, material_relief.matt, reliefs):
             colours = self.baked("NORMAL")[..., :3].astype(np.float64)
         normals = colours * 2.0 - 1.0
@@ -301,7 +305,7 @@ def _wired(
     wire: Callable[[bpy.types.Material, Any], Callable[[], None]],
     values: Sequence[Any],
 ) -> Iterator[None]:
-    """Other surfaces for a moment."""
+    """Context with temporary surfaces."""
     undo = [wire(material, value) for material, value in zip(materials, values, strict=True)]
     try:
         yield

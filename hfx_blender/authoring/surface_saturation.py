@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A haptic map that is at full strength nearly everywhere says nothing: why, and what to set.
+"""Detects a haptic map that is at full strength nearly everywhere, and suggests what to set.
 
 The usual reason is a Bump node at its default distance of 1 m (until Blender 4.3), or a
 Displacement node at its default scale of 1 m: what is seen hardly tells, what is felt does.
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from ..engine.texture.haptic_map import HapticMap
 
 MOST: Final = 0.5
-"""Share of a map at full strength from which on it is told."""
+"""Share of a map at full strength from which on a warning is given."""
 
 _LIKELY_M: Final = 0.01
-"""A relief that is felt by stroking is lower than this."""
+"""Upper bound of relief that can be felt by stroking, metres."""
 
 _STATES_HEIGHT: Final = {"BUMP": "Distance", "DISPLACEMENT": "Scale"}
 
 
 def warning(obj: bpy.types.Object, made: HapticMap) -> str:
-    """What is wrong with an object's map, in one sentence; empty if nothing is."""
+    """Warning about an object's map, one sentence; empty if nothing is wrong."""
     share = float((made.intensity >= 1.0).mean())
     if share < MOST:
         return ""
@@ -45,7 +45,7 @@ def warning(obj: bpy.types.Object, made: HapticMap) -> str:
 def _tallest(
     obj: bpy.types.Object,
 ) -> tuple[float, bpy.types.Material, bpy.types.ShaderNode] | None:
-    """The node that makes the greatest height of all that are too high to be stroked."""
+    """Find the node that makes the greatest of all heights too high to be stroked."""
     unit = surface_uv.unit_m(bpy.context.scene)
     found = []
     for slot in obj.material_slots:

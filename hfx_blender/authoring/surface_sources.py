@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a haptic surface's relief comes from: a material, an image, a scan, or the library."""
+"""Relief sources of a haptic surface: a material, an image, a scan, or the library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LIKELY_M = (1e-3, 5.0)  # length of a scan
 
 @dataclass(frozen=True, eq=False)
 class Relief:
-    """What a map is made of."""
+    """Relief of a surface: the input of a map."""
 
     height: HeightField
     roughness: npt.NDArray[np.floating] | None = None  # 0..1, the same rectangle
@@ -35,7 +35,7 @@ class Relief:
 
 
 def relief_of(obj: bpy.types.Object) -> Relief:
-    """Make the relief that an object's surface asks for.
+    """Make the relief of an object's surface from its chosen source.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def read_scan(
 
 
 def _unlikely(span_m: np.ndarray) -> tuple[str, ...]:
-    """A note on a size that a wrong unit would explain."""
+    """Note about a size that a wrong unit would explain."""
     longest = float(span_m.max())
     if _LIKELY_M[0] <= longest <= _LIKELY_M[1]:
         return ()

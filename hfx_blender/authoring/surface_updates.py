@@ -18,7 +18,7 @@ from ..errors import HfxError
 DELAY_S = 0.3
 BAKE_DELAY_S = 0.8
 QUICK_S = 1.5
-"""A bake that took longer is not done without being asked for."""
+"""Longest bake that runs without a request, seconds."""
 
 _SHOWN_S = 2.0
 _PAINTED = "painted"  # the state of no material
@@ -41,7 +41,7 @@ def request(obj: bpy.types.Object) -> None:
 
 
 def shown(obj: bpy.types.Object) -> None:
-    """An object's maps are being drawn."""
+    """Note that an object's maps are being drawn."""
     _shown[obj.name] = time.monotonic()
     if obj.hfx.surface.is_outdated and not bpy.app.timers.is_registered(_check):
         if may_bake(obj):
@@ -49,7 +49,7 @@ def shown(obj: bpy.types.Object) -> None:
 
 
 def may_bake(obj: bpy.types.Object) -> bool:
-    """Whether its material may be baked without being asked for."""
+    """Test that an object's material may be baked without a request."""
     from . import material_state
 
     is_shown = time.monotonic() - _shown.get(obj.name, -_SHOWN_S) < _SHOWN_S
@@ -58,7 +58,7 @@ def may_bake(obj: bpy.types.Object) -> bool:
 
 @bpy.app.handlers.persistent
 def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
-    """Something was edited; called at each update of the scene, so it must be quick."""
+    """React to an edit; called at each update of the scene, so it must be quick."""
     if bpy.app.background or not is_of_matter(graph):
         return
     note(graph)
@@ -68,7 +68,7 @@ def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
 
 
 def is_of_matter(graph: bpy.types.Depsgraph) -> bool:
-    """Whether a material or an image was edited."""
+    """Test an update for an edited material or image."""
     return any(graph.id_type_updated(kind) for kind in ("MATERIAL", "NODETREE", "IMAGE"))
 
 
@@ -83,7 +83,7 @@ def note(graph: bpy.types.Depsgraph) -> None:
 
 
 def check() -> list[bpy.types.Object]:
-    """Tell which surfaces are not made of their material or image as it is now; returns those."""
+    """Find the surfaces that are older than their material or image; marks and returns them."""
     from . import material_state, surfaces
 
     painted = {image for image in bpy.data.images if image.name_full in _painted}
@@ -168,7 +168,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Forget what was asked for."""
+    """Discard all requests."""
     from . import material_state
 
     bpy.app.handlers.depsgraph_update_post.remove(on_update)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh's UV map as the map of a haptic surface: how long a UV unit is, what is covered twice."""
+"""UV map of a mesh as the map of a haptic surface: size of a UV unit, area covered twice."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Charts:
 
     @property
     def leaves_unit_square(self) -> bool:
-        """Whether UVs repeat the map beyond 0 to 1."""
+        """Test for UVs outside of 0 to 1, which repeat the map."""
         return bool((self.uv < -_OUTSIDE).any() or (self.uv > 1.0 + _OUTSIDE).any())
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces as Blender objects: making and removing them, their maps, what is felt of them.
+"""Haptic surfaces as Blender objects: their creation, removal, maps and haptic material.
 
 A surface is an effect whose place is an object of the scene itself. Its relief and the layers of
 its haptic map are images in the .blend, so that nothing is lost with a file; they are made anew
@@ -45,12 +45,12 @@ def surfaces_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def is_surface(obj: bpy.types.Object | None) -> bool:
-    """Whether an object is felt by moving over it."""
+    """Test for an object with a haptic surface."""
     return obj is not None and obj.hfx.role == "EFFECT" and obj.hfx.kind == "SURFACE"
 
 
 def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
-    """Let an object be felt by moving over it; nothing is baked yet.
+    """Add a haptic surface to an object; nothing is baked yet.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
 
 
 def remove_surface(obj: bpy.types.Object) -> None:
-    """Take the surface away again; its maps go with it unless something else uses them."""
+    """Remove the surface; its maps go with it unless something else uses them."""
     settings = obj.hfx.surface
     images = [getattr(settings, name) for name in _IMAGES]
     for name in settings.bl_rna.properties.keys():
@@ -94,13 +94,13 @@ def remove_surface(obj: bpy.types.Object) -> None:
 
 
 def is_stale(obj: bpy.types.Object) -> bool:
-    """Whether the maps are not those of the settings."""
+    """Test for maps that were made with other settings."""
     settings = obj.hfx.surface
     return settings.made_of != _relief_key(obj) or settings.layers_of != _layer_key(obj)
 
 
 def differs_from_material(obj: bpy.types.Object) -> bool:
-    """Whether the material was edited since it was baked; False where that is not known."""
+    """Test for a material edited since it was baked; False where that is not known."""
     from . import material_state
 
     known = obj.hfx.surface.material_state
@@ -108,7 +108,7 @@ def differs_from_material(obj: bpy.types.Object) -> bool:
 
 
 def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
-    """Make an object's maps and keep them in the .blend; returns what was noted.
+    """Make an object's maps and store them in the .blend; returns notes.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def ensure(obj: bpy.types.Object) -> None:
 
 
 def field_of(obj: bpy.types.Object) -> HeightField | None:
-    """The relief that an object's images hold; None for an imported map.
+    """Relief stored in an object's images; None for an imported map.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
 
 
 def device_of(obj: bpy.types.Object) -> DeviceRange:
-    """What 0 and 1 of an object's map mean in m/s^2 and Hz."""
+    """Physical range of an object's map: m/s^2 and Hz of the values 0 and 1."""
     from ..engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
 
     hfx = obj.hfx
@@ -289,7 +289,7 @@ def map_of(obj: bpy.types.Object) -> HapticMap:
 
 
 def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
-    """What an object feels like.
+    """Haptic material of an object.
 
     Raises
     ------
@@ -319,7 +319,7 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
 
 
 def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:
-    """Let an object feel like a map that was imported."""
+    """Store an imported map as the object's surface."""
     from ..engine.texture.device_range import STANDARD_GRAVITY
     from . import image_values
 
@@ -367,7 +367,7 @@ def _plain(value: object) -> object:
 
 
 def signature(obj: bpy.types.Object) -> tuple[object, ...]:
-    """Changes where what an object feels like may."""
+    """Fingerprint of an object's haptic material: changes with every setting that may affect it."""
     settings = obj.hfx.surface
     return (
         _relief_key(obj),

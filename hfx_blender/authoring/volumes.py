@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic volumes as Blender objects: how they are shown, and where their unit shape stands."""
+"""Haptic volumes as Blender objects: their display, and the placement of their unit shape."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ SHAPE_LABELS = {
     "CAPSULE": "Capsule",
     "MESH": "Mesh",
 }
-"""What a user reads; the others are what files hold."""
+"""Labels for the user, by the values in files."""
 
 _Point = tuple[float, float, float]
 _Edge = tuple[int, int]
 
 
 def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
-    """The unit shape of an effect that is not a mesh; its size is in the matrix."""
+    """Unit shape of an effect that is not a mesh; its size is in the matrix."""
     from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 
     if hfx.shape == "CUBOID":
@@ -46,7 +46,7 @@ def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
 
 
 def modality_colour(modality: str) -> tuple[float, float, float, float]:
-    """Of the wires in the viewport: that of what is felt."""
+    """Colour of a volume's wires in the viewport, by modality."""
     from ..engine.colouring import COLOURS
 
     red, green, blue = COLOURS[modality]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars and their haptic bodies: how a body model is bound to somebody's rig."""
+"""Avatars and their haptic bodies: the binding of body models to a user's rig."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The meshes of somebody's avatar: which they are, and reading them for a fit.
+"""Meshes of a user's avatar: selection, and reading for a fit.
 
 An avatar may be one mesh or several (body, head, hands, clothes). The one that covers most is
 ``hfx.avatar``, the others are ``hfx.avatar_parts``; together they are one surface, whose vertices
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 
 def meshes_of(body: bpy.types.Object) -> list[bpy.types.Object]:
-    """The meshes that show a haptic body, in the order in which their vertices are numbered."""
+    """Meshes that show a haptic body, in the order in which their vertices are numbered."""
     parts = (part.mesh for part in body.hfx.avatar_parts)
     return [mesh for mesh in (body.hfx.avatar, *parts) if mesh is not None]
 
 
 def keep_meshes(body: bpy.types.Object, meshes: Sequence[bpy.types.Object]) -> None:
-    """Make these the meshes that show a haptic body, the main one first."""
+    """Store the meshes that show a haptic body, the main one first."""
     body.hfx.avatar = meshes[0] if meshes else None
     body.hfx.avatar_parts.clear()
     for mesh in meshes[1:]:
@@ -55,12 +55,12 @@ def meshes_on(context: bpy.types.Context, armature: bpy.types.Object) -> list[bp
 
 
 def is_ours(obj: bpy.types.Object) -> bool:
-    """Whether a mesh is a perceptual model that was made to be painted on or looked at."""
+    """Test for a mesh that shows a perceptual model for painting or viewing."""
     return "hfx_painted_effect" in obj or "hfx_shown_body" in obj
 
 
 def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
-    """The armature that deforms a mesh."""
+    """Armature that deforms a mesh."""
     for modifier in mesh.modifiers:
         if modifier.type == "ARMATURE" and modifier.object is not None:
             return modifier.object
@@ -70,7 +70,7 @@ def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
 def skin_among(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> list[bpy.types.Object]:
-    """Those of an armature's meshes that together form its skin."""
+    """Meshes of an armature that together form its skin."""
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import skin_parts
 
@@ -124,7 +124,7 @@ def read_bones(armature: bpy.types.Object) -> tuple[RigBone, ...]:
 
 
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
-    """One mesh in the rest space of its armature."""
+    """Read a mesh in the rest space of its armature."""
     import numpy as np
 
     from ..engine.retargeting.target import TargetAvatar

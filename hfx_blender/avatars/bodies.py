@@ -23,7 +23,7 @@ _LARGE_BONES = (
 )
 
 _INSIDE_M = 0.02
-"""So much earlier the head bone ends, for its end not to show as a dot over the crown."""
+"""Shortening of the head bone, metres: its end would show as a dot over the crown."""
 
 
 def add_avatar(
@@ -104,7 +104,7 @@ def add_body(
 
 
 def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """The meshes that a body is fitted to: the selected ones, or those that form the skin.
+    """Meshes to fit a body to: the selected ones, or those that form the skin.
 
     Without a selection these are, of the visible meshes that the armature deforms or carries,
     the fewest that cover the body: hair, and clothes over skin, are left out. For a body that
@@ -136,7 +136,7 @@ def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def check_armature(armature: bpy.types.Object) -> None:
-    """Refuse what is no armature, or cannot hold anything of ours."""
+    """Reject objects that are no armature, or cannot store our properties."""
     if armature.type != "ARMATURE":
         raise InputError(f"'{armature.name}' is a {armature.type.lower()}, not an armature.")
     if armature.library is not None:

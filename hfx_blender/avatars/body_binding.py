@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a haptic body follows its avatar: by its bones, or by the avatar's evaluated surface.
+"""Binding of a haptic body to its avatar: to its bones, or to its evaluated surface.
 
 Bones alone are exact where the avatar is deformed by one plain armature modifier, and cheap.
 Whatever else deforms it (Preserve Volume, shape keys, cloth ...) is evaluated by Blender, and
@@ -25,8 +25,8 @@ from . import avatar_meshes, retargeting
 REST_TOLERANCE_M = 1e-4
 
 _BEYOND = 0.25
-"""How far a foot may lie beyond an edge of its triangle, as a barycentric weight: enough for the
-rest pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
+"""Tolerance of a foot beyond an edge of its triangle, as a barycentric weight: enough for the rest
+pose to be met exactly where the nearest triangle meets its neighbour in a ridge."""
 
 _HARMLESS_MODIFIERS = {
     "ARMATURE", "DATA_TRANSFER", "EDGE_SPLIT", "NORMAL_EDIT", "PARTICLE_SYSTEM", "COLLISION",
@@ -37,7 +37,7 @@ _HARMLESS_MODIFIERS = {
 
 
 def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBinding | SurfaceBinding:
-    """How a body is bound, for the models that the scene's effects need.
+    """Binding of a body, for the models that the scene's effects need.
 
     Raises
     ------
@@ -67,20 +67,20 @@ def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBindin
 
 
 def _with_skins(model_ids: Collection[str]) -> list[str]:
-    """These models and those that sample their skin: a cell of temperature is made of others."""
+    """Ids of the models, and of those that sample their skin, as temperature cells need."""
     models = [load_model(model_id) for model_id in model_ids]
     fine = [cell_of_skin(model)[0] for model in models if model.modality == "temperature"]
     return sorted({model.id for model in models}.union(fine))
 
 
 def anchors_of(body: bpy.types.Object, model_id: str) -> SurfaceAnchors:
-    """Where a model's vertices lie on the avatar's meshes, numbered mesh after mesh."""
+    """Anchors of a model's vertices on the avatar's meshes, numbered mesh after mesh."""
     fitted = retargeting.fitted_model(body, model_id)
     return _anchors(body, load_model(model_id)) if fitted is None else _fitted_anchors(body, fitted)
 
 
 def why_surface(body: bpy.types.Object) -> str | None:
-    """Why a body follows its avatar's evaluated surface; None if it follows its bones.
+    """Reason why a body follows its avatar's evaluated surface; None if it follows its bones.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def why_surface(body: bpy.types.Object) -> str | None:
 
 
 def warning_of(body: bpy.types.Object) -> str | None:
-    """What an export must say about how a body is followed; None if nothing is lost."""
+    """Warning of an export about how a body is followed; None if nothing is lost."""
     reason = why_surface(body)
     if reason is not None:
         return f"body '{body.name}' follows its avatar's evaluated surface, because {reason}"
@@ -113,7 +113,7 @@ def warning_of(body: bpy.types.Object) -> str | None:
 
 
 def from_canonical(body: bpy.types.Object) -> str | None:
-    """How an armature differs from the canonical one in rest pose; None if it does not."""
+    """Difference of an armature from the canonical one in rest pose; None if there is none."""
     skeleton = load_avatar().skeleton
     bones = body.data.bones
     missing = [name for name in skeleton.bone_names if name not in bones]
@@ -142,7 +142,7 @@ def _fitted_anchors(body: bpy.types.Object, fitted: FittedModel) -> SurfaceAncho
 
 
 def _beyond_bones(body: bpy.types.Object) -> str | None:
-    """Why bones alone would pose an avatar wrongly; None if they would not."""
+    """Reason why bones alone would pose an avatar wrongly; None if they would not."""
     reasons = (_mesh_beyond_bones(body, mesh) for mesh in avatar_meshes.meshes_of(body))
     return next(filter(None, reasons), None)
 
@@ -199,7 +199,7 @@ def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
 
 
 def _in_one_space(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
-    """Vertices of several meshes one after the other, in the local space of the first."""
+    """Join the vertices of several meshes in the local space of the first."""
     moved = [vertices[0]]
     for points, matrix in zip(vertices[1:], to_world[1:], strict=True):
         to_first = np.array(to_world[0].inverted_safe() @ matrix, np.float64)

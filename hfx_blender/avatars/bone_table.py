@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table in which a user sees and corrects which bone of an avatar stands for which joint.
+"""Table in which a user sees and corrects the mapping from joints to an avatar's bones.
 
 It is kept on the armature object (``hfx.bone_map``, one row for each canonical bone) and used by
 the next fit; it can be saved as JSON and loaded for another avatar with the same bones.
@@ -33,12 +33,12 @@ _is_filling = False
 
 
 def is_corrected(armature: bpy.types.Object) -> bool:
-    """Whether a user changed the table."""
+    """Test for a table that the user changed."""
     return any(row.bone != row.found for row in armature.hfx.bone_map)
 
 
 def automatic(armature: bpy.types.Object) -> BoneMapping:
-    """The mapping that is found from an armature's bones.
+    """Mapping that is found from an armature's bones.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def automatic(armature: bpy.types.Object) -> BoneMapping:
 
 
 def mapping_of(armature: bpy.types.Object) -> BoneMapping:
-    """The mapping for the next fit: the table if a user corrected it, else found anew.
+    """Mapping for the next fit: the table if a user corrected it, else found anew.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def mapping_of(armature: bpy.types.Object) -> BoneMapping:
 
 
 def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
-    """Fill the table with what is found automatically.
+    """Fill the table with the automatic mapping.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def clear(armature: bpy.types.Object) -> None:
 
 
 def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:
-    """Show the mapping of a fit, without losing what is known to be corrected."""
+    """Show the mapping of a fit, without losing corrections."""
     try:
         found = automatic(armature).bones
     except InputError:
@@ -106,7 +106,7 @@ def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:
 
 
 def refresh(armature: bpy.types.Object) -> None:
-    """Say for each joint without a bone which bone its skin follows."""
+    """Update, for each joint without a bone, the bone that its skin follows."""
     if _is_filling:
         return
     rows = armature.hfx.bone_map
@@ -125,7 +125,7 @@ def save(armature: bpy.types.Object, path: Path) -> int:
 
 
 def load(armature: bpy.types.Object, path: Path) -> list[str]:
-    """Take a saved mapping over into the table; what a user should know.
+    """Load a saved mapping into the table; returns notes for the user.
 
     Raises
     ------

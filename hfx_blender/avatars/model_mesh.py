@@ -14,7 +14,7 @@ SHOWN = "hfx_shown_body"
 """ID property of a mesh that shows a model: the body that it is of."""
 
 MODEL = "hfx_shown_model"
-"""The same: which model."""
+"""Property of the shown mesh: the id of its model."""
 
 _COLOURS = {
     "head": (0.90, 0.75, 0.35),
@@ -30,7 +30,7 @@ _COLOURS = {
     "foot_sole": (0.95, 0.62, 0.75),
 }
 _ABOVE_SKIN_M = 0.002
-"""So far over the avatar the shown model lies, or the two would flicker through each other."""
+"""Height of the shown model over the avatar, metres: otherwise the two would flicker."""
 
 _COARSE = 5000
 
@@ -84,12 +84,12 @@ def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> b
 
 
 def shown(body: bpy.types.Object) -> list[bpy.types.Object]:
-    """The meshes that show models of a body."""
+    """Meshes that show models of a body."""
     return [obj for obj in bpy.data.objects if obj.get(SHOWN) == body]
 
 
 def hide(body: bpy.types.Object) -> list[str]:
-    """Remove the meshes that show models of a body; ids of these models."""
+    """Remove the meshes that show models of a body; returns the ids of these models."""
     models = []
     for obj in shown(body):
         models.append(obj[MODEL])

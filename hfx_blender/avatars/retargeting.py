@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Somebody's own avatar as a haptic body: fitting it, and keeping the fit in the .blend.
+"""Fits body models to a user's own avatar, and stores the fit in the .blend.
 
 The fit is stored on the armature object as typed ID-property arrays, which go wherever the
 object goes (copy, append, link) and are read without a loop: about 3 MB for the three shipped
@@ -58,7 +58,7 @@ class Fit:
 
 
 def model_ids() -> list[str]:
-    """The perceptual models that the modalities are felt on."""
+    """Ids of the perceptual models that the modalities are felt on."""
     return sorted({f"hfx-{modality.model}-1" for modality in MODALITIES.values()})
 
 
@@ -104,7 +104,7 @@ def fit_body(
 
 
 def check_scipy() -> None:
-    """Refuse to fit where scipy is missing, with what to do about it."""
+    """Raise an error with instructions if scipy is missing."""
     if find_spec("scipy") is None:
         raise InputError(
             "Fitting the body to an avatar needs the Python package scipy, which this Blender "
@@ -146,7 +146,7 @@ def _stored_quality(quality: Quality) -> dict[str, object]:
 
 
 def quality_of(armature: bpy.types.Object) -> list[Quality]:
-    """How well each model fits, as it was judged when it was fitted; empty without a fit."""
+    """Quality of each model's fit, as judged when it was fitted; empty without a fit."""
     fit = _stored_fit(armature)
     if fit is None:
         return []
@@ -162,7 +162,7 @@ def quality_of(armature: bpy.types.Object) -> list[Quality]:
 
 
 def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
-    """Each body part as it is on the model on which it fits worst, the worst part first."""
+    """Quality of each body part on the model that fits it worst, the worst part first."""
     worst: dict[str, PartQuality] = {}
     for part in (part for quality in qualities for part in quality.parts):
         if part.part not in worst or _badness(part) > _badness(worst[part.part]):
@@ -171,7 +171,7 @@ def worst_first(qualities: Sequence[Quality]) -> list[PartQuality]:
 
 
 def _badness(part: PartQuality) -> float:
-    """1 where a part is just not a fault any more."""
+    """Badness of a body part's fit: 1 is the limit of a fault."""
     spread = abs(np.log(max(part.area_ratio, 1e-9)))
     return max(
         part.distance_p95_mm / FARTHEST_MM,
@@ -287,7 +287,7 @@ def _rest_of(armature: bpy.types.Object) -> F64:
 
 
 def _is_edited(armature: bpy.types.Object, fit: Mapping[str, Any]) -> bool:
-    """Whether bones were added, renamed or moved since a fit was stored."""
+    """Test for bones that were added, renamed or moved since a fit was stored."""
     if fit["all_bones"] != _names_of(armature):
         return True
     before, now = np.array(fit["rest"], np.float64), _rest_of(armature)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Many scenes at once: units of work, the workers that do them, and what was done before.
+"""Batch processing of scenes: units of work, workers, and a journal of finished work.
 
 An export of one scene is a batch of one. :mod:`batch` hands :mod:`units` to workers: this
-process, processes of this machine (:mod:`local_workers`), or a Dask cluster
-(:mod:`dask_workers`). :mod:`work` does one, in a process that has Blender.
+process, or processes of this machine (:mod:`local_workers`). :mod:`work` does one, in a process
+that has Blender. Farms schedule commands, each of which does a piece of a scene (:mod:`pieces`).
 """

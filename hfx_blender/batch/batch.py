@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Doing all units of a batch: what is ready goes to workers, long scenes go to several."""
+"""Scheduler of a batch: ready units go to workers, long scenes to several."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Tell = Callable[[Unit, Outcome], None]
 
 @dataclass(eq=False)
 class _Scene:
-    """Where one scene of the batch stands."""
+    """State of one scene of the batch."""
 
     unit: Unit
     outcome: Outcome | None = None
@@ -41,7 +41,7 @@ def run(
     progress: Progress = lambda share: None,
     tell: Tell = lambda unit, outcome: None,
 ) -> list[Outcome]:
-    """Do a batch of scenes; one that fails does not stop the others.
+    """Process a batch of scenes; one that fails does not stop the others.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class _Batch:
         self._running: dict[Future[Outcome], tuple[_Scene, int, Unit]] = {}
 
     def leave_out_finished(self) -> None:
-        """Give the outcome of what the journal says is complete."""
+        """Take the outcomes of the units that the journal lists as complete."""
         with ThreadPoolExecutor() as pool:  # hashing takes time, and no Python
             found = list(pool.map(lambda scene: _finished(scene.unit), self._scenes))
         for scene, outcome in zip(self._scenes, found, strict=True):
@@ -99,7 +99,7 @@ class _Batch:
         return [scene.outcome for scene in self._scenes if scene.outcome is not None]
 
     def _fill(self) -> None:
-        """Give work to whoever has none."""
+        """Give work to idle workers."""
         while len(self._running) < self._workers.slots and (self._ready or self._waiting):
             if self._ready:
                 scene, number, unit = self._ready.popleft()

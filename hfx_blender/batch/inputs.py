@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an export is made from: files, options, versions, as hashes that can be compared later."""
+"""Inputs of an export: files, options, versions, as hashes that can be compared later."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .units import Unit
 
 
 def tools() -> dict[str, str | bool]:
-    """Versions whose change may change the results; whether the compiled library is there."""
+    """Versions that may affect the results, and the presence of the compiled library."""
     bpy = sys.modules.get("bpy")
     if bpy is not None:
         blender = ".".join(map(str, bpy.app.version))
@@ -34,7 +34,7 @@ def tools() -> dict[str, str | bool]:
 
 
 def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict[str, Any]:
-    """What the export of the open file is made from; plain data, for its report.
+    """Inputs of the export of the open file; plain data, for its report.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
 
 
 def is_still(recorded: Any, unit: Unit) -> bool:
-    """Whether what an export was made from is what ``unit`` would be made from now."""
+    """Test that the recorded inputs of an export are those that ``unit`` has now."""
     if unit.input is None or not isinstance(recorded, dict):
         return False
     source = Path(unit.input)
@@ -82,12 +82,12 @@ def is_still(recorded: Any, unit: Unit) -> bool:
 
 
 def _place_of(name: str, source: Path) -> Path:
-    """Where a file that is named as in a .blend lies; ``//`` is the .blend's own folder."""
+    """Path of a file that is named as in a .blend; ``//`` is the .blend's own folder."""
     return source.parent / name.removeprefix("//") if name != source.name else source
 
 
 def _device_hash(name: str) -> str:
-    """Of its configuration; with a script, of both, and of whether that may run."""
+    """Hash of a device's configuration; with a script, of both, and of the script's approval."""
     path = find_file(name)
     if path is None:
         raise FileNotFoundError(name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was exported before: each scene's own report is its entry in the journal.
+"""Journal of earlier exports: each scene's own report is its entry.
 
 A report gets its name after all files that it lists, and says with sizes and hashes what was
 written and what it was made from. So an interrupted batch needs no repair: what has a report
@@ -33,7 +33,7 @@ def finished(unit: Unit) -> dict[str, Any] | None:
 
 
 def has_files(report: dict[str, Any], folder: Path) -> bool:
-    """Whether all files that a report lists are there, and are what was written."""
+    """Test that all files that a report lists are present and unchanged."""
     try:
         return all(
             "/" not in each["name"]

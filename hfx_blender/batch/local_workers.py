@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who does the units on this machine: this process itself, or worker processes."""
+"""Unit executors on this machine: this process itself, or worker processes."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _TIDY_LIMIT_S: Final = 10.0
 
 
 class Workers(Protocol):
-    """Who does units of work."""
+    """Interface of unit executors."""
 
     @property
     def slots(self) -> int:
-        """How many units can be worked on at once."""
+        """Number of units that can be processed at once."""
         ...
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
@@ -39,12 +39,12 @@ class Workers(Protocol):
 
 
 class ThisProcess:
-    """Does each unit at once, here. A crash is the end of all of them."""
+    """Executor in this process: does each unit at once. A crash ends all of them."""
 
     slots = 1
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Do a unit."""
+        """Do a unit now; the future is finished."""
         from .work import done_safely
 
         future: Future[Outcome] = Future()
@@ -52,7 +52,7 @@ class ThisProcess:
         return future
 
     def close(self) -> None:
-        """There is nothing to end."""
+        """Do nothing: no process is to be ended."""
 
 
 class LocalWorkers:
@@ -77,7 +77,7 @@ class LocalWorkers:
 
     @property
     def pids(self) -> list[int]:
-        """Of the processes that run."""
+        """Process ids of the running workers."""
         return [worker.pid for worker in self._workers if worker.pid is not None]
 
     def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:

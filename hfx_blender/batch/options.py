@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is asked of an export, as plain data that any worker understands."""
+"""Options of an export, as plain data that any worker understands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..engine.tolerance import parse as parse_tolerance
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Options of an export; what is None is the scene's own."""
+    """Options of an export; None stands for the scene's own setting."""
 
     formats: tuple[str, ...] | None = None
     devices: tuple[str, ...] | None = None  # names or files
@@ -32,7 +32,7 @@ class ExportOptions:
             parse_tolerance(self.tolerance)
 
     def as_json(self) -> dict[str, Any]:
-        """Plain data for :meth:`from_json`; options as they are by default are left out."""
+        """Plain data for :meth:`from_json`; options with default values are left out."""
         default = ExportOptions()
         return {
             name: list(value) if isinstance(value, tuple) else value
@@ -42,12 +42,7 @@ class ExportOptions:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Self:
-        """
-        Raises
-        ------
-        ValueError
-            It holds an unknown option, or one that makes no sense.
-        """
+        """Options from :meth:`as_json` data."""
         unknown = set(data) - {each.name for each in fields(cls)}
         if unknown:
             raise ValueError(f"unknown options: {', '.join(sorted(unknown))}")

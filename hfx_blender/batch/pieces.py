@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of a scene that a farm records one by one, in any order, and then puts together.
+"""Pieces of a scene that a farm records one by one, in any order, and then merges.
 
 Piece 2 of 8 of ``out/scene`` lies in ``out/scene.pieces``: a track, where volumes were, and last
 its record, which says with sizes and hashes what was written and what it was made from.
@@ -29,12 +29,12 @@ _RECORD = re.compile(r"([1-9]\d*)-of-([1-9]\d*)\.json")
 
 
 def pieces_folder(folder: Path, stem: str) -> Path:
-    """Where the pieces of a scene lie whose results come to ``folder/stem.*``."""
+    """Folder of the pieces of a scene whose results go to ``folder/stem.*``."""
     return folder / f"{stem}.pieces"
 
 
 def folder_of(unit: Unit) -> Path:
-    """Where the pieces of a unit's scene lie."""
+    """Folder of the pieces of a unit's scene."""
     return pieces_folder(Path(unit.folder), unit.stem)
 
 
@@ -96,7 +96,7 @@ def keep(
 
 
 def finished(unit: Unit) -> dict[str, Any] | None:
-    """The record of a piece that was recorded before, if nothing has changed since."""
+    """Record of a piece that was recorded before, if nothing has changed since."""
     assert unit.piece is not None
     record = _record(folder_of(unit), unit.piece)
     return record if record and inputs.is_still(record["made_from"], unit) else None
@@ -144,12 +144,12 @@ def files_of(unit: Unit, record: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def remove(unit: Unit) -> None:
-    """Remove what was put together."""
+    """Remove the pieces after they were merged."""
     shutil.rmtree(folder_of(unit), ignore_errors=True)
 
 
 def _count(folder: Path, unit: Unit) -> int:
-    """Into how many pieces the scene was cut; of several, that of which the most are there."""
+    """Number of pieces of a scene; of several divisions, the most complete one."""
     found: dict[int, int] = {}
     with suppress(OSError):
         for path in folder.iterdir():
@@ -163,7 +163,7 @@ def _count(folder: Path, unit: Unit) -> int:
 
 
 def _record(folder: Path, piece: tuple[int, int]) -> dict[str, Any] | None:
-    """A piece's record, if its files are what was written."""
+    """Record of a piece, if its files are unchanged."""
     record = export_report.read(path_of(folder, piece, ".json"))
     if record is None or not journal.has_files(record, folder):
         return None

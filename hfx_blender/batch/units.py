@@ -4,8 +4,7 @@
 Parts are what one command hands to its workers. Pieces are the same for a farm: each is a command
 of its own, and what it recorded lies beside the results until a last one puts them together.
 
-A unit and its outcome are JSON, so that a worker can be another process or another machine
-that sees the same files.
+A unit and its outcome are JSON, so that a worker can be another process.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ finished ``piece`` and ``text``, or ``error`` and ``exit_code``."""
 
 @dataclass(frozen=True)
 class Unit:
-    """One piece of work; a scene is exported to ``folder/stem.*``."""
+    """Unit of work; a scene is exported to ``folder/stem.*``."""
 
     kind: Literal["scene", "part", "merge", "piece", "join"]
     input: str | None  # a .blend; None: the file that is open in this process
@@ -41,15 +40,15 @@ class Unit:
 
     @property
     def title(self) -> str:
-        """What the user calls it."""
+        """Name of the unit for the user."""
         return "the open file" if self.input is None else Path(self.input).name
 
     def in_stage(self, stage: Path) -> Unit:
-        """The same work with another folder for what is not finished."""
+        """Copy of the unit with another folder for unfinished files."""
         return replace(self, stage=str(stage))
 
     def as_json(self) -> str:
-        """One line of text for :meth:`from_json`."""
+        """Serialize to one line of text for :meth:`from_json`."""
         return json.dumps({**asdict(self), "options": self.options.as_json()})
 
     @classmethod
@@ -67,5 +66,5 @@ class Unit:
 
 
 def failure(unit: Unit, error: str, exit_code: int, **more: Any) -> Outcome:
-    """The outcome of a unit that came to nothing."""
+    """Outcome of a unit that failed."""
     return {"input": unit.title, "error": error, "exit_code": exit_code, **more}

@@ -48,7 +48,7 @@ _state = _State()
 
 
 def done_safely(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
-    """Do a unit; a fault, even one of ours, is an outcome: the others are not to suffer."""
+    """Do a unit; any fault, even one of ours, becomes its outcome, so that other units go on."""
     try:
         return done(unit, progress)
     except HfxError as error:
@@ -132,7 +132,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
 
 
 def _check_name(unit: Unit) -> None:
-    """Refuse a file whose results could not be named after it."""
+    """Reject a file that its results could not be named after."""
     longest = f"{unit.stem}.report.json.tmp"
     if len(os.fsencode(longest)) > _LONGEST_NAME:
         raise InputError(
@@ -142,7 +142,7 @@ def _check_name(unit: Unit) -> None:
 
 
 def _open(unit: Unit) -> None:
-    """Open the unit's file, unless it is open since the last unit and has not changed."""
+    """Open the unit's file, unless it is open already and has not changed."""
     if unit.input is None:
         return
     path = Path(unit.input)
@@ -183,7 +183,7 @@ def _settings(options: ExportOptions, devices: tuple[DeviceConfig, ...]) -> Expo
 
 
 def _parts(unit: Unit, reader: SceneReader) -> list[tuple[int, int]]:
-    """The parts that a scene is long enough for."""
+    """Parts of a scene that is long enough to be cut."""
     time = reader.time
     if unit.part_frames is not None:
         size = ceil(unit.part_frames * time.rate_hz / time.fps)
@@ -205,7 +205,7 @@ def _recorded_part(unit: Unit, export: SceneExport, progress: Progress) -> dict[
 def _piece(
     unit: Unit, export: SceneExport, made_from: dict[str, Any], progress: Progress
 ) -> Outcome:
-    """Record one piece of a scene, for a later command that puts all of them together."""
+    """Record one piece of a scene, for a later command that merges all of them."""
     from ..recording import why_in_one_go
 
     assert unit.piece is not None
@@ -234,7 +234,7 @@ def _piece(
 def _collected(
     unit: Unit, export: SceneExport, made_from: dict[str, Any]
 ) -> tuple[dict[str, Any], ...]:
-    """The pieces of a scene, as the parts that they are."""
+    """Collect the pieces of a scene as parts for the merge."""
     found = []
     for record in pieces.collect(unit, made_from, export.reader.time.sample_count):
         files = pieces.files_of(unit, record)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The handle of one worker process: it is started when it is needed, and started anew after it
-died, after it took too long, and after some units, so that nothing piles up in its memory."""
+"""Handle of one worker process: started on demand, and started anew after a crash, after a time
+limit, and after some units, so that nothing piles up in its memory."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class WorkerDiedError(Exception):
 
 
 class TimeLimitError(Exception):
-    """The process was ended, as it took too long."""
+    """Raised after a process was ended because it took too long."""
 
 
 def worker_command() -> list[str]:
-    """The command that starts a worker here."""
+    """Command line that starts a worker on this machine."""
     return own_processes.command("batch.worker")
 
 
 class WorkerProcess:
-    """One worker; used by one thread at a time, but closed by any.
+    """Worker process; used by one thread at a time, but closed by any.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class WorkerProcess:
 
     @property
     def pid(self) -> int | None:
-        """That of the process, if one runs."""
+        """Process id, or None."""
         return None if self._process is None else self._process.pid
 
     def do(self, unit: Unit, progress: Progress, limit_s: float | None = None) -> Outcome:
@@ -198,7 +198,7 @@ class WorkerProcess:
 
 
 def _how(code: int, told: list[str]) -> str:
-    """How a process ended, in words."""
+    """Describe how a process ended."""
     if code < 0:
         try:
             name = signal.Signals(-code).name
@@ -216,7 +216,7 @@ def _how(code: int, told: list[str]) -> str:
 def do_with_care(
     worker: WorkerProcess, unit: Unit, progress: Progress, limit_s: float | None
 ) -> Outcome:
-    """Have a unit done; if the worker dies, a new one tries once more."""
+    """Do a unit in a worker; if the worker dies, a new one tries once more."""
     reasons = []
     for _ in range(2):
         try:

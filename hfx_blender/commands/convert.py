@@ -46,7 +46,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Convert, and tell what was left out."""
+    """Convert, and report what was left out."""
     from ..errors import UsageError
     from ..formats.conversion import convert
     from ..formats.curves import CurveTolerance

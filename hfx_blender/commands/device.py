@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx device``: which devices there are, and whether a configuration is right."""
+"""``hfx device``: lists devices and checks configurations."""
 
 from __future__ import annotations
 

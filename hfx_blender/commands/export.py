@@ -123,11 +123,6 @@ def add_parser(commands: Any) -> None:
         action="store_true",
         help="put the pieces together: the same files as one export writes; give the same options",
     )
-    work.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="let the workers of a Dask cluster do it, such as tcp://host:8786",
-    )
     work.add_argument("--report", type=Path, metavar="FILE", help="write the result as JSON")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
@@ -176,7 +171,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def _stage_folder(options: argparse.Namespace) -> Path:
-    """Where the folder for what is not finished is made.
+    """Folder in which the one for unfinished files is made.
 
     That of a job of a farm, which may be killed, goes away with the pieces.
     """
@@ -188,18 +183,14 @@ def _stage_folder(options: argparse.Namespace) -> Path:
 
 
 def _in_process(options: argparse.Namespace) -> bool:
-    """Whether this process is the worker: one scene gains nothing from another."""
+    """Test that this process does the work itself: one scene gains nothing from another process."""
     if blender_session.inside_blender():
         return True
-    asked = options.jobs > 1 or options.time_limit is not None or options.scheduler is not None
+    asked = options.jobs > 1 or options.time_limit is not None
     return len(options.scenes) <= 1 and not asked
 
 
 def _workers(options: argparse.Namespace) -> Workers:
-    if options.scheduler is not None:
-        from ..batch.dask_workers import DaskWorkers
-
-        return DaskWorkers(options.scheduler, options.time_limit)
     if _in_process(options):
         return ThisProcess()
     return LocalWorkers(options.jobs, options.time_limit)
@@ -235,14 +226,12 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
 
 
 def _cores_of_each(options: argparse.Namespace) -> int:
-    """How many cores each worker may use; one of another machine: its own."""
-    if options.scheduler is not None:
-        return 1
+    """Number of cores for each worker."""
     return max((options.cores or cores()) // (1 if _in_process(options) else options.jobs), 1)
 
 
 def _given_paths(options: argparse.Namespace) -> list[tuple[str, str]]:
-    """Paths in full, and as the user gave them; those of files before their folders."""
+    """Paths in full, and as the user gave them; files before their folders."""
     found = [(os.path.abspath(path), str(path)) for path in options.scenes]
     folder, given = os.path.abspath(options.output), options.output
     if folder != os.path.dirname(folder):  # not the root, which begins every path
@@ -260,7 +249,7 @@ def _open_stem() -> str:
 
 
 class _Teller:
-    """Says what becomes of the scenes, as soon as it is known."""
+    """Reporter of scenes' outcomes, as soon as they are known."""
 
     def __init__(
         self, console: Console, outcomes: list[Outcome], given: list[tuple[str, str]]
@@ -271,13 +260,13 @@ class _Teller:
         self._failed = 0
 
     def fully(self, unit: Unit, outcome: Outcome) -> None:
-        """For one scene."""
+        """Report one scene in full."""
         self._note(unit, outcome)
         if "text" in outcome:
             self._console.say(self._as_given(outcome["text"]), several_lines=True)
 
     def brief(self, unit: Unit, outcome: Outcome) -> None:
-        """For one of many."""
+        """Report one of many scenes."""
         self._note(unit, outcome)
         if "report" in outcome and "unchanged" not in outcome:
             report = outcome["report"]
@@ -312,7 +301,7 @@ class _Teller:
             self._console.say(f"{unit.title}: {self._as_given(remark)}")
 
     def interrupted(self, count: int) -> None:
-        """Says what is left of a batch, if anything."""
+        """Report the rest of a batch, if any."""
         complete = sum("error" not in outcome for outcome in self._outcomes)
         if complete:
             self._console.warn(
@@ -347,7 +336,7 @@ def _write_report(path: Path, results: list[dict[str, Any]]) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Refuse what no scene could be exported with, before any of them is opened."""
+    """Reject options with which no scene could be exported, before any is opened."""
     from ..devices.configuration import load_device
     from ..engine.areas.on_demand import ON_DEMAND
     from ..formats.registry import FORMATS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info``: what is in a .blend, a track, a model, a device, a file of any format."""
+"""``hfx info``: content of a .blend, a track, a model, a device, a file of any format."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Tell it, as text or as JSON."""
+    """Print the facts, as text or as JSON."""
     tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
     if is_report(path):
@@ -91,7 +91,7 @@ def _blend(path: Path) -> dict[str, Any]:
 
 
 def _where(effect: Any) -> dict[str, Any]:
-    """What there is to say about where an effect is felt."""
+    """Facts about the place of an effect."""
     from ..authoring import paths
     from ..authoring.effects import area
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info`` of an export's report: what was written, felt, and left out."""
+"""``hfx info`` of an export's report: files, samples, and parts left out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LISTS: Final = ("files", "felt", "unrendered", "warnings", "notes")
 
 
 def is_report(path: Path) -> bool:
-    """Whether a file is called as an export calls its reports."""
+    """Test a file's name for that of an export's report."""
     return path.name.endswith(SUFFIX)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The option ``--largest``: how much one file may ask for."""
+"""Option ``--largest``: factor of the limits on files."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx sound``: what a scene's haptic volumes sound like, over any loudspeakers."""
+"""``hfx sound``: spatial sound of a scene's haptic volumes, for any loudspeakers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def add_parser(commands: Any) -> None:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """How a scene is heard."""
+    """Add the options of sound."""
     parser.add_argument(
         "--loudspeakers",
         default="stereo",
@@ -57,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(options: argparse.Namespace) -> Any:
-    """The settings that options ask for.
+    """Settings of the sound from the options.
 
     Raises
     ------

@@ -159,7 +159,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
 
 
 def _stroke_of(options: argparse.Namespace) -> Any:
-    """The stroke that is asked for: a line, or a file's path."""
+    """Stroke from the options: a line, or a file's path."""
     import numpy as np
 
     from ..engine.texture import stroke

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ``hfx texture`` works on: a map, a picture, a scan, a library material, an object."""
+"""Source of ``hfx texture``: a map, a picture, a scan, a library material, an object."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TextureSource:
-    """One surface, however it was given."""
+    """Surface from any source."""
 
     name: str
     map: HapticMap
@@ -28,7 +28,7 @@ class TextureSource:
 
 
 def add_arguments(parser: Any) -> None:
-    """The source, and how it is read."""
+    """Add the arguments of a source and its reading."""
     parser.add_argument(
         "source",
         metavar="SOURCE",

@@ -31,7 +31,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Check each file; tell every finding."""
+    """Check each file; report every finding."""
     results = [_check(path, options.strict, console) for path in options.files]
     console.result(results if len(results) > 1 else results[0])
     failed = sum(not each["is_valid"] for each in results)

@@ -43,7 +43,7 @@ def list_devices(folder: Path | None = None) -> list[str]:
 
 
 def _folders(folder: Path | None) -> tuple[Path, Path]:
-    """Where a device of some name is looked for: the user's own, or another's; then shipped."""
+    """Folders to search for a device: the user's own, or another; then the shipped one."""
     return folder or resources.user_devices(), resources.device_configs()
 
 
@@ -92,7 +92,7 @@ def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
 
 
 def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
-    """The file that :func:`load_device` reads for the same arguments; None: there is none."""
+    """File that :func:`load_device` reads for the same arguments; None if there is none."""
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
         paths = [Path(text)]

@@ -31,7 +31,8 @@ VERSION: Final = 1
 
 MAX_ACTUATORS: Final = 1000
 MAX_TEMPERATURE_C: Final = 40.0
-"""No device is set warmer: a conservative default for heat near skin, not a certified one."""
+"""Highest temperature of any device: a conservative default for heat near skin, not a certified
+one."""
 
 WEARABLE_SIDES: Final = ("left", "right")
 
@@ -41,7 +42,7 @@ _CONTROLS: Final = {
     "temperature": ("temperature_c",),
     "wind": ("speed_m_s",),
 }
-"""What an actuator of a modality is controlled by, its strength first."""
+"""Controls of an actuator by modality, its strength first."""
 
 
 _IN_TIME: Final = {
@@ -52,7 +53,7 @@ _IN_TIME: Final = {
 """Limits in time that an actuator type may have, and their ranges."""
 
 _MEASURED: Final = ("resonance_hz", "drive", "detection_thresholds")
-"""What may be known of an actuator type that vibrates."""
+"""Optional measured properties of a vibration actuator type."""
 
 _FREQUENCIES_HZ: Final = (0.1, 1000.0)
 _SERIAL: Final = r"[A-Za-z0-9_.:*?-]{1,64}"
@@ -205,7 +206,7 @@ def _waveform(node: Node | None) -> Waveform:
 
 
 def _in_time_and_measured(members: dict[str, Node]) -> dict[str, Any]:
-    """Limits in time, and what was measured of an actuator type."""
+    """Time limits and measured curves of an actuator type."""
     found: dict[str, Any] = {
         name: members[name].number(*_IN_TIME[name]) for name in _IN_TIME if name in members
     }
@@ -302,19 +303,23 @@ def _actuator(node: Node, types: dict[str, ActuatorType], mount: Mount | None) -
 def _substitutions(node: Node | None, actuators: tuple[Actuator, ...]) -> dict[str, Substitution]:
     if node is None:
         return {}
-    available = tuple(dict.fromkeys(each.type.modality for each in actuators))
+    types = tuple(each.type for each in actuators)
     sources = node.members(required=(), optional=tuple(MODALITIES))
-    return {name: _substitution(name, each, available) for name, each in sources.items()}
+    return {name: _substitution(name, each, types) for name, each in sources.items()}
 
 
-def _substitution(source: str, node: Node, available: tuple[str, ...]) -> Substitution:
-    targets = tuple(each for each in available if each != source)
+def _substitution(source: str, node: Node, types: tuple[ActuatorType, ...]) -> Substitution:
+    targets = tuple(dict.fromkeys(each.modality for each in types if each.modality != source))
     value: Any = node.value
     is_vibration = isinstance(value, dict) and value.get("as") == "vibration"
-    members = node.members(
-        required=("as", "scale", "frequency_hz") if is_vibration else ("as", "scale"),
-    )
+    optional = ("frequency_hz",) if is_vibration else ()
+    members = node.members(required=("as", "scale"), optional=optional)
     target = members["as"].choice(targets)
+    frequency_hz = None
+    if "frequency_hz" in members:
+        frequency_hz = members["frequency_hz"].number(0.1, 1000.0, "Hz")
+    elif is_vibration:
+        frequency_hz = _own_frequency_hz(types)
     scale = members["scale"].members(required=("value", "unit"))
     units = {name: _strength_unit(name) for name in (source, target)}
     scale["unit"].choice((f"{units[target]} per {units[source]}",))
@@ -323,8 +328,15 @@ def _substitution(source: str, node: Node, available: tuple[str, ...]) -> Substi
         target,
         # A negative scale makes sense only where a strength can be negative: wind that cools.
         scale["value"].number(-1000.0 if target == "temperature" else 0.0, 1000.0),
-        members["frequency_hz"].number(0.1, 1000.0, "Hz") if is_vibration else None,
+        frequency_hz,
     )
+
+
+def _own_frequency_hz(types: tuple[ActuatorType, ...]) -> float:
+    """The frequency of what has none: the resonance, else the neutral, or only, frequency."""
+    vibrating = [each for each in types if each.modality == "vibration"]
+    resonances = (each.resonance_hz for each in vibrating if each.resonance_hz is not None)
+    return next(resonances, vibrating[0].controls[1].neutral)
 
 
 def _strength_unit(modality: str) -> str:

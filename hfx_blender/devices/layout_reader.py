@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The part of a device configuration that says where actuators are and how they are panned."""
+"""Part of a device configuration with the places of actuators and their panning."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _OPTIONS: Final = {
     "surface": ("law",),
     "splat": ("sigma_m",),
 }
-"""Which options a rendering scheme has."""
+"""Options of each rendering scheme."""
 
 _BEND_MM: Final = (3.0, 10_000.0)
-"""From a fingertip's curve to one that nobody tells from a plane."""
+"""Range of bend radii: from a fingertip's curve to one that cannot be told from a plane."""
 
 
 def scheme(node: Node) -> Scheme:
-    """The rendering scheme and its options."""
+    """Rendering scheme and its options."""
     members = node.members(required=("scheme",), optional=("options",))
     name = cast(SchemeName, members["scheme"].choice(get_args(SchemeName)))
     if "options" not in members:
@@ -59,7 +59,7 @@ def scheme(node: Node) -> Scheme:
 
 
 def mount(node: Node) -> Mount:
-    """Where a layout lies on the body; its axes are made orthogonal and of unit length."""
+    """Mount of a layout on the body; its axes are made orthogonal and of unit length."""
     members = node.members(required=("origin_m", "x_axis", "y_axis"), optional=("bend_radius_mm",))
     origin = _triple(members["origin_m"], 3.0, "m")
     x = np.array(_triple(members["x_axis"], 1.0))
@@ -84,7 +84,7 @@ def _bend_m(node: Node) -> float:
 
 
 def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
-    """Refuse a bent mount round which the pads of some actuators, all of them read, go twice."""
+    """Reject a bent mount around which the pads of some actuators go twice."""
     if mount.bend_radius_m is None:
         return
     places = [each["place"]["pad"]["at_mm"] for each in actuators.value if "pad" in each["place"]]
@@ -98,7 +98,7 @@ def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
 
 
 def place(node: Node, mount: Mount | None) -> Place:
-    """Where one actuator works."""
+    """Place of one actuator."""
     kinds: dict[str, Callable[[Node], Place]] = {
         "placement": _body_place,
         "vertices": _vertex_place,
@@ -129,7 +129,7 @@ def _body_place(node: Node) -> BodyPlace:
 
 
 def _pad_place(node: Node, mount: Mount | None) -> BodyPlace:
-    """A place in the layout's own millimetres, which the mount puts on the body."""
+    """Place given in the layout's own millimetres, which the mount puts on the body."""
     if mount is None:
         node.fail("a placement, vertices or room: the device has no 'mount' for a pad")
     members = node.members(required=("parts", "at_mm", "radius_m"), optional=("side",))

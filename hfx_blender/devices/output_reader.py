@@ -116,7 +116,7 @@ _LOCAL: Final = 'localhost or an address of a private network such as "192.168.0
 
 
 def is_local(host: str) -> bool:
-    """Whether a host is this computer or an address of a private network; names are not."""
+    """Test a host for this computer or an address of a private network; names are neither."""
     if host == "localhost":
         return True
     try:

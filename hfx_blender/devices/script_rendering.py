@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What devices play of a track, their scripts included: the rendering of all that is exported.
+"""Renders devices for an export, their scripts included.
 
 A script is run as live playback runs it, by the same worker, but for each row of the raster, in
 the order of time, from the track's first row to its last. So its state depends on the track
@@ -38,32 +38,32 @@ F64 = npt.NDArray[np.float64]
 Felt = list[tuple[SampleRun, F64]]
 
 START_S: Final = 60.0
-"""A script has so long to start: it may import what it needs, on a busy machine."""
+"""Time limit of a script's start, seconds: it may import what it needs, on a busy machine."""
 
 ROW_S: Final = 10.0
-"""It has so long for one row; live it has 0.1 s."""
+"""Time limit of a script for one row, seconds; live it has 0.1."""
 
 SUM_S: Final = 60.0
 SUM_ROW_S: Final = 0.1
-"""For all rows it has a minute, and as long for each as live."""
+"""Time per row that is added to the limit for all rows, seconds, as live."""
 
 _BATCH_ROWS: Final = 64
 _BATCH_BYTES: Final = 1 << 20
-"""Rows that are asked at once; the next ones wait in the pipe while these are answered."""
+"""Size of a batch of rows, bytes; the next batch waits in the pipe meanwhile."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Rendered:
-    """What devices play, and what they do not."""
+    """Rendered rasters, and the devices without one."""
 
     played: list[Played]
     silent: Mapping[str, str] = field(default_factory=dict)  # by device: why it plays nothing
     notes: tuple[str, ...] = ()
 
     def without(self, silent: Mapping[str, str]) -> Rendered:
-        """The same, but some devices play nothing."""
+        """Copy in which some devices play nothing."""
         played = [each for each in self.played if each[0].id not in silent]
         return Rendered(played, {**self.silent, **silent}, self.notes)
 
@@ -96,7 +96,7 @@ def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[
 def rendering(
     track: TrackReader, renderers: Sequence[tuple[DeviceConfig, Renderer]]
 ) -> Generator[float, None, Rendered]:
-    """What devices play whose renderers have been given all of a track, in steps.
+    """Render devices, whose renderers have been given all of a track, in steps.
 
     The track is read once more for each script. A device whose script fails on one body plays
     nothing on any.
@@ -127,7 +127,7 @@ def rendering(
 def _answers(
     track: TrackReader, device: DeviceConfig, renderer: Renderer
 ) -> Generator[float, None, F64]:
-    """What a device's script answers to each row, (T, columns).
+    """Answers of a device's script for each row, (T, columns).
 
     Raises
     ------
@@ -165,7 +165,7 @@ def _answers(
 
 
 def _approved_script(device: DeviceConfig) -> approval.DeviceScript:
-    """A device's script as it is now.
+    """Approved script of a device, in its present state.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def _nothing_for(device: DeviceConfig, script: approval.DeviceScript, reason: st
 
 
 def _when(header: TrackHeader, row: int) -> str:
-    """A row's time as the script is told it."""
+    """Time of a row as the script gets it, as text."""
     frame = float(header.time.frame(min(row, header.time.sample_count - 1)))
     return f" at {frame / float(header.time.fps):.3f} s (frame {frame:g})"
 
@@ -204,7 +204,7 @@ def _scene_times_s(header: TrackHeader) -> list[float]:
 
 
 def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[Felt]:
-    """What the wearer feels at each row of a track, and how strongly it reaches each actuator."""
+    """Effects on the wearer at each row of a track, with their gains at each actuator."""
     nothing: Felt = []
     row = 0
     for block in blocks(track.header, track.runs()):
@@ -227,7 +227,7 @@ def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[Felt]:
 
 
 class _FaultError(Exception):
-    """A script has failed; at which row, if it was asked one."""
+    """Fault of a script, with its row if it was asked one."""
 
     def __init__(self, text: str, row: int | None = None) -> None:
         super().__init__(text)
@@ -235,7 +235,7 @@ class _FaultError(Exception):
 
 
 class _Worker:
-    """A script's worker, which is asked row after row; it ends with the ``with`` block.
+    """Worker of a script, which is asked row after row; it ends with the ``with`` block.
 
     One thread writes, as a worker that does not read must keep nobody waiting; one reads.
 
@@ -285,7 +285,7 @@ class _Worker:
         self._process.wait()
 
     def ask(self, batch: Sequence[bytes]) -> None:
-        """Hand over the messages of the next rows, when those before the last are answered.
+        """Send the messages of the next rows, after the rows before the last are answered.
 
         Raises
         ------
@@ -300,7 +300,7 @@ class _Worker:
         self._unsent.put(b"".join(batch))
 
     def wait(self, most: int = 0) -> None:
-        """Wait until no more than so many rows are not answered.
+        """Wait until at most ``most`` rows are not answered.
 
         Raises
         ------
@@ -362,7 +362,7 @@ class _Worker:
             self._news.notify()
 
     def _took(self, kind: Kind, body: bytes) -> str | None:
-        """Take what the worker says; what is wrong with it."""
+        """Process a message of the worker; returns its fault."""
         if kind is Kind.FAULT:
             text = body.decode(errors="replace")
             return text if self._is_ready else f"cannot be started: {text}"

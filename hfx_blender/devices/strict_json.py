@@ -22,14 +22,14 @@ _STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"?', re.DOTALL)
 
 @dataclass(frozen=True)
 class Node:
-    """A value of a JSON document that knows where it is."""
+    """Value of a JSON document with its place in the file."""
 
     value: Any
     file: str
     path: str = ""
 
     def fail(self, allowed: str) -> NoReturn:
-        """Raise an ``InputError`` that names file, place, what was found and what is allowed."""
+        """Raise an ``InputError`` with file, place, found value and allowed values."""
         found = json.dumps(self.value, ensure_ascii=True)
         if len(found) > _SHOWN:
             found = found[:_SHOWN] + "..."
@@ -37,12 +37,12 @@ class Node:
         raise InputError(f"{self.file}: {where} is {found}, allowed is {allowed}.")
 
     def member(self, key: str) -> Node:
-        """A member of an object that is known to have it."""
+        """Get a member of an object that is known to have it."""
         path = f"{self.path}.{key}" if self.path else key
         return Node(self.value[key], self.file, path)
 
     def members(self, required: Collection[str], optional: Collection[str] = ()) -> dict[str, Node]:
-        """The members of an object that has all required keys and no unknown ones."""
+        """Get the members of an object that has all required keys and no unknown ones."""
         children = self.entries(allowed="an object")
         place = f"{self.path}: " if self.path else ""
         for key in required:
@@ -69,19 +69,19 @@ class Node:
         return [Node(item, self.file, f"{self.path}[{i}]") for i, item in enumerate(self.value)]
 
     def text(self, pattern: str = r"[^\x00-\x1f\x7f]{1,400}", described: str = "") -> str:
-        """A string that a pattern matches as a whole."""
+        """Get a string that a pattern matches as a whole."""
         if not isinstance(self.value, str) or not re.fullmatch(pattern, self.value):
             self.fail(described or "text of 1 to 400 printable characters")
         return self.value
 
     def choice(self, allowed: Collection[str]) -> str:
-        """One of some strings."""
+        """Get one of the allowed strings."""
         if not isinstance(self.value, str) or self.value not in allowed:
             self.fail("one of " + ", ".join(allowed))
         return self.value
 
     def boolean(self) -> bool:
-        """True or false."""
+        """Get true or false."""
         if not isinstance(self.value, bool):
             self.fail("true or false")
         return bool(self.value)
@@ -122,7 +122,7 @@ def read(path: Path, most_bytes: int = MAX_BYTES) -> Node:
 
 
 def parse(content: bytes, name: str, most_bytes: int = MAX_BYTES) -> Node:
-    """The same for bytes that are no file; messages call them by ``name``."""
+    """:func:`read` for bytes that are no file; messages call them by ``name``."""
     if len(content) > most_bytes:
         raise InputError(f"{name}: is larger than {most_bytes} bytes, the most that is allowed.")
     try:
@@ -155,7 +155,7 @@ def _refuse_marked(node: Node) -> None:
 
 @dataclass(frozen=True)
 class _Fault:
-    """Stands for what is no strict JSON, until its place is known."""
+    """Placeholder of invalid JSON, until its place is known."""
 
     told: str
 

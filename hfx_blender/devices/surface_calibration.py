@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""c_v, the one constant of the textile paper that is set per user and device.
+"""Calibration constant c_v of the textile paper, set per user and device.
 
 It is kept beside the user's data, by device: never in a .blend, which others open.
 """
@@ -10,18 +10,18 @@ import json
 import math
 
 from .. import resources
-from ..atomic_files import atomic_file
+from ..atomic_files import amend_json
 from ..engine.texture.surface_names import DRIVE_PER_M
 from ..errors import InputError
 
 ANY_DEVICE = ""
-"""What is used for devices that were not calibrated."""
+"""Key of the value for devices that were not calibrated."""
 
 _MOST_PER_M = 1e9
 
 
 def load() -> dict[str, float]:
-    """c_v in 1/m by device; what cannot be read is as if it had never been set."""
+    """Load c_v in 1/m by device; unreadable values count as never set."""
     try:
         found = json.loads(resources.surface_calibration().read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -32,19 +32,19 @@ def load() -> dict[str, float]:
 
 
 def drive_per_m(device: str = ANY_DEVICE) -> float:
-    """c_v for a device: its own, else the one for any, else the default."""
+    """Drive constant c_v of a device: its own, else the one for any, else the default."""
     known = load()
     return known.get(device, known.get(ANY_DEVICE, DRIVE_PER_M))
 
 
 def of_device(*names: str) -> float | None:
-    """c_v in 1/m that was set for a device itself, by the first of its names that has one."""
+    """Calibrated c_v in 1/m of a device itself, by the first of its names that has one."""
     known = load()
     return next((known[name] for name in names if name and name in known), None)
 
 
 def store(value_per_m: float, device: str = ANY_DEVICE) -> None:
-    """Remember c_v for a device.
+    """Remember c_v for a device; what another process remembers meanwhile stays.
 
     Raises
     ------
@@ -55,11 +55,10 @@ def store(value_per_m: float, device: str = ANY_DEVICE) -> None:
     """
     if not _is_good(value_per_m):
         raise InputError(f"Calibration: {value_per_m} per metre; expected a number above 0.")
-    path = resources.surface_calibration()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    known = load() | {device: float(value_per_m)}
-    with atomic_file(path) as file:
-        file.write(json.dumps(known, indent=1, sort_keys=True).encode())
+    amend_json(
+        resources.surface_calibration(),
+        lambda: dict(sorted({**load(), device: float(value_per_m)}.items())),
+    )
 
 
 def _is_good(value: object) -> bool:

@@ -39,7 +39,7 @@ _RADIUS_M: Final = 0.03
 
 
 def is_layout(document: Node) -> bool:
-    """Whether a file is meant to be such a layout."""
+    """Test a document for such a layout."""
     return isinstance(document.value, dict) and {"actuators", "views"} <= set(document.value)
 
 
@@ -105,7 +105,7 @@ def _position(node: Node) -> list[float]:
 
 
 def _fronts(node: Node, places: F64) -> npt.NDArray[np.bool_]:
-    """Which actuators are at the front: as views say; else by their depth."""
+    """Mask of the actuators at the front: as views say; else by their depth."""
     depth = places[:, 2]
     found = depth >= 0.5 * (depth.min() + depth.max())
     said = np.zeros(len(places), np.bool_)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which rows of a block count: effect on, pose known, one sample following another."""
+"""Row selection of a block: effect on, pose known, one sample following another."""
 
 from __future__ import annotations
 
@@ -76,13 +76,13 @@ def posed_rows(pose: PoseBlock) -> I64:
 
 
 def _is_near(values: npt.NDArray[np.floating[Any]]) -> bool:
-    """Whether surely none of them is beyond FARTHEST, or not a number: by the sum of squares."""
+    """Quick test, by the sum of squares, that all values are finite and within FARTHEST."""
     flat = values.ravel()
     return bool(np.einsum("i,i->", flat, flat) <= 0.9 * FARTHEST**2)  # which is rounded
 
 
 def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters: Counters) -> None:
-    """Warn of a body that is scaled to nothing at rows (T,) where something is on."""
+    """Count a warning about a body scaled to nothing at rows (T,) where an effect is on."""
     is_point = (np.abs(pose.to_world[:, :3, :3]) <= NOTHING).all(axis=(1, 2))
     count = int(np.count_nonzero(is_point & pose.valid & active))
     if count:
@@ -91,12 +91,12 @@ def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters
 
 
 def of_read(rows: I64, pose: PoseBlock) -> I64:
-    """Those of ``rows`` at which a body was read: it is not there while it is disabled."""
+    """Select the rows at which a body was read; a disabled body is not."""
     return rows if pose.valid.all() else rows[pose.valid[rows]]
 
 
 def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) -> I64:
-    """Those of ``rows``, ascending, whose pose is known."""
+    """Select the rows, ascending, at which the pose is known; count a warning for the others."""
     if len(rows) and rows[-1] < len(posed) == posed[-1] + 1:
         return rows  # all up to the last
     known = np.isin(rows, posed)
@@ -111,7 +111,7 @@ def with_pose(rows: I64, posed: I64, body: BodyDescription, counters: Counters) 
 def followed(
     rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
 ) -> tuple[I64, Bool, Bool]:
-    """Rows with those that they follow; which are reported; which follow the row before them.
+    """Rows with those that precede them, and masks: to be reported, and following the row before.
 
     A row follows the sample before its own if the effect was on then and the pose is known.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is felt as colours of an avatar: HFX Studio's previsualisation.
+"""Colours of haptic samples on an avatar: HFX Studio's previsualisation.
 
 Vibration red, pressure green, temperature blue; the stronger an effect, the stronger the
 colour; colours combine where effects overlap (Danieau et al. 2018, section 3.3.2).
@@ -63,20 +63,20 @@ SKIN: Final = (0.62, 0.6, 0.58)
 
 
 def set_own_palette(colours: Mapping[str, Colour]) -> None:
-    """Let the palette ``OWN`` be these colours, by the same names as the others."""
+    """Set the colours of the palette ``OWN``, by the same names as the others."""
     _own.update({name: colours[name] for name in COLOURS})
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How values at a perceptual model's vertices spread over an avatar's."""
+    """Interpolation weights from a perceptual model's vertices to an avatar's."""
 
     nearest: npt.NDArray[np.int64]  # (A, k)
     shares: F64  # (A, k) rows sum to 1
 
     @classmethod
     def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> Spread:
-        """Nearer vertices count for more.
+        """Make weights from the nearest vertices; nearer ones count for more.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class Spread:
 
 
 def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float64]:
-    """How strongly each of a sample's vertices feels it, 0..1 of full colour, (n,)."""
+    """Strength at each of a sample's vertices, (n,), 0..1 of full colour."""
     modality = MODALITIES[sample.stream.modality]
     value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
     if modality.name == "temperature":
@@ -100,7 +100,7 @@ def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float6
 
 
 def colour_name(sample: Sample, is_contact: bool) -> str:
-    """Which colour of a palette a sample has."""
+    """Name of a sample's colour in a palette."""
     modality = sample.stream.modality
     if modality != "temperature":
         return modality
@@ -114,7 +114,7 @@ def felt_shares(
     vertex_counts: Mapping[str, int],
     contact_effects: frozenset[str] = frozenset(),
 ) -> dict[str, F64]:
-    """How strongly each vertex of an avatar feels each modality, (A,) in 0..1 as it is seen.
+    """Strength of each modality at each vertex of an avatar, (A,) in 0..1 as displayed.
 
     Keys are those of a palette. The root makes the lower half of the strengths visible.
     """
@@ -137,7 +137,7 @@ def felt_shares(
 
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
-    """Colour and opacity to lay over an avatar, (A, 4) in 0..1; clear where nothing is felt."""
+    """Overlay for an avatar: colour and opacity, (A, 4) in 0..1; clear without any sensation."""
     felt = np.stack(list(shares.values()))
     opacity = felt.max(axis=0)
     # Not as a product of matrices: that wakes other threads for it.

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the engine did, so that "only what a scene requires" can be tested and reported."""
+"""Counters of the engine's work, so that "only what a scene requires" can be tested and
+reported.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +27,16 @@ class Counters:
         self.warnings[message] = self.warnings.get(message, 0) + count
 
     def clear(self) -> None:
-        """Forget what was counted; which models were loaded stays."""
+        """Reset all counts; the list of loaded models stays."""
         models = self.models_loaded
         self.__dict__.update(vars(Counters(models_loaded=models)))
 
     def copy(self) -> Counters:
-        """The same, now."""
+        """Snapshot of the counters."""
         return replace(self, models_loaded=[*self.models_loaded], warnings={**self.warnings})
 
     def since(self, before: Counters) -> Counters:
-        """What was counted since there was :meth:`copy` of these."""
+        """Work counted since the snapshot ``before``."""
         changes: dict[str, int] = {
             name: getattr(self, name) - getattr(before, name) for name in _NUMBERS
         }
@@ -47,7 +49,7 @@ class Counters:
         return Counters(models_loaded=new, warnings=warnings, **changes)
 
     def add(self, more: Counters) -> None:
-        """Count what was counted elsewhere."""
+        """Add the counts of other counters."""
         for name in _NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         known = {*self.models_loaded}
@@ -56,7 +58,7 @@ class Counters:
             self.warn(text, count)
 
     def go_back(self, before: Counters) -> None:
-        """To :meth:`copy` of these."""
+        """Restore the snapshot ``before``."""
         self.__dict__.update(vars(before.copy()))
 
     def as_dict(self) -> dict[str, object]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The engine: from what is where, to which vertices feel what."""
+"""Evaluates an animated scene into per-vertex haptic samples."""
 
 from __future__ import annotations
 
@@ -86,11 +86,11 @@ class Engine:
         self._allocentric = AllocentricAreas(builder, self.responses, self.threads)
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
-        """Samples of a block: one run for each effect and body that felt something."""
+        """Evaluate a block: one run of samples for each effect and body with any."""
         return self.begin(block)()
 
     def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
-        """Begin to :meth:`evaluate` a block; what is returned ends it, once, and gives the samples.
+        """Begin to :meth:`evaluate` a block; the returned function, called once, gives the samples.
 
         Other threads work on it meanwhile. Blocks must be begun, and ended, in their order.
         """
@@ -126,7 +126,7 @@ class Engine:
         block: AnimationBlock,
         reach: BlockBroadPhase,
     ) -> Callable[[], list[SampleRun | None]]:
-        """One effect at the rows where it is on: each kind of area has its own way.
+        """Begin one effect at the rows where it is on; each kind of area has its own method.
 
         What changes a kind of area is decided here; what changes all samples of an effect,
         whatever its area (a filter of its response), goes over the runs before they are returned.
@@ -163,7 +163,7 @@ class Engine:
 
 
 def _threads(count: int) -> Threads | None:
-    """None where they would have nothing to do."""
+    """Thread pool of an engine; None where threads would have nothing to do."""
     if count < 2 or not skin.is_there():
         return None
     from .native.threads import Threads  # Blender's start does not wait for it

@@ -13,20 +13,20 @@ I64 = npt.NDArray[np.int64]
 
 
 def ramp(counts: I64) -> tuple[I64, I64]:
-    """For counts 2, 3: steps 0 1 0 1 2 and owners 0 0 1 1 1."""
+    """Steps and owners of counts: for 2, 3 they are 0 1 0 1 2 and 0 0 1 1 1."""
     owners = np.repeat(np.arange(len(counts)), counts)
     steps = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
     return steps, owners
 
 
 def lacking(is_there: npt.NDArray[np.bool_], wanted: I64) -> I64:
-    """Those of some numbers for which nothing is there, each once, ascending."""
+    """Numbers in ``wanted`` for which nothing is there, each once, ascending."""
     known = is_there[wanted]
     return np.zeros(0, np.int64) if known.all() else np.unique(wanted[~known])
 
 
 def largest(values: F64, owners: I64, count: int) -> F64:
-    """The largest of ``values`` (E, ...) of each owner (E,), ascending; 0 where there is none."""
+    """Maximum of ``values`` (E, ...) by owner (E,), ascending; 0 for owners without any."""
     largest = np.zeros((count, *values.shape[1:]))
     firsts = np.flatnonzero(np.diff(owners, prepend=-1))
     if len(firsts):
@@ -35,8 +35,8 @@ def largest(values: F64, owners: I64, count: int) -> F64:
 
 
 def sorted_by(keys: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
-    """Places of keys (E,), each below ``count``, key by key and else as they are; and where the
-    places of each key begin, (count + 1,)."""
+    """Stable counting sort of keys (E,), each below ``count``: order, and start of each key, (count
+    + 1,)."""
     # Numpy sorts 16 bits in one pass.
     short = keys.astype(np.uint16) if count <= 1 << 16 else keys
     order = np.argsort(short, kind="stable").astype(np.int64, copy=False)

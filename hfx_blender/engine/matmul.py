@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Products of matrices that wake no threads: those go on spinning for longer than they take."""
+"""Matrix products that wake no threads of BLAS: those go on spinning for longer than they take."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ Danieau et al. 2018, section 4.1), so one neutral temperature cannot serve both.
 
 @dataclass(frozen=True)
 class Parameter:
-    """One physical parameter of a modality."""
+    """Physical parameter of a modality."""
 
     name: str
     unit: str
@@ -42,7 +42,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Modality:
-    """A kind of touch: the perceptual model it is felt on, and its parameters.
+    """Haptic modality: its perceptual model, and its parameters.
 
     ``strength`` names the parameter that the level scales: it is what a device turns up
     and down. The other parameters only describe.
@@ -107,7 +107,7 @@ MODALITIES: Final[dict[str, Modality]] = {
 
 
 def neutral_temperature_c(is_contact: bool) -> float:
-    """Temperature at which an effect does nothing, degrees Celsius."""
+    """Temperature without any effect, degrees Celsius."""
     return CONTACT_NEUTRAL_C if is_contact else AMBIENT_NEUTRAL_C
 
 
@@ -150,14 +150,14 @@ def combine_vibration(amplitudes: F64, frequencies_hz: F64) -> tuple[F64, F64]:
 
 
 def combine_pressure(pressures_kpa: F64) -> F64:
-    """Pressures at one place add: (n, ...) kPa of n effects to (...) kPa."""
+    """Add pressures at one place: (n, ...) kPa of n effects to (...) kPa."""
     import numpy as np
 
     return np.asarray(np.sum(pressures_kpa, axis=0))
 
 
 def combine_wind(speeds_m_s: F64, directions: F64) -> tuple[F64, F64]:
-    """Winds at one place add as vectors.
+    """Add winds at one place as vectors.
 
     Parameters
     ----------

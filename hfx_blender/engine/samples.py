@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the engine yields: which vertices feel which effect, when and how strongly."""
+"""Haptic samples, the engine's output: which vertices feel which effect, when and how strongly."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ I32 = npt.NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Stream:
-    """One effect on one body: what a run of samples belongs to."""
+    """Effect on a body: the identity that a run of samples belongs to."""
 
     effect_id: str
     body_id: str
@@ -27,33 +27,33 @@ class Stream:
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """How contacts began; what did not begin since the sample before is NaN."""
+    """Beginnings of contacts; NaN for contacts that did not begin since the sample before."""
 
     times_s: F64  # (n,)
     speeds_m_s: F32  # (n,) of skin and volume towards each other, along the normal
     normals: F32  # (n, 3) of the volume, outwards, world space
 
     def part(self, chosen: slice) -> Impact:
-        """That of some vertices."""
+        """Impacts of some vertices."""
         return Impact(self.times_s[chosen], self.speeds_m_s[chosen], self.normals[chosen])
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What an effect gives to single actuators of one device."""
+    """Values of an effect for single actuators of one device."""
 
     device_id: str
     actuators: tuple[str, ...]
     values: F32  # (n, A) 0..1, a row for each sample
 
     def part(self, chosen: slice) -> Drive:
-        """That of some samples."""
+        """Values of some samples."""
         return Drive(self.device_id, self.actuators, self.values[chosen])
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One effect on one body at one time."""
+    """Sample of one effect on one body at one time."""
 
     time_s: float
     stream: Stream
@@ -111,19 +111,19 @@ class SampleRun:
 
     @property
     def sizes(self) -> I64:
-        """How many vertices each sample has, (n,)."""
+        """Number of vertices of each sample, (n,)."""
         sizes: I64 = np.diff(self.offsets)[self.set_of]
         return sizes
 
     @property
     def contact_count(self) -> int:
-        """How many vertices all samples have together."""
+        """Number of vertices of all samples together."""
         if self.sets is None or len(self.sets) == len(self.offsets) - 1:
             return len(self.vertices)  # each sample has a set of its own
         return int(self.sizes.sum())
 
     def one(self, k: int) -> SampleRun:
-        """Its sample ``k`` as a run."""
+        """Sample ``k`` as a run of its own."""
         j = k if self.sets is None else int(self.sets[k])
         entries = slice(int(self.offsets[j]), int(self.offsets[j + 1]))
         row = slice(k, k + 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The door in: a scene as plain data, free of Blender.
+"""Engine input: immutable scene description, independent of Blender.
 
 A :class:`SceneDescription` says what there is and does not change over time; blocks of
 :class:`AnimationBlock` say what is where at which time. Spaces: *world* is the scene's, metres;
@@ -31,7 +31,7 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TimeBase:
-    """When samples are taken.
+    """Times of the samples.
 
     Sample ``i`` is taken ``i / rate_hz`` after ``frame_first``, at a sub-frame if it falls
     between frames. Time zero is the scene's own first frame, whatever range is exported.
@@ -72,7 +72,7 @@ class TimeBase:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceAnchors:
-    """Where one model's vertices lie on an avatar's surface."""
+    """Anchors of one model's vertices on an avatar's surface."""
 
     corners: I32  # (V, 3) vertices of the avatar's mesh
     weights: F64  # (V, 3) barycentric, sum 1
@@ -91,7 +91,7 @@ class FittedModel:
     anchors: SurfaceAnchors  # offsets in the unit of the vertices
 
     def of(self, model: PerceptualModel) -> PerceptualModel:
-        """The model as it stands on this body."""
+        """Copy of the model with this body's places and bones."""
         return replace(
             model, vertices=self.vertices, bone_names=self.bone_names, weights=self.weights
         )
@@ -115,7 +115,7 @@ class SurfaceBinding:
 
 @dataclass(frozen=True, eq=False)
 class BodyDescription:
-    """One haptic body."""
+    """Haptic body of the scene."""
 
     id: str
     name: str
@@ -124,7 +124,7 @@ class BodyDescription:
 
 @dataclass(frozen=True)
 class Clip:
-    """A named stretch of the timeline, for the reader of a track; it does not drive anything."""
+    """Named interval of the timeline, for readers of a track; it drives nothing."""
 
     name: str
     frame_start: float
@@ -133,7 +133,7 @@ class Clip:
 
 @dataclass(frozen=True, eq=False)
 class PaintedArea:
-    """An egocentric effect's area: vertices of the effect's model on one body."""
+    """Area of an egocentric effect: vertices of the effect's model on one body."""
 
     body_id: str
     vertices: I32  # (n,) ascending
@@ -142,7 +142,7 @@ class PaintedArea:
 
 @dataclass(frozen=True, eq=False)
 class HapticVolume:
-    """An allocentric effect's shape; where it stands is in the blocks."""
+    """Area of an allocentric effect: a shape, whose placement is in the blocks."""
 
     falloff: Falloff
     response: tuple[Filter, ...] = ()  # how it answers a touch
@@ -150,7 +150,7 @@ class HapticVolume:
 
 @dataclass(frozen=True, eq=False)
 class HapticSurface:
-    """An object that is felt by moving over it; where its vertices are is in the blocks.
+    """Area of an object that is felt by moving over it; its vertices are in the blocks.
 
     The effect's modality is vibration. Its parameters in the blocks are the device's full
     amplitude and, for the textile renderer, the one frequency.
@@ -165,7 +165,7 @@ class HapticSurface:
 
 @dataclass(frozen=True, eq=False)
 class SpotArea:
-    """A disc on one body's skin; where it is on its path, and how large, is in the blocks."""
+    """Area of a disc on one body's skin; its place on its path and its radius are in the blocks."""
 
     body_id: str
     path: F64  # (n, 3) n > 0 places on the skin of the canonical body, rest space; one: it rests
@@ -174,7 +174,7 @@ class SpotArea:
 
 @dataclass(frozen=True)
 class ActuatorArea:
-    """The actuators of one device, each with a strength of its own in the blocks.
+    """Area of the actuators of one device; their strengths are in the blocks.
 
     Mango's vector sensation (Schneider et al., UIST 2015). Nothing is felt of it on the skin,
     and no other device plays it.
@@ -190,7 +190,7 @@ Kind = Literal["painted", "volume", "spot", "actuators"]
 
 @dataclass(frozen=True, eq=False)
 class EffectDescription:
-    """One effect of the scene, of one modality."""
+    """Effect of the scene, of one modality."""
 
     id: str
     name: str
@@ -202,7 +202,9 @@ class EffectDescription:
 
     @property
     def kind(self) -> Kind:
-        """Where it is at home: on the body, in the scene (volumes and surfaces), on a device."""
+        """Kind of the effect's area: on the body, in the scene (volumes and surfaces), on
+        a device.
+        """
         if isinstance(self.area, PaintedArea):
             return "painted"
         if isinstance(self.area, SpotArea):
@@ -212,7 +214,7 @@ class EffectDescription:
 
 @dataclass(frozen=True, eq=False)
 class SceneDescription:
-    """Everything of a scene that does not change over time."""
+    """Description of a scene: everything that does not change over time."""
 
     time: TimeBase
     bodies: tuple[BodyDescription, ...]
@@ -223,7 +225,7 @@ class SceneDescription:
 
 @dataclass(frozen=True, eq=False)
 class EffectBlock:
-    """One effect over the times of a block.
+    """Animated values of one effect over a block.
 
     Rows where ``levels`` is 0 may hold anything else.
     """
@@ -239,7 +241,7 @@ class EffectBlock:
     drive: F64 | None = None  # (T, A) actuators only; strength of each, 0..1
 
     def shapes_at(self, rows: I64) -> I64:
-        """Which of the shapes a volume has at some rows."""
+        """Index of the volume's shape at some rows, (k,)."""
         if self.shape_index is None:
             return np.zeros(len(rows), np.int64)
         return self.shape_index[rows].astype(np.int64)
@@ -247,7 +249,7 @@ class EffectBlock:
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:
-    """One body over the times of a block. Rows where ``valid`` is False were not read."""
+    """Animated pose of one body over a block. Rows where ``valid`` is False were not read."""
 
     valid: Bool  # (T,)
     to_world: F64  # (T, 4, 4) armature (or avatar, for a surface binding) to world
@@ -257,7 +259,7 @@ class PoseBlock:
 
 @dataclass(frozen=True, eq=False)
 class AnimationBlock:
-    """What is where, at some times of the time base.
+    """Animated state of a scene at some times of the time base.
 
     ``indices`` ascend and may have gaps (times at which nothing can be felt are left out).
     The first ``history`` rows were evaluated before; they are only there so that velocities

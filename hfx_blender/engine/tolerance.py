@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one setting of speed against accuracy: which error a user accepts.
+"""Tolerance: the one setting of speed against accuracy.
 
 The engine and the scene reader choose the cheapest way that keeps it: samples in each cell of
 skin, level of detail, sub-steps in time, which poses are read and which are interpolated.
@@ -17,7 +17,7 @@ from ..errors import UsageError
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The error that is acceptable, in space, in time and in strength.
+    """Accepted error in space, in time and in strength.
 
     ``spacing_share`` and ``distance_m`` both bound where the edge of a contact may be found:
     the smaller of the share of the local spacing of vertices, as they are posed, and the distance,
@@ -41,11 +41,11 @@ class Tolerance:
 
     @property
     def is_bounded(self) -> bool:
-        """Whether it bounds where the edge of a contact may be found."""
+        """Test for a bound on the edge of a contact."""
         return math.isfinite(min(self.spacing_share, self.distance_m))
 
     def edge_m(self, spacing_m: float) -> float:
-        """How far off the edge of a contact may be where vertices are ``spacing_m`` apart."""
+        """Largest error of a contact's edge where vertices are ``spacing_m`` apart, metres."""
         return min(self.spacing_share * spacing_m, self.distance_m)
 
 
@@ -62,7 +62,7 @@ _ALLOWED = f"{', '.join(PRESETS)}, or values such as 5mm,10ms,5%"
 
 
 def parse(text: str) -> Tolerance:
-    """A tolerance from a preset's name or from values such as ``3mm,5ms`` or ``3mm,5ms,2%``.
+    """Parse a tolerance: a preset's name, or values such as ``3mm,5ms`` or ``3mm,5ms,2%``.
 
     Raises
     ------

@@ -32,14 +32,14 @@ from .written import Written, beside, silent_note, write_json
 
 SUFFIX: Final = ".ahap"
 DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0)
-"""What sharpness 0 and 1 are on a phone, about, for files that do not say it."""
+"""Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
 
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
 _TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one pattern for each signal that sounds: ``stem.<name>.ahap``.
+    """Write one pattern for each audible signal: ``stem.<name>.ahap``.
 
     Curves change the whole pattern, ticks included, so ticks of a signal that also has an
     envelope are a second pattern, ``stem.<name>.transients.ahap``, to be played with it.
@@ -58,7 +58,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
-    """The envelope of a signal as a pattern; empty without one."""
+    """Pattern of a signal's envelope; empty without one."""
     pattern: list[dict[str, Any]] = []
     sharpness = frequencies.share(signal.frequency_hz.values)
     constant = float(sharpness[0]) if np.ptp(sharpness) == 0.0 else None
@@ -129,7 +129,7 @@ def _rounded(seconds: float) -> float:
 
 
 def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
-    """A curve in chunks; each begins with the last point of the one before."""
+    """Curve in chunks; each begins with the last point of the one before."""
     points = list(zip(curve.times_s.tolist(), curve.values.tolist(), strict=True))
     for first in range(0, max(len(points) - 1, 1), MAX_CURVE_POINTS - 1):
         chunk = points[first : first + MAX_CURVE_POINTS]
@@ -200,7 +200,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
-    """What of an entry is not played by :func:`decode`."""
+    """Count the parts of an entry that :func:`decode` does not play."""
     event = entry.get("Event")
     if event is not None and event.get("EventType") not in ("HapticTransient", "HapticContinuous"):
         lost[f"events of the kind {str(event.get('EventType'))[:40]}"] += 1
@@ -229,7 +229,7 @@ def _range_of(metadata: Any) -> FrequencyRange:
 def _control(
     entries: list[dict[str, Any]], name: str, neutral: float, bounds: tuple[float, float]
 ) -> Curve:
-    """All curves and single values of one control, one after the other."""
+    """Join all curves and single values of one control in order."""
     points: list[tuple[float, float]] = [(0.0, neutral)]
     changes: list[tuple[float, list[tuple[float, float]]]] = []
     for entry in entries:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an Apple AHAP file may hold."""
+"""Rules of Apple AHAP files."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checking JSON documents from strangers: what is wrong, where, with codes that stay.
+"""Checks of JSON documents from strangers: faults with their place, and stable codes.
 
 A document is checked against a shape (records, lists, numbers, texts). Every fault is a
 :class:`Finding`; its code is the format's name and a word that scripts can rely on.
@@ -31,7 +31,7 @@ Severity = Literal["error", "warning"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault of a file."""
+    """Fault of a file."""
 
     code: str
     place: str
@@ -43,7 +43,7 @@ class Finding:
 
 
 Place = tuple[Any, ...] | None
-"""Where something is: (place of its parent, key or index); None: the document."""
+"""Place in a document: (place of its parent, key or index); None for the document itself."""
 
 
 def shown_place(place: Place) -> str:
@@ -73,12 +73,12 @@ class Report:
     _kinds: set[tuple[str, Severity]] = field(default_factory=set)
 
     def error(self, code: str, place: Place, message: str) -> None:
-        """Something is wrong."""
+        """Report an error."""
         self._add(code, place, message, "error")
         self.has_errors = True
 
     def warn(self, code: str, place: Place, message: str) -> None:
-        """Something is unusual; readers cope with it."""
+        """Report something unusual, with which readers cope."""
         self._add(code, place, message, "warning")
 
     def _add(self, code: str, place: Place, message: str, severity: Severity) -> None:
@@ -102,7 +102,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Text:
-    """A string: any, one of some, or one that a pattern matches as a whole."""
+    """Shape of a string: any, one of some, or one that a pattern matches as a whole."""
 
     choices: tuple[str, ...] = ()
     pattern: str = ""
@@ -111,12 +111,12 @@ class Text:
 
 @dataclass(frozen=True)
 class Flag:
-    """true or false."""
+    """Shape of true or false."""
 
 
 @dataclass(frozen=True)
 class Anything:
-    """Whatever it is."""
+    """Shape of any value."""
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ def shown(value: Any) -> str:
 
 
 def parse(content: bytes, name: str) -> Any:
-    """A JSON document; numbers are finite, keys are there once.
+    """Parse a JSON document; numbers are finite, keys are there once.
 
     Raises
     ------
@@ -289,7 +289,7 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
 
 
 def mapped(path: Path) -> bytes:
-    """A file's content of any size, of which only what is looked at is read.
+    """Memory-mapped content of a file of any size.
 
     Raises
     ------
@@ -311,7 +311,7 @@ def mapped(path: Path) -> bytes:
 def decoding_findings(
     format_name: str, decode: Callable[[bytes, str], object], content: bytes, name: str
 ) -> list[Finding]:
-    """Faults of a file of which decoding tells all that there is to tell."""
+    """Faults of a file whose decoding reveals all of them."""
     report = Report(format_name)
     try:
         decode(content, name)

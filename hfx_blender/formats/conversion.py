@@ -94,7 +94,7 @@ def convert(
 
 
 def _target(target: Path, to: str | None) -> tuple[str, str]:
-    """Format and stem of what is to be written."""
+    """Format and stem of the target."""
     formats: dict[str, DeviceFormat | TrackFormat] = {**DEVICE_FORMATS, **TRACK_FORMATS}
     if to is not None:
         if to not in formats:
@@ -207,7 +207,7 @@ def _refuse_unfolding(
 
 
 def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
-    """Refuse a track whose time base asks for too many values, before any is made."""
+    """Reject a track whose time base asks for too many values, before any is made."""
     time, name = track.header.time, str(track.path)
     file_limits.SECONDS.check(time.sample_count / float(time.rate_hz), name, "its samples last")
     # A time beside what each actuator is given; what HJIF has of one effect at a time.
@@ -219,7 +219,7 @@ def _refuse_long(track: TrackReader, device: DeviceConfig | None) -> None:
 
 
 def _named_as_asked(written: Written, signal: str, stem: Path) -> Written:
-    """Files without the name of the only signal there is."""
+    """Rename files so that the only signal's name is left out."""
     long = beside(stem, signal).name
     files = tuple(
         path.replace(path.with_name(stem.name + path.name.removeprefix(long)))

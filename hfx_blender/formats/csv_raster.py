@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A raster as a CSV table: one row a time, one column a parameter of an actuator."""
+"""Raster as a CSV table: one row for each time, one column for each parameter of an actuator."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def decode(content: bytes, name: str) -> Raster:
 
 
 def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
-    """The rate of a clock's times; 100 Hz where they tell none, which the rules refuse."""
+    """Sampling rate of a clock's times; 100 Hz where they are too few, which the rules reject."""
     if len(times) > 1 and np.isfinite(times).all():
         lasts = float(times[-1]) - float(times[0])
         rate = Fraction((len(times) - 1) / lasts) if lasts > 0.0 else Fraction(0)

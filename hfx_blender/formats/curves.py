@@ -18,10 +18,11 @@ _SILENT: Final = 0.01
 """Share of a tolerance within which a keyframe is zero, where silence is to be exact."""
 
 _SILENT_WALL: Final = 0.0025
-"""The same for the corridor: a line through two silent rows is within ``_SILENT`` a row later."""
+"""``_SILENT`` for the corridor: a line through two silent rows is within ``_SILENT`` a
+row later."""
 
 _APART_S: Final = 1e-6
-"""A step is made this steep: what is simplified has one value at a time."""
+"""Duration of a step in a simplified curve, seconds, as that has one value at a time."""
 
 _Point = tuple[float, float]  # time, value
 _Line = tuple[float, float, float]  # time, value there, slope
@@ -76,7 +77,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class CurveTolerance:
-    """How far a simplified curve may be from its original.
+    """Tolerance of a simplified curve against its original.
 
     At each time the value is within ``value`` of one that the original has at most ``time_s``
     earlier or later, and the other way round: nothing short is lost.
@@ -180,7 +181,7 @@ def _corridor(times: F64, values: F64, reach: float, time_s: float) -> tuple[F64
 def _is_lost(
     times: F64, values: F64, found: Curve, tolerance: CurveTolerance
 ) -> npt.NDArray[np.bool_]:
-    """Which of the original's values the new curve has at no time near, (n,)."""
+    """Mask of the original's values that the new curve has at no time near, (n,)."""
     at = np.column_stack([times - tolerance.time_s, times, times + tolerance.time_s])
     near = found.at(at)
     low, high = near.min(axis=1), near.max(axis=1)
@@ -196,14 +197,14 @@ def _is_lost(
 
 
 def _open(low: F64, high: F64) -> tuple[F64, F64]:
-    """A corridor that is nowhere closed."""
+    """Widen a corridor so that it is nowhere closed."""
     middle, half = (low + high) / 2.0, (high - low) / 2.0
     half = np.maximum(half, 1e-9 * np.maximum(1.0, np.abs(middle)))
     return middle - half, middle + half
 
 
 def _without_collinear(times: F64, values: F64) -> Curve:
-    """The same curve without the keyframes of constant stretches, which say nothing."""
+    """Curve without the keyframes inside of constant stretches."""
     keep = np.ones(len(times), np.bool_)
     keep[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
     return Curve(times[keep], values[keep])
@@ -290,7 +291,7 @@ def _through(a: _Point, b: _Point) -> _Line:
 
 
 def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float) -> _Line:
-    """A line between the two extreme ones; both are within the corridor, so it is too."""
+    """Line between the two extreme ones; it is within the corridor as they are."""
     if rising is None or falling is None:
         return rising or falling or (x, value, 0.0)
     at = rising[0]
@@ -298,7 +299,7 @@ def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float)
 
 
 def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
-    """Where a line leaves the corridor through the wall from a to b."""
+    """Point at which a line leaves the corridor through the wall from a to b."""
     before, after = _value(line, a[0]) - a[1], _value(line, b[0]) - b[1]
     share = before / (before - after) if before != after else 1.0
     x = a[0] + (b[0] - a[0]) * min(max(share, 0.0), 1.0)
@@ -317,7 +318,7 @@ def _push(hull: list[_Point], point: _Point, first: int, sign: float) -> None:
 
 
 def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
-    """The hull's point that a line to ``point`` touches, from ``first`` on."""
+    """Tangent point of a hull for a line to ``point``, from ``first`` on."""
     x, y = point
     while first + 1 < len(hull):
         (ax, ay), (bx, by) = hull[first], hull[first + 1]
@@ -330,7 +331,7 @@ def _support(hull: list[_Point], first: int, point: _Point, sign: float) -> int:
 def _keyframes(
     lines: list[_Line], windows: list[tuple[float, float]], first: float, last: float
 ) -> tuple[F64, F64]:
-    """Where neighbouring lines meet, and the two ends."""
+    """Keyframes at the intersections of neighbouring lines, and at the two ends."""
     times, values = [first], [_value(lines[0], first)]
     for k, (earliest, latest) in enumerate(windows):
         a, b = lines[k], lines[k + 1]

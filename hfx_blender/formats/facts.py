@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is in a file of any format, in short."""
+"""Short description of a file of any format."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def facts_of(path: Path) -> dict[str, Any]:
 
 
 def is_known(path: Path) -> bool:
-    """Whether :func:`facts_of` tells about such a file; a ``.json`` is looked into."""
+    """Test that :func:`facts_of` knows a file's format; a ``.json`` is looked into."""
     try:
         format_of(path)
     except InputError:

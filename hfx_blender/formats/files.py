@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of any format: which one a file is, whether it is valid, which signals it holds."""
+"""Files of any format: detection, validation, signals."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _HEAD: Final = 1 << 16  # bytes of a .json that tell what it is
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A format that files of strangers may have."""
+    """Format that files of strangers may have."""
 
     name: str
     title: str
@@ -49,11 +49,11 @@ class FileFormat:
 
     @property
     def has_signals(self) -> bool:
-        """Whether it holds vibration as envelopes."""
+        """Test that the format holds vibration as envelopes."""
         return self.decode is not None
 
     def signals(self, content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-        """The vibration of a file, within the limits of what a file may ask for.
+        """Vibration signals of a file, within the limits of what a file may ask for.
 
         Raises
         ------
@@ -101,7 +101,7 @@ _SUFFIXES: Final = {
 
 
 def format_of(path: Path) -> FileFormat:
-    """The format of a file, by its name, and of a ``.json`` by what is in it.
+    """Format of a file, by its name, and of a ``.json`` by its content.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def _json_kind(path: Path) -> str | None:
 
 
 def validate(path: Path) -> tuple[FileFormat, list[Finding]]:
-    """The format of a file, and what is wrong with it.
+    """Format of a file, and its faults.
 
     A file that cannot be parsed at all has the single finding ``<FORMAT>-UNREADABLE``.
 
@@ -176,7 +176,7 @@ def _track_findings(path: Path) -> list[Finding]:
 
 
 def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """The vibration that a file holds.
+    """Vibration signals in a file.
 
     Raises
     ------

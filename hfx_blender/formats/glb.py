@@ -32,7 +32,7 @@ _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
 
 class Document:
-    """A glTF document in the making: its JSON, and one buffer."""
+    """glTF document under construction: its JSON, and one buffer."""
 
     def __init__(self, generator: str = "HFX") -> None:
         self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}

@@ -37,7 +37,7 @@ _MODALITIES: Final = {"temperature": 3, "vibration": 4, "pressure": 5, "wind": 5
 
 @dataclass(eq=False)
 class _Volume:
-    """Where one volume was at which samples."""
+    """Recorded motion of one volume."""
 
     effect: EffectDescription
     shape: Shape | None = None
@@ -47,7 +47,7 @@ class _Volume:
 
 
 class VolumeRecorder:
-    """Collects where the volumes of a scene are, block by block.
+    """Recorder of the motion of a scene's volumes, block by block.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class VolumeRecorder:
             volume.matrices.append(effect.matrices[rows][finite])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Where the volumes were, as arrays that one process can hand on to another."""
+        """Motion of the volumes, as arrays that one process can hand on to another."""
         found: dict[str, npt.NDArray[Any]] = {}
         for k, volume in self._volumes.items():
             if volume.shape is not None:
@@ -102,7 +102,9 @@ class VolumeRecorder:
         return sorted({first for first in firsts if first is not None})
 
     def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
-        """Hold what others saw, given in the order of time; only the shapes are kept."""
+        """Replace the recorded motion by that of others, given in the order of time; only the
+        shapes are kept.
+        """
         for k, volume in self._volumes.items():
             mine = [part for part in parts if f"{k}.indices" in part]
             volume.indices = [part[f"{k}.indices"] for part in mine]
@@ -254,7 +256,7 @@ def _decomposed(matrices: F64) -> tuple[F64, F64, F64, npt.NDArray[np.bool_]]:
 
 
 def _quaternions(rotations: F64) -> F64:
-    """x, y, z, w of rotation matrices (T, 3, 3): the eigenvector that they leave as it is."""
+    """Quaternions x, y, z, w of rotation matrices (T, 3, 3), by the eigenvector."""
     m = rotations
     k = np.empty((len(m), 4, 4))
     k[:, 0] = np.stack(
@@ -299,7 +301,7 @@ def _quaternions(rotations: F64) -> F64:
 
 
 def _animate(document: Document, node: int, times_s: F64, columns: dict[str, F64]) -> None:
-    """Keyframes where something moves; straight in between."""
+    """Add keyframes where something moves; linear in between."""
     values = np.hstack(list(columns.values()))
     keep = np.ones(len(times_s), np.bool_)
     keep[1:-1] = (values[1:-1] != values[:-2]).any(axis=1) | (values[1:-1] != values[2:]).any(

@@ -34,7 +34,7 @@ from .written import Written, beside, silent_note, write_json
 
 SUFFIX: Final = ".haptic"
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0)
-"""What 0 and 1 are, about, on a controller, for files that do not say it."""
+"""Frequencies of 0 and 1 on a controller, about, for files without a statement of them."""
 
 _RANGE_TAG: Final = "frequency-range-hz:{:g}-{:g}"
 _RANGE_PATTERN: Final = re.compile(r"frequency-range-hz:([0-9.e+]{1,12})-([0-9.e+]{1,12})")
@@ -59,7 +59,7 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one file for each signal that sounds: ``stem.<name>.haptic``."""
+    """Write one file for each audible signal: ``stem.<name>.haptic``."""
     files = []
     for each in signals:
         if not each.is_silent:

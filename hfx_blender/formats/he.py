@@ -41,7 +41,7 @@ SUFFIX: Final = ".he"
 V1_SUFFIX: Final = ".v1.he"
 OPENHARMONY_SUFFIX: Final = ".openharmony.json"
 DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0)
-"""What 0 and 100 are, about, on a phone, for files that do not say it."""
+"""Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
 
 _COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
 _COARSER: Final = 1.5
@@ -50,7 +50,7 @@ _SIDES: Final = {0: "", 1: "left", 2: "right"}
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write version 2, one file for each signal that sounds: ``stem.<name>.he``.
+    """Write version 2, one file for each audible signal: ``stem.<name>.he``.
 
     Events follow each other without gaps; there may be any number of them.
     """
@@ -207,7 +207,7 @@ def _openharmony(
 
 
 def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """The signals of a file of any of the three kinds: one, or a left and a right one.
+    """Read the signals of a file of any of the three kinds: one, or a left and a right one.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _absolute_events(found: dict[str, Any]) -> list[tuple[int, int, dict[str, Any]]]:
-    """Each event with its actuator's index and its time, ms."""
+    """Events with their actuator's index and their time, ms."""
     if "Channels" in found:
         return [
             (channel["Parameters"].get("Index", 0), entry["Event"]["StartTime"], entry["Event"])

@@ -22,7 +22,7 @@ _SAME_SHARE: Final = 1.0  # of a hundred
 
 @dataclass(frozen=True)
 class HeEvent:
-    """One event; a transient has no points."""
+    """Event of a .he file; a transient has no points."""
 
     start_ms: int
     points: tuple[tuple[int, float, int], ...]  # time within it, intensity 0..1, frequency
@@ -72,7 +72,7 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
 
 
 def _kept(knots: F64, levels: F64, shares: F64) -> list[int]:
-    """Keyframes but those that are like another in the same millisecond: a step has two."""
+    """Indices of keyframes without near-duplicates in the same millisecond: a step has two."""
     kept = [0]
     last = len(knots) - 1
     for k in range(1, last + 1):
@@ -89,7 +89,7 @@ def _kept(knots: F64, levels: F64, shares: F64) -> list[int]:
 
 
 def _whole_ms(times_ms: Any) -> list[int]:
-    """Whole milliseconds, each later than the one before."""
+    """Round to whole milliseconds, each later than the one before."""
     steps = np.arange(len(times_ms))
     return list(np.maximum.accumulate(np.rint(times_ms).astype(np.int64) - steps) + steps)
 
@@ -98,7 +98,7 @@ _PointMs = tuple[int, float, int]
 
 
 def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_PointMs]:
-    """Points in between where an event must end: at ticks, and before it gets too long."""
+    """Add points where an event must end: at ticks, and before it gets too long."""
     grid = [time for time, _, _ in points]
     wanted = set(grid) | {cut for cut in cuts if grid[0] < cut < grid[-1]}
     for time, after in pairwise(sorted(wanted)):
@@ -110,7 +110,7 @@ def _with_long_gaps_cut(points: list[_PointMs], cuts: Sequence[int]) -> list[_Po
 
 
 def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[HeEvent]:
-    """Stretches of points that fit into an event; the last point of one begins the next."""
+    """Cut points into events; the last point of one begins the next."""
     events = []
     most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
     first = 0
@@ -133,7 +133,7 @@ def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[He
 
 
 def _falling_to_zero(part: list[_PointMs]) -> list[_PointMs]:
-    """Silence at both ends, a millisecond short where it is loud there."""
+    """Add silence at both ends, a millisecond short where it is loud there."""
     (_, level, share), (end, last_level, last_share) = part[0], part[-1]
     inner = part[1:-1]
     if level > 0.0:
@@ -158,7 +158,7 @@ def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
 
 
 def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:
-    """An event as it is written, at a time relative to its pattern."""
+    """JSON entry of an event, at a time relative to its pattern."""
     if event.transient is not None:
         intensity, frequency = event.transient
         return {

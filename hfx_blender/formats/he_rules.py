@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a .he file may hold: versions 1 and 2 of RichTap, and OpenHarmony's variant."""
+"""Rules of .he files: versions 1 and 2 of RichTap, and OpenHarmony's variant."""
 
 from __future__ import annotations
 

@@ -197,7 +197,7 @@ def _set(run: SampleRun, k: int) -> tuple[Any, Any]:
 
 
 def _set_line(number: int, vertices: Any, weights: Any) -> bytes:
-    """A set as a line; most of a file, so its numbers are looked up as text, all at once."""
+    """Encode a set as a line, quickly: its numbers are looked up as text, all at once."""
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:
@@ -210,7 +210,7 @@ def _set_line(number: int, vertices: Any, weights: Any) -> bytes:
 
 
 def _joined(texts: npt.NDArray[np.uint64], chosen: npt.NDArray[Any]) -> bytes:
-    """Entries of a table of texts, one after another, without the comma at the end."""
+    """Concatenate entries of a table of texts, without the comma at the end."""
     return texts[chosen].tobytes().translate(None, b"\0")[:-1]
 
 
@@ -226,7 +226,7 @@ def _texts_of_weights() -> npt.NDArray[np.uint64]:
 
 
 def _table(texts: list[str]) -> npt.NDArray[np.uint64]:
-    """Texts of at most 8 bytes, 0 behind; as one number each they are looked up fastest."""
+    """Table of texts of at most 8 bytes, zero-padded, as integers for fast look-up."""
     return np.array(texts, "S8").view(np.uint64)
 
 
@@ -235,7 +235,7 @@ def _line(value: dict[str, Any]) -> bytes:
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a file: each line's own, and what refers to what is not there.
+    """Faults of a file: those of each line, and broken references.
 
     Raises
     ------

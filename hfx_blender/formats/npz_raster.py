@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A raster as a NumPy archive: everything of it, to the last bit.
+"""Raster as a NumPy archive, complete and bit-exact.
 
 ``docs/formats/index.md`` names the arrays; ``numpy.load`` reads them without this package.
 """
@@ -218,7 +218,7 @@ class _Head:
 
 
 def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
-    """The head of an array whose size is what the head says."""
+    """Read the head of an array, and check the array's size by it."""
     with archive.open(entry) as packed:
         file = io.BytesIO(packed.read(_HEAD_BYTES))
     version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]

@@ -68,7 +68,7 @@ _DOCUMENT = Record(
 
 
 def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write all signals that sound into one file: ``stem.openxr.json``."""
+    """Write all audible signals into one file: ``stem.openxr.json``."""
     silent = [each.name for each in signals if each.is_silent]
     path = stem.with_name(stem.name + SUFFIX)
     write_json(document([each for each in signals if not each.is_silent], frequencies), path)

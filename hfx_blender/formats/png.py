@@ -29,7 +29,7 @@ _LONGEST: Final = 1 << 15  # pixels of an edge
 
 
 def write(values: Grey, path: Path) -> None:
-    """Write a picture (H, W), top row first; uint8 or uint16 tells the depth.
+    """Write a picture (H, W), top row first, uint8 or uint16.
 
     The file says that its values are linear (gAMA 1), so that no reader takes them for sRGB.
 
@@ -57,7 +57,7 @@ def write(values: Grey, path: Path) -> None:
 
 
 def read(path: Path) -> tuple[Grey, bool]:
-    """A picture (H, W), top row first, as it is stored; whether it had colours.
+    """Read a picture (H, W), top row first, as it is stored, and whether it had colours.
 
     Of a coloured picture the mean of red, green and blue is taken; transparency is left out.
 
@@ -80,7 +80,7 @@ def read(path: Path) -> tuple[Grey, bool]:
 
 
 def decode(content: bytes, name: str) -> tuple[Grey, bool]:
-    """:func:`read` from bytes; ``ValueError`` and its like stand for a damaged one."""
+    """:func:`read` from bytes; raises ``ValueError`` and its like for a damaged file."""
     if not content.startswith(_SIGNATURE):
         raise ValueError("no PNG signature")
     chunks = list(_chunks(content))
@@ -137,7 +137,7 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
-    """Rows (H, bytes) from what each of them says of its neighbours; ``unit`` bytes a pixel."""
+    """Undo the filters of rows (H, bytes); ``unit`` bytes a pixel."""
     if kinds.max() > 4:
         raise ValueError(f"row filter {kinds.max()}")
     if kinds.max() <= 2:
@@ -155,7 +155,7 @@ def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
 
 
 def _by_diagonals(kinds: U8, lines: U8, unit: int) -> U8:
-    """As above for filters that look left and up: all pixels of a diagonal are independent."""
+    """Undo filters that look left and up: all pixels of a diagonal are independent."""
     rows, width = lines.shape
     pixels = lines.reshape(rows, width // unit, unit)
     columns = pixels.shape[1]

@@ -27,7 +27,7 @@ _TYPES: Final = {
 
 
 def read(path: Path) -> F64:
-    """The points (N, 3) of a file, in its own unit; what is not finite is left out.
+    """Read the points (N, 3) of a file, in its own unit; non-finite ones are left out.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _ply_text(body: bytes, count: int, places: list[int], path: Path) -> F64:
 
 
 def _header(lines: list[str], path: Path) -> tuple[str, bool, int, list[tuple[str, str]]]:
-    """Byte order ("" for text), whether data comes before the points, their count, columns."""
+    """Parse the header: byte order ("" for text), data before the points, their count, columns."""
     orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
     order, count, columns, element, before = None, -1, [], "", False
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rules that every raster keeps, whatever file it is from or goes to."""
+"""Rules of rasters, for any file format."""
 
 from __future__ import annotations
 

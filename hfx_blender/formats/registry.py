@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All file formats by name: what each can hold, who writes, reads and checks it."""
+"""Registry of file formats by name: their content, writers, readers and checks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SignalWriter = Callable[[list[Signal], FrequencyRange, Path, CurveTolerance], Wr
 
 @dataclass(frozen=True)
 class DeviceFormat:
-    """A format of what one device plays; ``write`` takes ``folder/stem``, without a suffix.
+    """Format of one device's output; ``write`` takes ``folder/stem``, without a suffix.
 
     ``write`` raises ``InputError`` when the format can hold nothing of the device, or not all
     of a signal; ``OutputError`` when a file cannot be written. What else is lost is told by
@@ -45,7 +45,7 @@ class DeviceFormat:
 
 @dataclass(frozen=True)
 class TrackFormat:
-    """A format of what was felt, whatever device plays it; devices are named in it at most."""
+    """Format of a track, independent of devices; at most it names them."""
 
     name: str
     title: str
@@ -60,7 +60,7 @@ def write(
     stem: Path,
     tolerance: CurveTolerance = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write what a device plays in one format, and tell what it could not hold.
+    """Write a device's output in one format, and report what it could not hold.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def write(
 def _simplified(
     write_few: Callable[[tuple[Signal, ...], FrequencyRange, Path], Written], grid: str = ""
 ) -> SignalWriter:
-    """A writer that is given signals of few keyframes."""
+    """Make a writer that is given signals of few keyframes."""
 
     def write_signals(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
@@ -220,11 +220,11 @@ TRACK_FORMATS: Final[dict[str, TrackFormat]] = {
 }
 
 FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, "glb")
-"""Every format that an export can be asked for; ``glb`` is the scene's volumes (glb_scene)."""
+"""Formats of an export; ``glb`` is the scene's volumes (glb_scene)."""
 
 
 def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
-    """Refuse what no scene could be exported with.
+    """Reject formats and devices with which no scene could be exported.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def write_all(
     stem: Path,
     tolerance: CurveTolerance = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write everything but the track itself.
+    """Write all formats but the track itself.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vibration envelopes of a file, as what the actuators of a device are given."""
+"""Raster of a device from vibration envelopes of a file."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ F64 = npt.NDArray[np.float64]
 
 RATE_HZ: Final = 500
 TICK_S: Final = 0.022
-"""A tick is a burst that fades over this time, as long as those of HJIF's reference software."""
+"""Duration over which a tick fades, seconds, as long as those of HJIF's reference software."""
 
 
 def raster_of(
     signals: Sequence[Signal], device: DeviceConfig, name: str
 ) -> tuple[Raster, tuple[str, ...], tuple[str, ...]]:
-    """What a device is given to play signals.
+    """Raster of a device that plays signals.
 
     A signal goes to the vibration actuator of its name; if it is the only one and there is no
     such actuator, to all of them. Full scale is the largest amplitude of the actuator itself.

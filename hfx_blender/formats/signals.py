@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vibration as envelopes: what most haptic file formats hold of one actuator.
+"""Vibration as envelopes: the content of most haptic file formats for one actuator.
 
 Amplitude is a share of full scale, 0 to 1; full scale is the largest amplitude that any
 vibration actuator of the device may be given. Time 0 is the first row of the raster.
@@ -40,7 +40,7 @@ class Transient:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """What one actuator plays."""
+    """Vibration of one actuator."""
 
     name: str
     amplitude: Curve  # 0..1; its last keyframe is the end
@@ -50,18 +50,18 @@ class Signal:
 
     @property
     def duration_s(self) -> float:
-        """When the last of it is over."""
+        """End of the signal, seconds."""
         ends = [float(self.amplitude.times_s[-1]), *(each.time_s for each in self.transients)]
         return max(ends)
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing of it would be felt."""
+        """Test that nothing of the signal would be felt."""
         return not self.transients and not bool((self.amplitude.values > 0.0).any())
 
 
 def distinct(signals: Iterable[Signal]) -> list[Signal]:
-    """Signals whose names differ, in more than capitals: files are named after them."""
+    """Make the names of signals distinct, ignoring case: files are named after them."""
     taken: dict[str, int] = {}  # the last number that a name got
     found = []
     for each in signals:
@@ -76,7 +76,7 @@ def distinct(signals: Iterable[Signal]) -> list[Signal]:
 
 @dataclass(frozen=True)
 class FrequencyRange:
-    """What 0 and 1 mean in formats without hertz: the range of the device's actuators."""
+    """Frequencies of 0 and 1 in formats without hertz: the range of the device's actuators."""
 
     lowest_hz: float
     highest_hz: float
@@ -86,13 +86,13 @@ class FrequencyRange:
             raise ValueError(f"not a range of frequencies: {self}")
 
     def share(self, frequency_hz: npt.ArrayLike) -> F64:
-        """0..1 of these frequencies; 0 where the range is a single one."""
+        """Convert frequencies to 0..1 of the range; 0 where the range is a single one."""
         width = self.highest_hz - self.lowest_hz
         shares = (np.asarray(frequency_hz, np.float64) - self.lowest_hz) / (width or 1.0)
         return np.clip(shares, 0.0, 1.0) if width else np.zeros_like(shares)
 
     def hertz(self, share: npt.ArrayLike) -> F64:
-        """Frequencies of these shares."""
+        """Convert shares of the range to frequencies."""
         clipped = np.clip(np.asarray(share, np.float64), 0.0, 1.0)
         return self.lowest_hz + clipped * (self.highest_hz - self.lowest_hz)
 
@@ -137,7 +137,7 @@ def signals_of(raster: Raster, device: DeviceConfig) -> tuple[list[Signal], Freq
 
 
 def heard(amplitude: F64, frequency: F64) -> F64:
-    """Frequencies where silent rows have that of the sounding row before, or else after."""
+    """Frequencies with silent rows filled from the sounding row before, or else after."""
     sounds = np.flatnonzero(amplitude > 0.0)
     if not len(sounds):
         return frequency
@@ -147,7 +147,7 @@ def heard(amplitude: F64, frequency: F64) -> F64:
 
 @dataclass(frozen=True)
 class Simplified:
-    """Signals of few keyframes, and what that cost."""
+    """Signals of few keyframes, with their errors."""
 
     signals: tuple[Signal, ...]
     amplitude_error: float  # largest, share of full scale
@@ -197,7 +197,7 @@ def simplified_signals(
 
 
 def bursts(curve: Curve) -> list[tuple[int, int]]:
-    """Stretches of keyframes that sound, as (first, last): each begins and ends where it is 0.
+    """Sounding stretches of keyframes, as (first, last): each begins and ends at 0.
 
     The first and the last stretch may begin or end loud, at the curve's own ends.
     """
@@ -227,7 +227,7 @@ class Piece:
 def mixed(
     name: str, pieces: Sequence[Piece], transients: Iterable[Transient] = (), end_s: float = 0.0
 ) -> Signal:
-    """One signal of pieces that may overlap: amplitudes add, the strongest gives the pitch.
+    """Mix pieces that may overlap into one signal: amplitudes add, the strongest gives the pitch.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def mixed(
 
 
 def _carried(pitch: F64) -> F64:
-    """Frequencies of silence: those of what sounded before, or else sounds first."""
+    """Frequencies with silent ones filled from the sound before, or else after."""
     flat = pitch.T.ravel()
     sounds = np.flatnonzero(flat > 0.0)
     if not len(sounds):
@@ -277,7 +277,7 @@ def _carried(pitch: F64) -> F64:
 
 
 def _stepped(times: F64, sides: F64) -> Curve:
-    """A curve with a step where the value before a time is not that from it on."""
+    """Curve with a step wherever the values before and after a time differ."""
     is_step = np.abs(sides[0] - sides[1]) > 1e-9
     is_step[[0, -1]] = False
     counts = 1 + is_step

@@ -41,7 +41,7 @@ def write(
     start_s: float,
     rate_hz: int = RATE_HZ,
 ) -> float:
-    """Write sound, 24 bits; what would be too loud is turned down as a whole.
+    """Write sound, 24 bits; reduces the level of the whole if it is too loud.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What one stroke over a surface feels like, as a file: WAV, AHAP, .he, .haptic or CSV."""
+"""Stroke over a surface as a file: WAV, AHAP, .he, .haptic or CSV."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SUFFIXES: Final = file_suffixes.STROKES
 
 
 def check(path: Path) -> None:
-    """Refuse a name whose suffix is no format for strokes.
+    """Reject a name whose suffix is no format for strokes.
 
     Raises
     ------

@@ -35,7 +35,7 @@ _GAP_MS: Final = 500  # silence that ends an effect
 
 
 def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) -> Written:
-    """Write one file for each kind of suit that has one of the signals.
+    """Write one file for each kind of suit that has any of the signals.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _strongest(curve: Curve, steps: int) -> F64:
 
 
 def _spans(levels: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """First step and step after the last of what sounds without a longer silence."""
+    """Spans of sound, first and last step, without longer silences."""
     loud = np.flatnonzero(levels.any(axis=1))
     if not len(loud):
         return []
@@ -158,7 +158,7 @@ def _effect(
 
 
 def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
-    """Stretches in which no dot of a position changes; silent ones are left out."""
+    """Intervals with constant dots of a position; silent ones are left out."""
     changes = np.flatnonzero((levels[1:] != levels[:-1]).any(axis=1)) + 1
     edges = [0, *changes.tolist(), len(levels)]
     for first, stop in pairwise(edges):
@@ -175,7 +175,7 @@ def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
 
 
 def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
-    """One signal for each dot that is used, named ``VestFront 0``.
+    """Signals of a file, one for each dot that is used, named ``VestFront 0``.
 
     A point that moves on a path is played by the nearest dot.
 
@@ -221,7 +221,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def _count_lost(mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]) -> None:
-    """What of a path cannot be played as it is meant."""
+    """Count the parts of a path that cannot be played as intended."""
     for feedback in mode["pathMode"]["feedback"]:
         if not feedback["pointList"]:
             lost["paths without points, which are silent"] += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where bHaptics' motors are, and which of them plays what a device's actuator plays."""
+"""Places of bHaptics' motors, and their assignment to a device's actuators."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_DOTS: Final = 20
 
 @dataclass(frozen=True)
 class Layout:
-    """One kind of suit: its positions have the same dots each."""
+    """Kind of suit: its positions have the same dots each."""
 
     type: str
     name: str
@@ -26,7 +26,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Motor:
-    """One motor of a kind of suit."""
+    """Motor of a kind of suit."""
 
     kind: str  # key of LAYOUTS
     position: str
@@ -54,7 +54,7 @@ _VEST_Z_M: Final = (1.40, 1.31, 1.22, 1.13, 1.04)
 
 
 def motors_of(device: DeviceConfig, *, is_front_mirrored: bool = False) -> dict[str, Motor]:
-    """The motor that stands for each vibration actuator, by the actuator's id.
+    """Motor for each vibration actuator, by the actuator's id.
 
     On the torso it is the nearest one in front or behind; on a forearm they are taken in
     the order of the configuration. Actuators elsewhere have none.
@@ -86,7 +86,7 @@ def motors_of(device: DeviceConfig, *, is_front_mirrored: bool = False) -> dict[
 
 
 def _centre(device: DeviceConfig, actuator: Actuator) -> tuple[float, float, float] | None:
-    """Where an actuator is in rest space; None: in the room."""
+    """Place of an actuator in rest space; None for one in the room."""
     place = actuator.place
     if isinstance(place, BodyPlace):
         x, y, z = place.centre_m

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a bHaptics .tact file may hold, as far as the player's own parser tells."""
+"""Rules of bHaptics .tact files, as far as the player's own parser shows them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic maps as files: two grey PNG layers and a JSON that says what their values mean.
+"""Haptic maps as files: two grey PNG layers and a JSON with the meaning of their values.
 
 Both layers are linear, 0 to full code: intensity is the share of the amplitude's range and
 sharpness that of the frequency's. The JSON names the layers; they lie beside it.

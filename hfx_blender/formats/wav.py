@@ -56,7 +56,7 @@ I64 = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class _Drive:
-    """What the channels play, at the raster's rows."""
+    """Waves of the channels, at the raster's rows."""
 
     actuators: tuple[str, ...]
     amplitudes: F64  # (T + 1, C) 0..1 of full scale; the last row is the silent end
@@ -76,7 +76,7 @@ def write(
     sample_format: SampleFormat = "int16",
     rate_hz: int = RATE_HZ,
 ) -> None:
-    """Write a raster as WAV, and beside it which channel is which actuator.
+    """Write a raster as WAV, and beside it the list of channels and actuators.
 
     Full scale is the largest amplitude that any vibration actuator of the device may be
     given. More than two channels, or 24 bits, are written as WAVE_FORMAT_EXTENSIBLE with
@@ -173,7 +173,7 @@ def _driven(
     full_scale: float,
     totals: F64 | None = None,
 ) -> F64:
-    """Amplitudes as those of a channel whose output is proportional to its drive."""
+    """Linearize the drive: amplitudes for a channel whose output is proportional to them."""
     if not any(curves):
         return pairs
     asked = np.clip(np.nan_to_num(pairs, nan=0.0, posinf=0.0, neginf=0.0), 0.0, None)
@@ -216,7 +216,7 @@ def _drive(
 def _add_waveform(
     played: F64, drive: _Drive, raster: Raster, rate_hz: int, first_row: int, starts: I64
 ) -> None:
-    """Add what a drive plays to audio samples (n, C) in -1..1; alike however they are split.
+    """Add a drive's output to audio samples (n, C) in -1..1; independent of the split into blocks.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def _encoded(waveform: F64, sample_format: SampleFormat) -> bytes:
 def _head(
     sample_format: SampleFormat, channel_count: int, rate_hz: int, sample_count: int
 ) -> bytes:
-    """Everything before the samples: RIFF, fmt and, for floats, fact (Microsoft, 1994)."""
+    """Head of a WAV file: RIFF, fmt and, for floats, fact (Microsoft, 1994)."""
     bits = _BITS[sample_format]
     frame_bytes = channel_count * bits // 8
     tag = _FLOAT if sample_format == "float32" else _PCM

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is in a WAV file: its form, and whether its sizes are right."""
+"""Structure of a WAV file, and checks of its sizes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_CHUNKS: Final = 1000
 
 @dataclass(frozen=True)
 class WavForm:
-    """How the samples are stored."""
+    """Storage format of the samples."""
 
     channels: int
     rate_hz: int
@@ -37,7 +37,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
 
 
 def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
-    """The form of a file (None: it has none), and its faults."""
+    """Storage format of a file (None without one), and its faults."""
     report = Report("WAV")
     if content[:4] != b"RIFF" or content[8:12] != b"WAVE":
         report.error("RIFF", None, "it does not begin with RIFF and WAVE")

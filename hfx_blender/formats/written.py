@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a writer made, and what it had to leave out."""
+"""Result of a writer: files, and what had to be left out."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def beside(stem: Path, part: str) -> Path:
 
 
 def silent_note(names: Sequence[str]) -> tuple[str, ...]:
-    """That these actuators play nothing and got no file."""
+    """Note on actuators that play nothing and got no file."""
     if not names:
         return ()
     shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")

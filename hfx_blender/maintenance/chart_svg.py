@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A chart of a track over time, as SVG: what was felt, and what each device played."""
+"""Chart of a track over time, as SVG: samples, and the output of each device."""
 
 from __future__ import annotations
 

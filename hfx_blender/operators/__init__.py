@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user can do: thin operators over plain functions, one file a topic."""
+"""User actions: thin operators over plain functions, one file a topic."""
 
 from __future__ import annotations
 

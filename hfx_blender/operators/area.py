@@ -26,7 +26,7 @@ _BLEND_TIP = "What becomes of the area that was there"
 
 
 class _AreaOperator(HfxOperator):
-    """Base: works on the active painted effect, whether it is being painted or not."""
+    """Base of operators on the active painted effect, during painting or not."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

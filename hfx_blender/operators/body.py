@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic bodies: add the built-in avatar, fit the body to an own one, look at it, let it walk."""
+"""Haptic bodies: add the built-in avatar, fit a body to an avatar, show models, walk."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ those that cover its skin"""
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active armature, the only one selected, or the one that deforms the active mesh."""
+    """Find the active armature, the only one selected, or the one that deforms the active mesh."""
     if context.object is not None and context.object.type == "ARMATURE":
         return context.object
     selected = [obj for obj in context.selected_objects if obj.type == "ARMATURE"]
@@ -160,7 +160,7 @@ it again"""
 
 
 class HfxPlace(bpy.types.PropertyGroup):
-    """A place of a way, in the world."""
+    """Waypoint in the world."""
 
     location: bpy.props.FloatVectorProperty(
         name="Location", description="In the world", subtype="TRANSLATION"
@@ -168,7 +168,7 @@ class HfxPlace(bpy.types.PropertyGroup):
 
 
 class HFX_OT_add_walk(HfxOperator):
-    """Let the active haptic body walk from place to place at an even speed"""
+    """Make the active haptic body walk from place to place at an even speed"""
 
     bl_idname = "hfx.add_walk"
     bl_label = "Walk"

@@ -32,7 +32,7 @@ class _BonesOperator(HfxOperator):
 
 
 class HFX_OT_find_bones(_BonesOperator):
-    """Find which bone stands for which joint; rows that you corrected are kept"""
+    """Find the bone for each joint; rows that you corrected are kept"""
 
     bl_idname = "hfx.find_bones"
     bl_label = "Find Bones"
@@ -42,7 +42,7 @@ class HFX_OT_find_bones(_BonesOperator):
 
 
 class HFX_OT_reset_bones(_BonesOperator):
-    """Drop all corrections: only what is found automatically is left"""
+    """Drop all corrections and return to the automatic mapping"""
 
     bl_idname = "hfx.reset_bones"
     bl_label = "Reset"
@@ -80,7 +80,7 @@ class _FileOperator(_BonesOperator):
 
 
 class HFX_OT_save_bones(_FileOperator):
-    """Save which bone stands for which joint, for other avatars with the same bones"""
+    """Save the mapping of bones to joints, for other avatars with the same bones"""
 
     bl_idname = "hfx.save_bones"
     bl_label = "Save Bone Mapping"
@@ -98,7 +98,7 @@ class HFX_OT_save_bones(_FileOperator):
 
 
 class HFX_OT_load_bones(_FileOperator):
-    """Load which bone stands for which joint; fit the body again afterwards"""
+    """Load a mapping of bones to joints; fit the body again afterwards"""
 
     bl_idname = "hfx.load_bones"
     bl_label = "Load Bone Mapping"

@@ -66,7 +66,7 @@ class _ClipOperator(HfxOperator):
 
 
 class HFX_OT_add_clip(_ClipOperator):
-    """Let the effect be felt from the current frame on, for a while, with fades"""
+    """Add a clip from the current frame on, with fades"""
 
     bl_idname = "hfx.add_clip"
     bl_label = "Add Clip"
@@ -81,7 +81,7 @@ class HFX_OT_add_clip(_ClipOperator):
 
 
 class HFX_OT_add_heartbeat(_ClipOperator):
-    """Let the effect beat like a heart; fades shape the whole of it, not each beat"""
+    """Add a heartbeat to the effect; fades shape the whole of it, not each beat"""
 
     bl_idname = "hfx.add_heartbeat"
     bl_label = "Add Heartbeat"

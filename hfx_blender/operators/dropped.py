@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is dropped out of the Asset Browser becomes effects, by itself and in one undo step."""
+"""Turns sensations dropped out of the Asset Browser into effects, in one undo step."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ _NAME_TIP = "How it is called in the outliner; empty: by what it is"
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
-    """Let a viewport draw wires in the colours of their objects, which tell the modality.
+    """Switch a viewport's wires to the colours of their objects, which show the modality.
 
     Wires of the theme, Blender's default, are black; a choice of the user's own is kept.
     """

@@ -109,7 +109,7 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """All at once for a script; in a window step by step, so that Esc can end it."""
+        """Export in one go for a script; in a window step by step, so that Esc can end it."""
         if not self._is_invoked or bpy.app.background:
             return super().execute(context)
         begun = self.reported(lambda: self._begin(context))
@@ -128,7 +128,9 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         return ""
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Nothing else can be done meanwhile: the scene must stay as it is."""
+        """Handle events of a running export; other actions are blocked, as the scene must not
+        change.
+        """
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
             self.report({"WARNING"}, "Export cancelled: nothing was written")
@@ -143,7 +145,7 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         return went_on
 
     def _go_on(self) -> str:
-        """Some more steps; in the end, what there is to report."""
+        """Do some more steps; returns the final report at the end."""
         assert self._steps is not None
         pause = time.monotonic() + _AT_ONCE_S
         try:
@@ -166,7 +168,7 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         context.workspace.status_text_set(draw)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """The end of it, whether there is a result or not."""
+        """End the export, with a result or without."""
         if self._steps is not None:
             self._steps.close()
             self._steps = None

@@ -75,7 +75,7 @@ class HFX_OT_scale_frequency(_ManyEffects):
 
 
 class HFX_OT_modulate(_ManyEffects):
-    """Let the intensity of effects swing; a depth of 0 takes the swing away"""
+    """Modulate the intensity of effects; a depth of 0 removes the modulation"""
 
     bl_idname = "hfx.modulate"
     bl_label = "Modulation"
@@ -99,7 +99,7 @@ class HFX_OT_modulate(_ManyEffects):
 
 
 class HFX_OT_add_rain(HfxOperator):
-    """Let it rain on the body: makes the drops; the same again replaces them"""
+    """Make it rain on the body: adds the drops, or replaces those of the same name"""
 
     bl_idname = "hfx.add_rain"
     bl_label = "Rain"

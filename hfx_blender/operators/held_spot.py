@@ -27,7 +27,7 @@ _SHORTCUTS = {"G", "S", "I"}
 
 
 def is_for_blender(context: bpy.types.Context, event: bpy.types.Event) -> bool:
-    """Whether a key means Blender's own operator: something beside the point is selected."""
+    """Test a key for Blender's own operator: something beside the point is selected."""
     effect = active_spot(context)
     others = any(other != effect for other in context.selected_objects)
     return event.type in _SHORTCUTS and (others or not effect.select_get())
@@ -38,13 +38,13 @@ def view_region(context: bpy.types.Context) -> bpy.types.Region:
 
 
 def on_body(context: bpy.types.Context, effect: bpy.types.Object, place: F64) -> Vector:
-    """A canonical place as it is on the effect's body now, world space."""
+    """Position of a canonical place on the effect's body now, world space."""
     anchors = posed_skin.Anchors.of(place[None])
     return Vector(anchors.on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist())
 
 
 class HeldSpotOperator(PathOperator):
-    """Base of the operators that follow the mouse; they say what is done with it."""
+    """Base of the operators that follow the mouse; subclasses define the change."""
 
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 
@@ -129,7 +129,7 @@ class HeldSpotOperator(PathOperator):
         context.workspace.status_text_set(keys)
 
     def _window_place(self, context: bpy.types.Context, place: F64) -> Vector | None:
-        """Where a canonical place is seen, in the window's pixels; None: behind the viewer."""
+        """Place of a canonical point in the window's pixels; None if it is behind the viewer."""
         region = view_region(context)
         world = on_body(context, active_spot(context), place)
         seen = view3d_utils.location_3d_to_region_2d(region, context.space_data.region_3d, world)
@@ -149,5 +149,5 @@ class HeldSpotOperator(PathOperator):
         return False
 
     def _words(self, context: bpy.types.Context) -> tuple[str, str]:
-        """What the header says, and what other keys do."""
+        """Texts of the header and of the other keys."""
         raise NotImplementedError

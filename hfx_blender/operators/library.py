@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def _body(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Whom areas are put on: the active body, that of the active effect, or the only one."""
+    """Target body of areas: the active body, that of the active effect, or the only one."""
     found = effects.bodies_of(context.scene)
     effect = active_effect(context)
     for body in (active_body(context), effect.hfx.body if effect is not None else None):
@@ -39,7 +39,7 @@ def _body(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector:
-    """From where the places of volumes are measured: their body stands there, or the cursor."""
+    """Origin of the places of volumes: their body's place, or the cursor."""
     return body.matrix_world.translation if body is not None else context.scene.cursor.location
 
 
@@ -73,7 +73,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
 
 
 def _selected(context: bpy.types.Context, title: str) -> Sensation:
-    """What the selected effects are, and those that selected emitters emit."""
+    """Sensation of the selected effects, and of those that selected emitters emit."""
     from ..authoring import effect_exchange, response_exchange
 
     selected = context.selected_objects

@@ -87,7 +87,7 @@ class HFX_OT_live_import(HfxOperator, ImportHelper):
 
 
 class HFX_OT_live_remove(HfxOperator):
-    """Take a device out of this scene; it is disconnected"""
+    """Remove a device from this scene, and disconnect it"""
 
     bl_idname = "hfx.live_remove"
     bl_label = "Remove Device"
@@ -156,7 +156,7 @@ class HFX_OT_live_connect(_OfDevice):
 
 
 class HFX_OT_live_disconnect(_OfDevice):
-    """Silence a device and give its port back"""
+    """Silence a device and close its port"""
 
     bl_idname = "hfx.live_disconnect"
     bl_label = "Disconnect"
@@ -167,7 +167,7 @@ class HFX_OT_live_disconnect(_OfDevice):
 
 
 class HFX_OT_live_play(_LiveOperator):
-    """Let connected devices play again after a stop, from silence"""
+    """Resume the output to connected devices after a stop, from silence"""
 
     bl_idname = "hfx.live_play"
     bl_label = "Play"
@@ -195,7 +195,7 @@ class HFX_OT_live_stop_all(bpy.types.Operator):
 
 
 class HFX_OT_live_pulse(_OfDevice):
-    """Let one actuator be felt for a moment, softly"""
+    """Play one actuator for a moment, softly"""
 
     bl_idname = "hfx.live_pulse"
     bl_label = "Test Pulse"
@@ -256,7 +256,7 @@ class HFX_OT_live_approve(_OfDevice):
 
 
 class HFX_OT_live_revoke(_LiveOperator):
-    """Withdraw the approval of a device's script; where it plays it is stopped at once"""
+    """Withdraw the approval of a device's script, and stop it where it plays"""
 
     bl_idname = "hfx.live_revoke"
     bl_label = "Withdraw Approval"

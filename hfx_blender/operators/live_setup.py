@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finding devices that are there, and bringing touch, sound and picture together."""
+"""Finds present devices, and aligns touch, sound and picture in time."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class HFX_OT_live_find(HfxOperator):
 
 
 def _look() -> list[str]:
-    """What is there now; names of all serial ports."""
+    """Look for devices; returns the names of all serial ports."""
     from ..devices.configuration import list_devices, load_device
     from ..devices.live.discovery import found_devices, serial_ports
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What haptics are made for: a sound that plays in step, a video or a 360 degree picture around."""
+"""Media to go with haptics: a sound that plays in step, a video or a 360 degree picture."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class HFX_OT_paint_end(HfxOperator):
 
 
 def _pixels(context: bpy.types.Context, canvas: bpy.types.Object, length: float) -> float:
-    """How long a length at the middle of a mesh is seen in the 3D viewport; brushes ask that."""
+    """Length in the 3D viewport, pixels, of a length at the middle of a mesh; brushes need it."""
     area = context.area
     if area is None or area.type != "VIEW_3D":
         return _BRUSH_PIXELS
@@ -100,7 +100,7 @@ def _hide_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
 
 
 def _show_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    """Show what was hidden to paint; what the user had hidden stays so."""
+    """Show the meshes that were hidden to paint; those that the user had hidden stay so."""
     for mesh in _seen_meshes(context, effect):
         if mesh.library is not None or mesh.pop(_IS_HIDDEN, False):
             mesh.hide_set(False)

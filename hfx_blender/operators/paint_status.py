@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""While painting, the status bar names the body part under the mouse."""
+"""Names the body part under the mouse in the status bar, while painting."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ _HINTS = {
 
 
 class HfxPathPoint(bpy.types.PropertyGroup):
-    """A place of a path that is being drawn."""
+    """Place of a path that is being drawn."""
 
     place: FloatVectorProperty(
         name="Place", description="Metres, rest space of the canonical body", precision=4
@@ -179,14 +179,14 @@ class HFX_OT_draw_path(HfxOperator):
         return {"RUNNING_MODAL"} if self._is_held else {"PASS_THROUGH"}
 
     def _over_region(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
-        """Whether the mouse is over the view, and not over a panel that lies on it."""
+        """Test that the mouse is over the view, and not over a panel that lies on it."""
         others = [each for each in context.area.regions if each.type != "WINDOW"]
         return _holds(_view_region(context), event) and not any(
             _holds(each, event) for each in others
         )
 
     def _add(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
-        """The place under the mouse; beside the body the last one stays."""
+        """Add the place under the mouse; beside the body the last one stays."""
         import numpy as np
 
         # The operator may have been started from a button, in a panel's region.
@@ -217,7 +217,7 @@ class HFX_OT_draw_path(HfxOperator):
         context.area.tag_redraw()
 
     def _path_through(self, places: np.ndarray) -> np.ndarray | None:
-        """The path that would be drawn now; None: from place to place."""
+        """Path that would be drawn now; None for straight lines from place to place."""
         if self.mode not in ("STRAIGHT", "CURVE") or len(places) < 2:
             return None
         try:

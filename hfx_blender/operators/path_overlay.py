@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths of points on the skin, drawn on the avatar as it stands, with the point on them."""
+"""Overlay of paths on the posed avatar, with their points."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _PENDING_COLOUR = (1.0, 0.85, 0.2, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class PathLines:
-    """What is drawn of one point on the skin; world space, Blender's units."""
+    """Lines of one point on the skin; world space, Blender's units."""
 
     path: F32  # (n, 3)
     ring: F32  # (m, 3) the disc's rim where the point is now
@@ -43,7 +43,7 @@ _draw_handle: object | None = None
 
 
 def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = None) -> None:
-    """What is being drawn with the mouse on a body; None: nothing.
+    """Show the path that is being drawn with the mouse on a body; None hides it.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def show_pending(body: bpy.types.Object | None, places: F64, path: F64 | None = 
 def lines_of(
     effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph, unit_m: float
 ) -> PathLines | None:
-    """A point's path and disc as they are now; None if it is nowhere.
+    """Lines of a point's path and disc at present; None without a place.
 
     Raises
     ------

@@ -40,13 +40,13 @@ INTERPOLATIONS = (
 
 
 def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active effect, if it is a point on the skin."""
+    """Active effect, if it is a point on the skin."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "SPOT" else None
 
 
 def body_of(context: bpy.types.Context) -> bpy.types.Object:
-    """Whom a new effect is put on: the active body, else the only one there is."""
+    """Target body of a new effect: the active body, else the only one there is."""
     found = effects.bodies_of(context.scene)
     active = active_body(context)
     if active in found:
@@ -134,7 +134,7 @@ class HFX_OT_add_spot(_OnBody):
 
 
 class HFX_OT_reverse_path(PathOperator):
-    """Let the path lead the other way; keyframes stay, so the point moves backwards"""
+    """Reverse the path; keyframes stay, so the point moves backwards"""
 
     bl_idname = "hfx.reverse_path"
     bl_label = "Reverse Path"
@@ -148,7 +148,7 @@ class HFX_OT_reverse_path(PathOperator):
 
 
 class HFX_OT_mirror_path(PathOperator):
-    """Take the path to the other side of the body"""
+    """Mirror the path to the other side of the body"""
 
     bl_idname = "hfx.mirror_path"
     bl_label = "Mirror Path"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses: add, remove, move and mute filters of a volume, and bake what they yield."""
+"""Contact responses: add, remove, move and mute filters of a volume, and bake the result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .shared import HfxOperator, active_effect
 
 
 def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active object, if it is a haptic volume."""
+    """Active object, if it is a haptic volume."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "VOLUME" else None
 
@@ -32,7 +32,7 @@ class _OnFilter(HfxOperator):
 
 
 class HFX_OT_add_response_filter(_OnVolume):
-    """Add a filter to how the volume answers a touch"""
+    """Add a filter to the volume's contact response"""
 
     bl_idname = "hfx.add_response_filter"
     bl_label = "Add Filter"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What every operator shares: a fault of the user's is a report, never a traceback."""
+"""Base class of the operators: faults of the user become reports, never tracebacks."""
 
 from __future__ import annotations
 
@@ -13,30 +13,32 @@ from ..errors import HfxError
 from ..printable import printable
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
-"""What the extension brings as wheels; its small zip brings none of them."""
+"""Packages that the extension brings as wheels; its small zip brings none of them."""
 
 
 class HfxOperator(bpy.types.Operator):
-    """Base of the operators: ``work`` does it, :class:`HfxError` becomes an error report."""
+    """Base of the operators: runs ``work`` and turns :class:`HfxError` into an error report."""
 
     bl_options = {"REGISTER", "UNDO"}
 
     def __init_subclass__(cls, **options: object) -> None:
-        """A tooltip has no line breaks: the paragraphs of the docstring become its sentences."""
+        """Make the tooltip: paragraphs of the docstring become its sentences, without line
+        breaks.
+        """
         super().__init_subclass__(**options)
         if cls.__doc__ and "bl_description" not in cls.__dict__:
             paragraphs = (" ".join(each.split()) for each in cls.__doc__.split("\n\n"))
             cls.bl_description = ". ".join(each.rstrip(".") for each in paragraphs if each)
 
     def work(self, context: bpy.types.Context) -> str:
-        """Do it, and return what to report ("" for nothing)."""
+        """Do the operator's work, and return its report ("" for none)."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self.reported(lambda: self.work(context))
 
     def reported(self, work: Callable[[], str]) -> set[str]:
-        """Do some work: what it returns is reported, and so is why it failed."""
+        """Call a function and report its result, or the reason of its failure."""
         try:
             message = work()
         except HfxError as error:
@@ -59,7 +61,7 @@ class HfxOperator(bpy.types.Operator):
 
     @classmethod
     def needs(cls, found: object, what: str) -> bool:
-        """For ``poll``: whether something was found; else the user is told what is needed."""
+        """Test a condition for ``poll``; if it fails, the tooltip tells the user what is needed."""
         if found:
             return True
         cls.poll_message_set(what)
@@ -70,7 +72,7 @@ EnumItems = list[tuple[str, str, str]]
 
 
 def made_once(entries: Callable[[], EnumItems]) -> Callable[[object, object], EnumItems]:
-    """Items of an enum that never change, made when they are first asked for.
+    """Items of a constant enum, made on first use.
 
     They are kept, as Blender does not keep the strings of a dynamic enum alive by itself.
     """
@@ -94,12 +96,12 @@ def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 
 
 def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:
-    """Whether an object can be selected or hidden: not in excluded collections only."""
+    """Test that an object can be selected or hidden: it is not in excluded collections only."""
     return any(each == obj for each in context.view_layer.objects)
 
 
 def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active object, if it is a haptic effect."""
+    """Active object, if it is a haptic effect."""
     obj = context.object
     return obj if obj is not None and obj.hfx.role == "EFFECT" else None
 

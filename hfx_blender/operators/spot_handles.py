@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A point on the skin is grabbed and slid over the body, and its disc is sized, with the mouse."""
+"""Operators that slide a point over the skin, and size its disc, with the mouse."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class HFX_OT_slide_spot(HeldSpotOperator):
         return self._picker.nearest(beside, float("inf"))
 
     def _show(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
-        """What is felt and seen meanwhile: the point alone, and the path that it has."""
+        """Show the temporary state: the point alone, and the path that it has."""
         import numpy as np
 
         from ..authoring import spot_placing
@@ -227,7 +227,7 @@ class HFX_OT_key_spot(PathOperator):
 
 
 def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    """The object, which only stands for the effect, goes along with the point."""
+    """Move the object, which only stands for the effect, to the point."""
     from ..authoring import spot_placing
 
     place = spot_placing.place_of(effect)

@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 
 _TICK_S = 0.01
 _BUSY_S = 0.03
-"""A tick that is so late says that the window was busy: moves of the mouse still wait."""
+"""Delay of a timer event from which on the window counts as busy, seconds: moves of the mouse still
+wait."""
 
 last_take: Take | None = None
-"""The last stroke over any surface of this Blender; what is exported."""
+"""Last stroke over any surface of this Blender, which is exported."""
 
 
 class HFX_OT_stroke_pad(HfxOperator):
@@ -120,7 +121,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def _feel(self) -> None:
-        """Let what came be heard, and felt on connected devices."""
+        """Play new parts of the stroke as sound, and on connected devices."""
         pad = self._pad
         signal = pad.next_step()
         if signal is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The stroke pad as it is drawn over an editor: the map, the finger's way, and four plots."""
+"""Drawing of the stroke pad over an editor: the map, the finger's path, and four plots."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _OFF: _Colour = (0.9, 0.6, 0.2, 1.0)
 
 
 class PadPlace:
-    """Where the pad lies in a region, and which place of the surface is under a pixel."""
+    """Layout of the pad in a region, and conversion between pixels and places of the surface."""
 
     def __init__(self, width: int, height: int) -> None:
         side = min(SIDE_PX, width - _MARGIN_PX - _PLOT_PX[0] - 30, height - 2 * _MARGIN_PX)
@@ -42,7 +42,7 @@ class PadPlace:
         self.left, self.bottom = _MARGIN_PX, max((height - self.side) // 2, 30)
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a pixel of the region is on the pad."""
+        """Test a pixel of the region for being on the pad."""
         return 0 <= x - self.left < self.side and 0 <= y - self.bottom < self.side
 
     def surface_point(self, pad: StrokePad, x: float, y: float) -> tuple[float, float]:
@@ -134,7 +134,7 @@ def _plots(pad: StrokePad, left: float, bottom: float) -> None:
 
 
 def _tiles(image: bpy.types.Image, pad: StrokePad, place: PadPlace) -> None:
-    """The map, as often as it fits onto the pad; clipped at its edges."""
+    """Draw the map as often as it fits onto the pad; clipped at its edges."""
     assert pad.texture.map is not None
     size = np.array(pad.texture.map.size_m) / pad.metres_per_pixel
     count = np.ceil(place.side / size).astype(int)

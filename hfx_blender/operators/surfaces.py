@@ -17,12 +17,12 @@ from .shared import HfxOperator
 
 
 def active_surface(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The active object, if it has a haptic surface."""
+    """Active object, if it has a haptic surface."""
     return context.object if surfaces.is_surface(context.object) else None
 
 
 def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
-    """Make an object's maps; what is noted, and what is wrong with them as a warning."""
+    """Make an object's maps; returns notes, and reports faults as a warning."""
     note = surfaces.make(obj)
     if obj.hfx.surface.warning:
         text = f"'{obj.name}': {obj.hfx.surface.warning}."
@@ -37,7 +37,7 @@ class _OfSurface(HfxOperator):
 
 
 class HFX_OT_add_surface(HfxOperator):
-    """Let the active object be felt by moving over it, and make its maps"""
+    """Add a haptic surface to the active object, and make its maps"""
 
     bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
@@ -72,7 +72,7 @@ class HFX_OT_add_surface(HfxOperator):
 
 
 class HFX_OT_remove_surface(_OfSurface):
-    """The active object is not felt any more; its maps go"""
+    """Remove the haptic surface of the active object, with its maps"""
 
     bl_idname = "hfx.remove_surface"
     bl_label = "Remove Surface"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values over time, worked out at once."""
+"""Values over time, computed at once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .shared import HfxOperator
 
 
 class HFX_OT_update_values(HfxOperator):
-    """Work out what effects and actuators do over the timeline, stepping through its frames"""
+    """Compute the values of effects and actuators over the timeline, stepping through its frames"""
 
     bl_idname = "hfx.update_values"
     bl_label = "Update Values"

@@ -60,7 +60,7 @@ def _arrange_soon(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> N
 
 
 def _arrange(window: bpy.types.Window) -> None:
-    """Let a screen show a viewport with our tab, and an NLA editor below it."""
+    """Arrange a screen: a viewport with our tab, and an NLA editor below it."""
     areas = window.screen.areas
     viewports = [area for area in areas if area.type == "VIEW_3D"]
     viewport = max(viewports or areas, key=lambda area: area.width * area.height)

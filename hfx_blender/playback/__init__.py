@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is seen and felt while the scene plays: the preview in the viewport, live devices."""
+"""Playback: the preview in the viewport and live devices, while the scene plays."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Actuators of the chosen devices as discs on the skin that glow with what they are given."""
+"""Actuators of the chosen devices as discs on the skin that glow with their output."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ F32 = npt.NDArray[np.float32]
 ABOVE_SKIN_M = 0.004
 
 MOST_DISCS = 256
-"""In one draw; 32 bytes each, of the 16 kB that every graphics card has for them."""
+"""Largest number of discs in one draw call; 32 bytes each, of the 16 kB that every graphics card
+has for them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """What stays of A actuators that go where one thing goes."""
+    """Constant appearance of A actuators that share one carrier."""
 
     colours: F32  # (A, 3) at full strength
     cold: F32  # (A, 3) below neutral
@@ -42,7 +43,7 @@ class Looks:
 
 @dataclass(frozen=True, eq=False)
 class Discs:
-    """A actuators as they are to be drawn, in the space of what carries them.
+    """Drawable actuators, A of them, in the space of their carrier.
 
     Attributes
     ----------
@@ -86,7 +87,7 @@ class _Worn:
         return np.zeros((len(recorded.frames), len(self.columns)), np.float32)
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """Shares of full strength at one moment, (A,)."""
+        """Shares of full strength at present, (A,)."""
         if not any(run.stream.body_id == self.body_id and len(run) for run in runs):
             return np.zeros(len(self.columns), np.float32)
         return self._share(self.renderer.values(runs)[self.columns])
@@ -97,7 +98,7 @@ class _Worn:
 
 
 class ActuatorGlow:
-    """The devices of one scene on its bodies."""
+    """Glow of the devices of one scene on its bodies."""
 
     def __init__(self, live: LiveScene, scene: bpy.types.Scene) -> None:
         self.faults: list[str] = []
@@ -119,7 +120,7 @@ class ActuatorGlow:
         self._known: tuple[OverTime | None, F32 | None] = None, None
 
     def recorded(self, recorded: OverTime, index: int) -> F32:
-        """How far each actuator of each device is from silence at a sample of a record, (A,) -1..1.
+        """Deviation of each device's actuators from silence at a sample of a record, (A,) in -1..1.
 
         That of devices whose values could not be recorded is zero.
         """
@@ -132,13 +133,13 @@ class ActuatorGlow:
         return row
 
     def now(self, runs: Sequence[SampleRun]) -> F32:
-        """How far each actuator of each device is from silence when this is felt, (A,) -1..1."""
+        """Deviation of each device's actuators from silence for these samples, (A,) in -1..1."""
         return np.concatenate([np.zeros(0, np.float32), *(each.now(runs) for each in self._worn)])
 
     def discs(
         self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: Skins
     ) -> list[Discs]:
-        """All actuators as they are to be drawn now."""
+        """Drawable discs of all actuators at present."""
         found = []
         first = 0
         for wearer in self._wearers:
@@ -163,7 +164,7 @@ def _worn(live: LiveScene, device: DeviceConfig, body: bpy.types.Object, body_id
 
 
 class _Wearer:
-    """One body with all of the actuators that are on it."""
+    """Body with all of the actuators that are on it."""
 
     def __init__(self, body: bpy.types.Object, worn: Sequence[_Worn]) -> None:
         self._body = body
@@ -195,7 +196,7 @@ class _Wearer:
         palette: Mapping[str, Colour],
         unit_m: float,
     ) -> list[Discs]:
-        """Those that are on skin that is shown, and those in the room."""
+        """Discs of the actuators on displayed skin, and of those in the room."""
         graph, found = live.objects.layer.depsgraph, []
         *on_skin, in_room = self._looks_of(palette, unit_m)
         for (mesh, mine, vertices), looks in zip(self._on, on_skin, strict=True):
@@ -215,7 +216,7 @@ class _Wearer:
         return found
 
     def _looks_of(self, palette: Mapping[str, Colour], unit_m: float) -> list[Looks]:
-        """Of those on each mesh, and of those in the room."""
+        """Appearances: one for the actuators on each mesh, and one for those in the room."""
         known, looks = self._looks
         key = (unit_m, *palette.values())  # a palette of one's own may change
         if known != key:

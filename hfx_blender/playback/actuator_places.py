@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a device's actuators are on somebody's avatar."""
+"""Finds the places of a device's actuators on an avatar."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SMALLEST_M, LARGEST_M = 0.006, 0.02
 
 _NEAREST = 4
 _ROOM_M = 0.45
-"""How far before the body an actuator is shown that stands in the room."""
+"""Distance before the body at which an actuator that stands in the room is shown, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class ActuatorPlaces:
-    """The A actuators of a device on a body; -1 for those that stand in the room."""
+    """Places of a device's A actuators on a body; -1 for those that stand in the room."""
 
     mesh: I64  # (A,) which of the avatar's meshes
     vertex: I64  # (A,) of that mesh
@@ -81,13 +81,15 @@ def _place(place: Place, model_id: str, avatar: Avatar) -> tuple[F64, float, boo
 
 
 def _spread_room(points: F64, in_room: npt.NDArray[np.bool_]) -> None:
-    """Actuators in the room beside each other, not in one place."""
+    """Place actuators of the room beside each other, not in one place."""
     which = np.flatnonzero(in_room)
     points[which, 0] += 0.12 * (np.arange(len(which)) - (len(which) - 1) / 2)
 
 
 def _on_body(body: bpy.types.Object, model_id: str, points: F64) -> F64:
-    """From the canonical avatar to a body's own rest space: as the model's vertices near it."""
+    """Map points from the canonical avatar to a body's own rest space, by the model's vertices near
+    them.
+    """
     model, own = load_model(model_id), retargeting.model_of(body, model_id)
     before, after = model.vertices.astype(np.float64), own.vertices.astype(np.float64)
     scale = float(np.ptp(after, axis=0).max() / np.ptp(before, axis=0).max())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the graphics card works out of the preview: skin that is lit, and discs with their glow.
+"""Shaders of the preview: lit skin, and discs with their glow.
 
 Written in the part of GLSL that Blender translates for OpenGL, Vulkan and Metal.
 """
@@ -104,7 +104,7 @@ void main()
 
 @cache
 def skin() -> gpu.types.GPUShader:
-    """For triangles with ``pos``, ``normal`` and ``colour``, of their own space.
+    """Shader for triangles with ``pos``, ``normal`` and ``colour``, in their own space.
 
     To be set are ``to_viewer``, a unit vector, ``above``, how far over the surface they are drawn,
     both of that space, and ``opacity``, 0..1.
@@ -126,7 +126,7 @@ def skin() -> gpu.types.GPUShader:
 
 @cache
 def discs() -> gpu.types.GPUShader:
-    """For triangles with ``corner``: cosine, sine, ring, and which of the ``rows`` it belongs to.
+    """Shader for triangles with ``corner``: cosine, sine, ring, and the index of its ``rows``.
 
     ``full`` is its colour at full strength and, in the world, its radius; ``cold`` its colour below
     neutral. To be set are ``above``, how far over the skin they are drawn, and ``scale``, how long

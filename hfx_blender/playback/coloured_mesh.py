@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One mesh of an avatar and the colours of what is felt: that part of it at which any show."""
+"""Mesh of an avatar with colours of haptic samples, restricted to the part where any show."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ I32 = npt.NDArray[np.int32]
 U8 = npt.NDArray[np.uint8]
 
 _ABOVE_SKIN_M = 0.0015
-"""How far over the skin colours are drawn, so that the two do not flicker."""
+"""Height of colours over the skin, metres, so that the two do not flicker."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Those N vertices of a mesh at which anything shows, or nearly, and their colours."""
+    """Visible part of a mesh, N vertices, and its colours."""
 
     vertices: I64  # (N,) of the mesh, ascending
     triangles: I32  # (F, 3) of the N; the same array as long as they are the same
@@ -36,13 +36,13 @@ class Shown:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes."""
+        """Memory in bytes."""
         return self.vertices.nbytes + self.triangles.nbytes + self.colours.nbytes
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Colours over a mesh as it stands now."""
+    """Colours over a mesh in its present pose."""
 
     shown: Shown
     positions: F32  # (N, 3) of its vertices, the mesh's space, Blender's units
@@ -82,7 +82,7 @@ class ColouredMesh:
         contact_effects: frozenset[str],
         palette: Mapping[str, Colour],
     ) -> Shown | None:
-        """Where and in which colours samples show; None where they do not."""
+        """Visible part and colours of samples; None where they do not show."""
         coloured, colours = self._colours.of(samples, contact_effects, palette)
         if not len(coloured):
             return None
@@ -93,7 +93,7 @@ class ColouredMesh:
         return Shown(self._drawn, self._indices, bytes_)
 
     def layer(self, skin: Skin, shown: Shown, unit_m: float) -> Layer:
-        """What shows, on the skin as it stands now."""
+        """Place the visible part on the skin as it stands now."""
         scale = max(abs(skin.world.determinant()) ** (1 / 3), 1e-12)
         above = _ABOVE_SKIN_M / unit_m / scale
         if len(skin.positions) > skin.size:  # a modifier has rounded what is straight here
@@ -122,7 +122,7 @@ class ColouredMesh:
 
 
 def _sagitta(mesh: bpy.types.Object, triangles: I32) -> float:
-    """How far a surface would stand over nearly all of a mesh's triangles if it were round.
+    """Height of a round surface over nearly all of a mesh's triangles, as if it were round.
 
     Of an arc that turns by t over a chord c it is c/2 tan(t/4), and in the middle of a triangle
     4/3 of that.

@@ -11,7 +11,7 @@ I32 = npt.NDArray[np.int32]
 
 CORNERS = 12
 RINGS = 4
-"""Edge of the disc, edge of its rim, and both edges of what glows around it."""
+"""Number of rings: edge of the disc, edge of its rim, and both edges of its glow."""
 
 
 def discs(count: int) -> tuple[F32, I32]:

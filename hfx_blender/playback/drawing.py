@@ -88,12 +88,12 @@ def draw_discs(parts: Sequence[Discs]) -> None:
 
 
 def submit(batch: gpu.types.GPUBatch, shader: gpu.types.GPUShader) -> None:
-    """Let the graphics card draw; what it costs is the card's."""
+    """Submit a batch to the graphics card; the card does the drawing."""
     batch.draw(shader)
 
 
 class _OnCard:
-    """What was sent to the graphics card, by what it was made of."""
+    """Cache of what was sent to the graphics card, by the object that it was made of."""
 
     def __init__(self, send: Callable[[Any], Any], most: int) -> None:
         self._send, self._most = send, most
@@ -130,7 +130,7 @@ def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
 
 
 def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
-    """One attribute in a buffer of its own: that is copied at once, not vertex by vertex."""
+    """Vertex buffer of a single attribute: copied in one piece, not vertex by vertex."""
     import gpu
 
     layout = gpu.types.GPUVertFormat()
@@ -172,13 +172,13 @@ _discs = _OnCard(_disc_batches, 32)
 
 
 def forget() -> None:
-    """Give back what is on the graphics card."""
+    """Free the memory on the graphics card."""
     for kept in (_skins, _indices, _discs):
         kept.forget()
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
-    """Left and right end of what no toolbar or sidebar covers, pixels of a viewport's region."""
+    """Left and right end of the region that no toolbar or sidebar covers, pixels."""
     left, right = 0.0, float(region.width)
     for other in area.regions:
         if other.width <= 1 or other.type not in ("TOOLS", "UI"):
@@ -191,7 +191,7 @@ def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, fl
 
 
 class ChartDrawing:
-    """A chart on its way to the screen; what does not change is kept on the graphics card."""
+    """Drawing of a chart; constant parts stay on the graphics card."""
 
     def __init__(self, chart: Chart) -> None:
         self.chart = chart
@@ -245,7 +245,7 @@ class ChartDrawing:
 
 
 def write_note(text: str, left: float) -> None:
-    """A sentence where the chart would be."""
+    """Write a sentence in the place of the chart."""
     import blf
 
     scale = bpy.context.preferences.system.ui_scale

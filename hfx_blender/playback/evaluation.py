@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The open scene, described and evaluated once for whoever shows it: preview and live devices."""
+"""Describes and evaluates the open scene once, for the preview and the live devices."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Evaluation:
-    """What is felt in one scene: kept until something moves, described anew if that changes.
+    """Evaluation of one scene: cached until something moves, described anew if that changes.
 
     Attributes
     ----------
@@ -39,17 +39,17 @@ class Evaluation:
         self._runs: list[SampleRun] | None = None
 
     def touch(self) -> None:
-        """Something moved, in time or otherwise."""
+        """Invalidate the samples: something moved, in time or otherwise."""
         self._runs = None
 
     def forget(self) -> None:
-        """The scene may have become another one: nothing of it is kept."""
+        """Drop everything: the scene may have become another one."""
         self.touch()
         self.scene, self._key, self.fault = None, (), ""
         self.generation += 1
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Find out what there is to feel, if that changed; never from within an update."""
+        """Describe the scene anew if it has changed; never from within an update."""
         from ..reading.live_scene import LiveScene, signature_of
         from ..reading.scene_tolerance import scene_tolerance
 
@@ -71,7 +71,7 @@ class Evaluation:
             self.fault = str(error)
 
     def runs(self) -> list[SampleRun]:
-        """What is felt now: at most one sample for each effect and body.
+        """Current samples: at most one for each effect and body.
 
         Raises
         ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which entries of a table name a vertex: looked up for some vertices without going through all."""
+"""Index of a table's entries by vertex, for look-ups without a full pass."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Numbers = npt.NDArray[np.integer]
 
 
 class Incidence:
-    """Where V vertices occur in a table.
+    """Index of the occurrences of V vertices in a table.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What shows at each time of a record: kept, so that playing it again only has to draw it."""
+"""Cache of preview frames, so that playing a record again only has to draw it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from .coloured_mesh import ColouredMesh, Shown
 from .over_time import OverTime
 
 MOST_BYTES = 96_000_000
-"""What does not fit is worked out when it is drawn."""
+"""Memory limit of the cache, bytes; frames beyond it are computed when they are drawn."""
 
 Meshes = Sequence[tuple[ColouredMesh, Shown]]
 
 
 class KeptFrames:
-    """What shows at times of one record in one palette."""
+    """Cache of the visible parts at times of one record, in one palette."""
 
     def __init__(self) -> None:
         self._of: OverTime | None = None
@@ -26,11 +26,11 @@ class KeptFrames:
         self._asked = 0  # frames that have been looked at before they are drawn
 
     def forget(self) -> None:
-        """Meshes may be other ones."""
+        """Empty the cache: meshes may be other ones."""
         self.__init__()  # type: ignore[misc]
 
     def at(self, recorded: OverTime, palette: str, index: int) -> Meshes | None:
-        """What shows at a sample of a record; None where that is not known yet."""
+        """Get the visible parts at a sample of a record; None where they are not cached."""
         colours = tuple(PALETTES[palette].values())
         if self._of is not recorded or self._colours != colours:
             self.forget()
@@ -38,7 +38,7 @@ class KeptFrames:
         return self._known.get(index)
 
     def keep(self, index: int, meshes: Meshes) -> None:
-        """Take over what shows at a sample of the record that was asked for last."""
+        """Store the visible parts at a sample of the record that was queried last."""
         if self.is_full:
             return
         self._known[index] = meshes
@@ -46,11 +46,11 @@ class KeptFrames:
 
     @property
     def is_full(self) -> bool:
-        """Whether nothing more is kept."""
+        """Test for the memory limit."""
         return self._bytes > MOST_BYTES
 
     def missing(self, recorded: OverTime, palette: str, first: int, last: int) -> int | None:
-        """The next sample that a frame shows of which nothing is known; None at the end."""
+        """Find the next sample of a frame range that is not cached; None at the end."""
         self.at(recorded, palette, 0)
         while first + self._asked <= last and not self.is_full:
             index = recorded.index(first + self._asked)

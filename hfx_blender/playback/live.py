@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live devices: what is felt now is sent to connected devices, while Blender plays, scrubs or
+"""Live devices: sends the current samples to connected devices, while Blender plays, scrubs or
 drags.
 
 Processes of their own do everything slow, rendering for the devices too; here the open scene is
@@ -27,12 +27,13 @@ if TYPE_CHECKING:
     from .look_ahead import Ahead
 
 HOLD_S = 2.0
-"""A scene that stands still is felt for so long; then it is silent until something moves."""
+"""Time for which a scene that stands still is felt, seconds; then it is silent until something
+moves."""
 
 
 @dataclass(eq=False)
 class _Connected:
-    """A device that is connected."""
+    """Connected device."""
 
     device: DeviceConfig
     has_script: bool
@@ -59,17 +60,17 @@ class Live:
 
     @property
     def states(self) -> dict[str, DeviceState]:
-        """What is known of each connected device."""
+        """States of the connected devices, by name."""
         return {} if self._client is None else self._client.devices
 
     @property
     def is_armed(self) -> bool:
-        """Whether any device plays."""
+        """Test for any device that plays."""
         return any(each.is_armed for each in self.states.values())
 
     @property
     def ahead(self) -> Ahead:
-        """What comes, for actuators that answer late."""
+        """Lookahead for actuators with latency."""
         if self._ahead is None:
             from .look_ahead import Ahead
 
@@ -78,12 +79,12 @@ class Live:
 
     @property
     def late(self) -> str:
-        """Why what comes cannot be read; empty: it can, or nobody asks."""
+        """Reason why the lookahead cannot be read; empty if it can, or if no device needs it."""
         return "" if self._ahead is None else self._ahead.reason
 
     @property
     def is_busy(self) -> bool:
-        """Whether it wants to be called again soon."""
+        """Test for work left that should be done soon."""
         return self._ahead is not None and self._ahead.has_more
 
     def state(self, name: str) -> DeviceState | None:
@@ -146,7 +147,7 @@ class Live:
                 self.close()
 
     def withdraw(self, marks: Collection[str]) -> None:
-        """Devices whose scripts have these fingerprints stop at once and ask again."""
+        """Stop the devices whose scripts have these fingerprints; they need a new approval."""
         for name, mark in list(self.approved.items()):
             if mark in marks:
                 self.disconnect(name)
@@ -154,7 +155,7 @@ class Live:
                 self.unapproved.add(name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
-        """Silence now; only :meth:`arm` plays again."""
+        """Silence all devices now; only :meth:`arm` plays again."""
         if self._client is not None:
             self._client.stop_all(reason)
 
@@ -166,17 +167,17 @@ class Live:
             live_listening.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Let one actuator be felt for a moment, softly."""
+        """Play one actuator for a moment, softly."""
         if self._client is not None:
             self._client.pulse(name, actuator)
 
     def offset_ms(self, name: str) -> float:
-        """How long a connected device is held back."""
+        """Delay that is added to a connected device, milliseconds."""
         found = self._devices.get(name)
         return 0.0 if found is None else found.offset_ms
 
     def set_offset(self, name: str, offset_ms: float) -> None:
-        """Hold a connected device back for so long from now on."""
+        """Set the delay that is added to a connected device, milliseconds."""
         found = self._devices.get(name)
         if self._client is not None and found is not None:
             found.offset_ms = offset_ms
@@ -185,7 +186,7 @@ class Live:
     def send_vibration(
         self, amplitude_m_s2: float, frequency_hz: float, drive: SurfaceDrive | None = None
     ) -> None:
-        """Let every vibration actuator play this now, within its device's limits.
+        """Let every vibration actuator play this now, times its device's gain, within its limits.
 
         For what is tried by hand, without a body. A device that a script drives is left alone.
         What a surface drives (``drive``) is as strong as was calibrated for each device.
@@ -193,13 +194,16 @@ class Live:
         if self._client is None or not self.is_armed:
             return
         self._changed_s, self._is_held = time.monotonic(), False
+        gains = self._gains(bpy.context.scene)
         for name, each in self._devices.items():
             if each.has_script:
                 continue
+            gain = gains.get(self._client.devices[name].number, 1.0)
             own, played = each.device.surface_drive_per_m, amplitude_m_s2
             if drive is not None:
                 played = float(drive.amplitude(amplitude_m_s2, own))
-            self._client.send(name, live_targets.vibrating(each.device, played, frequency_hz))
+            values = live_targets.vibrating(each.device, gain * played, frequency_hz)
+            self._client.send(name, values)
 
     def close(self) -> None:
         """Silence everything and end the output process."""
@@ -211,11 +215,11 @@ class Live:
             client.close()
 
     def touch(self) -> None:
-        """Something moved."""
+        """Note that something moved."""
         evaluation.touch()
 
     def edited(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Something changed but the time."""
+        """Note that something other than the time has changed."""
         if any(each.late_ms for each in self._devices.values()):
             from .look_ahead import changed_by
 
@@ -224,14 +228,14 @@ class Live:
                 self.ahead.edited(changed)
 
     def forget(self) -> None:
-        """The scene may have become another one: nothing of it is kept."""
+        """Drop everything: the scene may have become another one."""
         evaluation.forget()
         if self._ahead is not None:
             self._ahead.forget()
         self._is_described = False
 
     def fail(self, text: str) -> None:
-        """Something is wrong here: everything stops, and the user is told."""
+        """Stop everything and tell the user, after a fault in this process."""
         self.fault = text
         self.stop_all(text)
 
@@ -243,7 +247,7 @@ class Live:
             self._client.pause()
 
     def beat(self) -> bool:
-        """A sign of life, and news from the devices; tells whether there are any."""
+        """Send a heartbeat, and take news from the devices; returns True if there are any."""
         if self._client is None:
             return False
         self._client.heartbeat()
@@ -260,7 +264,7 @@ class Live:
         return bool(news)
 
     def _fade(self) -> None:
-        """Nothing is felt any more; a script decides by itself what that means."""
+        """Send neutral values; a script decides by itself how to fade."""
         import numpy as np  # Blender's start does not wait for it
 
         from ..devices.live.haptics import packed
@@ -275,7 +279,7 @@ class Live:
                 self._client.send(name, neutral)
 
     def _look_ahead(self) -> None:
-        """Read a little more of what comes."""
+        """Read another slice of the lookahead."""
         client, found = self._client, evaluation.scene
         if client is None or found is None or not self._is_described:
             return
@@ -287,7 +291,7 @@ class Live:
         )
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Find out what there is to feel, if that changed; never from within an update."""
+        """Describe the scene anew if it has changed; never from within an update."""
         from ..engine.rendering.moment import moment_header
         from ..engine.rendering.room import needs_positions
 
@@ -306,7 +310,7 @@ class Live:
             self._client.describe(moment_header(found.description), body)
 
     def update(self, scene: bpy.types.Scene) -> None:
-        """Hand over what is felt now; whoever renders it tells of devices that do not fit.
+        """Send the current samples; the renderer reports devices that do not fit.
 
         Raises
         ------
@@ -320,19 +324,34 @@ class Live:
         from .live_moment import moment_now
 
         self._changed_s, self._is_held = time.monotonic(), False
-        numbers = {name: state.number for name, state in self.states.items()}
+        numbers = self._numbers()
         playhead = self.ahead.playhead(scene, live_listening.is_playing())
         moment = moment_now(scene, numbers, self.ahead.edition, playhead)
         self._time_s = moment.time_s
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
         self._client.show(moment)
 
+    def turn_down(self, scene: bpy.types.Scene) -> None:
+        """The user has pressed a mute: that device is silent at once, whatever Blender does."""
+        if self._client is not None:
+            self._client.set_gains(self._gains(scene))
+            live_listening.request_update()
+
+    def _numbers(self) -> dict[str, int]:
+        """Numbers of the connected devices."""
+        return {name: state.number for name, state in self.states.items()}
+
+    def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
+        from .live_moment import gains
+
+        return gains(scene, self._numbers())
+
 
 live = Live()
 
 
 def register() -> None:
-    """Nothing to do before a device is connected."""
+    """Do nothing: there is no work before a device is connected."""
 
 
 def unregister() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When live devices are told: Blender's handlers and timers, while a device is connected."""
+"""Drives live devices from Blender's handlers and timers, while a device is connected."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BUSY_BEAT_S = 0.02
 
 
 class Listener(Protocol):
-    """Who is told."""
+    """Interface of what follows the open scene."""
 
     @property
     def is_armed(self) -> bool: ...
@@ -60,7 +60,7 @@ def listen(live: Listener) -> None:
 
 
 def do_not_listen() -> None:
-    """No device is connected any more."""
+    """Remove handlers and timers, as no device is connected any more."""
     for name, handler in _HANDLERS.items():
         handlers = getattr(bpy.app.handlers, name)
         if handler in handlers:
@@ -77,7 +77,7 @@ def request_update() -> None:
 
 
 def is_playing() -> bool:
-    """Whether Blender plays an animation, so that it is known what comes next."""
+    """Test for a playing animation, in which the next frames are known."""
     screen = bpy.context.screen
     return screen is not None and screen.is_animation_playing
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is felt now, as it is handed over for all devices."""
+"""Current frame of the scene, packed for all devices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def moment_now(
     scene: bpy.types.Scene, numbers: Mapping[str, int], edition: int, playhead: Playhead
 ) -> Moment:
-    """What the evaluated scene makes felt now.
+    """Current samples of the evaluated scene, for all devices.
 
     Parameters
     ----------
@@ -42,15 +42,15 @@ def moment_now(
     return Moment(
         playhead.frame / playhead.fps,
         evaluation.runs(),
-        _gains(scene, numbers),
+        gains(scene, numbers),
         play_space,
         edition,
         playhead,
     )
 
 
-def _gains(scene: bpy.types.Scene, numbers: Mapping[str, int]) -> dict[int, float]:
-    """What the user has set, by a device's number; 0 is mute."""
+def gains(scene: bpy.types.Scene, numbers: Mapping[str, int]) -> dict[int, float]:
+    """Gains that the user has set, by a device's number; 0 is mute."""
     found = {}
     for name, number in numbers.items():
         item = scene.hfx.devices.get(name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How this user's devices are connected: kept beside the user's data, never in a .blend.
+"""Connection settings of this user's devices, stored in the user's data folder, never in a .blend.
 
 A .blend brings names of devices only; a stranger's file so can open no port.
 """
@@ -12,14 +12,14 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from .. import resources
-from ..atomic_files import atomic_file
+from ..atomic_files import amend_json
 
 MAX_OFFSET_MS = 1000.0
 
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """Of one device."""
+    """Connection settings of one device."""
 
     kind: str = "SIMULATOR"  # or DEVICE, AUDIO, CSV
     port: str = ""  # serial: empty is found by its USB ids; network: empty as configured; a card
@@ -29,7 +29,7 @@ class LiveSettings:
 
 
 def load() -> dict[str, LiveSettings]:
-    """By device; what cannot be read is as if it had never been set."""
+    """Load the settings by device; unreadable ones count as never set."""
     try:
         found = json.loads(resources.live_settings().read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -40,22 +40,21 @@ def load() -> dict[str, LiveSettings]:
 
 
 def store(name: str, settings: LiveSettings) -> None:
-    """Remember how a device is connected.
+    """Remember how a device is connected; what another process remembers meanwhile stays.
 
     Raises
     ------
     OutputError
         It cannot be stored.
     """
-    known = load()
-    if known.get(name) == settings:
+    if load().get(name) == settings:
         return
-    known[name] = settings
-    path = resources.live_settings()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as file:
-        content = {each: asdict(known[each]) for each in sorted(known)}
-        file.write(json.dumps(content, indent=1).encode())
+
+    def content() -> dict[str, Any]:
+        known = {**load(), name: settings}
+        return {each: asdict(known[each]) for each in sorted(known)}
+
+    amend_json(resources.live_settings(), content)
 
 
 def _one(found: dict[str, Any]) -> LiveSettings:

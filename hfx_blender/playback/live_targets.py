@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a device is connected to, and is given at most: the user's choice as plain data."""
+"""Connection targets and output limits of devices: the user's choice as plain data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class UnapprovedScriptError(InputError):
-    """A device brings a script that the user has not approved as it is now."""
+    """Raised for a device's script that the user has not approved in its present state."""
 
 
 def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
@@ -48,7 +48,7 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
 
 
 def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
-    """What the output process is to open.
+    """Target that the output process is to open.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def neutral_of(device: DeviceConfig) -> list[float]:
 
 
 def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) -> list[float]:
-    """Values (columns,) with which all that vibrates does so alike; the rest is silent."""
+    """Values (columns,) at which all vibration actuators play alike, and the others are silent."""
     values, first = neutral_of(device), 0
     for actuator in device.actuators:
         if actuator.type.modality == "vibration":

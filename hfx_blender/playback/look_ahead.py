@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading what comes for actuators that answer late: in slices, between Blender's frames.
+"""Reads samples ahead of the playhead for actuators with latency: in slices, between frames.
 
 Whoever renders evaluates it. Not while scrubbing or dragging: nobody knows what comes then.
 """
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
     from ..reading.looking_ahead import Key, LookAhead
 
 SETTLE_S = 0.3
-"""So long after the last edit what comes is read anew."""
+"""Delay from the last edit to reading ahead anew, seconds."""
 
 SLICE_S = 0.004
 """About the most that one slice may take."""
 
 MOST_BYTES = 64_000_000
-"""Of what was read; a scene of more is read a stretch at a time."""
+"""Memory limit of what is read ahead, bytes; a larger scene is read a stretch at a time."""
 
 _STRETCH_S = 10.0
 _COUNTS = (2, 128)  # frames of a slice
 
 Tell = Callable[[bytes, bool], None]
-"""Takes bytes for whoever renders, and whether they are of a scene."""
+"""Callback that takes bytes for the renderer, and a flag for a new scene."""
 
 
 class Ahead:
-    """What comes in the open scene, as far as it has been read.
+    """Lookahead in the open scene, as far as it has been read.
 
     Attributes
     ----------
@@ -67,25 +67,25 @@ class Ahead:
 
     @property
     def is_read(self) -> bool:
-        """Whether all that comes has been read, of a scene that is not read in stretches."""
+        """Test that the whole range has been read, for a scene that is not read in stretches."""
         return bool(len(self._is_read)) and bool(self._is_read.all())
 
     def want(self, latencies_ms: Iterable[float]) -> None:
-        """Latencies that are to be compensated."""
+        """Set the latencies to compensate."""
         found = tuple(sorted(set(latencies_ms)))
         if found != self._latencies_ms:
             self._latencies_ms = found
             self.forget()
 
     def forget(self) -> None:
-        """The scene may have become another one."""
+        """Drop everything: the scene may have become another one."""
         self.edition += 1
         self._ahead = self._before = None
         self._stretch, self._is_read = (), np.zeros(0, np.bool_)
         self.reason, self._due_s = "", 0.0
 
     def edited(self, changed: Iterable[Key]) -> None:
-        """Something of these changed but the time: what comes may come otherwise."""
+        """Invalidate what was read, after a change of anything but the time."""
         if not self._latencies_ms:
             return
         self.edition += 1
@@ -97,7 +97,7 @@ class Ahead:
         self._due_s = time.monotonic() + SETTLE_S
 
     def playhead(self, scene: bpy.types.Scene, is_playing: bool) -> Playhead:
-        """Where the scene is, and where it goes."""
+        """Position and direction of playback."""
         first, last = scene.frame_start, scene.frame_end
         if scene.use_preview_range:
             first, last = scene.frame_preview_start, scene.frame_preview_end
@@ -162,7 +162,7 @@ class Ahead:
         self._count = int(np.clip(len(numbers) * SLICE_S / spent_s, *_COUNTS))
 
     def _next(self, playhead: Playhead, parts: int) -> np.ndarray:
-        """The next frames to read, counted from the first one that is played."""
+        """Next frames to read, counted from the first one that is played."""
         total = len(self._is_read)
         begin = int(playhead.after(self._latencies_ms[0]) // 1) - playhead.first
         numbers = (begin + playhead.step * np.arange(total)) % total
@@ -173,7 +173,7 @@ class Ahead:
 
 
 class Way:
-    """Which way playback goes, from the frames that come by; Blender does not tell."""
+    """Direction of playback, inferred from successive frames, as Blender does not tell it."""
 
     def __init__(self) -> None:
         self._frame: float | None = None
@@ -181,7 +181,7 @@ class Way:
         self._doubt = False
 
     def at(self, frame: float, count: int, is_playing: bool) -> int:
-        """1, or -1 in reverse; ``count`` frames are played over and over.
+        """Infer the direction: 1, or -1 in reverse; ``count`` frames are played over and over.
 
         One frame that goes the other way is a jump, two are another direction.
         """
@@ -203,6 +203,8 @@ class Way:
 
 
 def changed_by(depsgraph: bpy.types.Depsgraph) -> Sequence[Key]:
-    """What an update changed; a scene alone is what a selection or a setting of ours changes."""
+    """Datablocks that an update changed; without the scene, as selections and our own settings
+    change it.
+    """
     found = ((type(each.id).__name__, each.id.name) for each in depsgraph.updates)
     return [key for key in found if key[0] != "Scene"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What effects and actuators do over the whole timeline: recorded in pieces, beside editing.
+"""Values of effects and actuators over the whole timeline, recorded in pieces, beside editing.
 
 It goes the way of an export (reader, engine, renderer), at the preview's tolerance, and is kept
 in memory only.
@@ -39,12 +39,12 @@ MOST_ENTRIES = 8_000_000
 
 
 class NeedsSteppingError(HfxError):
-    """Not all follows from F-curves: Blender's frame would have to be set, which takes its time."""
+    """Raised where values need frames to be set one by one in Blender, which is slow."""
 
 
 @dataclass(eq=False)
 class EffectOverTime:
-    """One effect on one body."""
+    """Values of one effect on one body over time."""
 
     name: str
     stream: Stream
@@ -77,7 +77,7 @@ class OverTime:
         return min(max(round(place), 0), last) if -1.0 <= place <= last + 1.0 else None
 
     def samples(self, index: int) -> list[Sample] | None:
-        """What is felt at one of the times, as the engine gave it; None where that is not kept."""
+        """Samples at one of the times, as the engine gave them; None where they were not kept."""
         if self._blocks is None:
             return None
         found = []
@@ -156,7 +156,7 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[OverTime | Non
 
 
 def _rate(scene: bpy.types.Scene) -> Fraction:
-    """The scene's own rate, or that of its frames where the timeline is long."""
+    """Sampling rate: the scene's own, or its frame rate where the timeline is long."""
     time = time_base(scene)
     rate: Fraction = min(time.rate_hz, Fraction(1000))
     if time_base(scene, rate_hz=rate).sample_count > MOST_SAMPLES:
@@ -181,7 +181,7 @@ def _renderers(
 
 
 def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
-    """The scene's devices; what is wrong with those that cannot be read."""
+    """Devices of the scene; appends the faults of those that cannot be read."""
     found = []
     for item in scene.hfx.devices:
         try:
@@ -194,7 +194,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
 
 
 def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
-    """How what is shown of devices differs from what they play; a sentence each.
+    """Differences between the displayed values of devices and their real output; a sentence each.
 
     A script runs where a device plays or is exported, in the order of time; not while somebody
     looks here and there.
@@ -214,7 +214,7 @@ def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectOverT
 
 
 def _peaks(run: SampleRun, neutral: float) -> F64:
-    """The strongest that each sample of a run is felt anywhere, (n,)."""
+    """Largest strength of each sample of a run over all vertices, (n,)."""
     modality = MODALITIES[run.stream.modality]
     strength = run.parameters[:, modality.parameter_names.index(modality.strength)]
     starts = run.offsets[:-1]
@@ -227,7 +227,7 @@ def _peaks(run: SampleRun, neutral: float) -> F64:
 
 
 def _sample(run: SampleRun, place: int) -> Sample:
-    """One of a run, as much of it as shows."""
+    """Sample of a run, as far as it shows."""
     which = place if run.sets is None else int(run.sets[place])
     part = slice(int(run.offsets[which]), int(run.offsets[which + 1]))
     return Sample(

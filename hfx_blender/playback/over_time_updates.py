@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When values over time are recorded anew: in short pieces, while nothing is edited or played."""
+"""Records values over time anew, in short pieces, while nothing is edited or played."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .over_time import OverTime
 
 QUIET_S = 0.5
-"""So long after the last change, and then in pieces with longer pauses between them."""
+"""Quiet time after the last change, seconds; then pieces follow with pauses between them."""
 
 _CHANGES_NOTHING = (
     "Scene",
@@ -35,7 +35,7 @@ _CHANGES_NOTHING = (
 
 
 class Updates:
-    """The newest record of one scene, and whether it still holds."""
+    """Newest record of one scene, and its validity."""
 
     def __init__(self) -> None:
         self.result: OverTime | None = None
@@ -50,7 +50,7 @@ class Updates:
         self._is_working = False
 
     def forget(self) -> None:
-        """Another file, or an undo."""
+        """Drop everything: another file, or an undo."""
         count = self.count
         self._stop()
         self.__init__()  # type: ignore[misc]
@@ -58,13 +58,13 @@ class Updates:
         self.changed()
 
     def changed(self) -> None:
-        """What was recorded may no longer hold."""
+        """Mark the record as outdated."""
         self.is_fresh = self._is_settled = self.must_step = False
         self._changed_s = time.monotonic()
         self._stop()
 
     def notice(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Look through what Blender says has changed."""
+        """Check the changes that Blender reports."""
         if self._is_working:
             return
         for update in depsgraph.updates:
@@ -81,11 +81,11 @@ class Updates:
 
     @property
     def wants_time(self) -> bool:
-        """Whether there is something left to do."""
+        """Test for work left."""
         return not self._is_settled
 
     def work(self, scene: bpy.types.Scene) -> float:
-        """Do one piece of what is left; seconds until the next one."""
+        """Do one piece of the work; returns the seconds until the next one."""
         quiet_s = time.monotonic() - self._changed_s
         if quiet_s < QUIET_S:
             return QUIET_S - quiet_s + 0.01
@@ -165,7 +165,7 @@ def _key_of(scene: bpy.types.Scene) -> tuple[object, ...]:
 
 
 def is_held(context: bpy.types.Context) -> bool:
-    """Whether nothing must be worked out beside what Blender does now."""
+    """Test that nothing may be computed beside Blender's present job."""
     if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
         return True
     return any(window.screen.is_animation_playing for window in context.window_manager.windows)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preview: avatars are coloured in the viewport by what is felt now, actuators of the chosen
-devices glow with what they are given, and a chart shows both over the whole timeline.
+"""Preview: colours of samples on avatars, glow of the chosen devices' actuators, and a chart of
+both over the whole timeline.
 
 Nothing is stored in the user's meshes: all is laid over them while the viewport is drawn, and is
 worked out only if something moved since it was.
@@ -36,17 +36,18 @@ _charts: dict[tuple[object, ...], ChartDrawing] = {}  # by what they show and ho
 _draw_handles: list[object] = []
 
 _PLAYING_S, _RECORDED_S = 0.25, 1.0
-"""While it plays, changes of what there is to feel are looked for so often: for those of scripts
-and drivers, which Blender does not tell. A record knows what drivers change."""
+"""Intervals of looking for changes of the scene's description during playback, without and with a
+record, seconds: scripts and drivers change it without notice. A record knows what drivers change.
+"""
 
 _PIECE_S = 0.004
-"""So long at a time what shows is worked out before it is drawn."""
+"""Duration of one slice of preparing the preview, seconds."""
 
 _TALLEST = 0.45  # of the chart, as a share of the viewport
 
 
 def preview() -> Preview:
-    """The one preview; made when it is first needed, for Blender's start not to wait for it."""
+    """Get the only preview; created on first use, so that Blender's start does not wait for it."""
     global _preview
     if _preview is None:
         from .preview_layers import Preview
@@ -56,7 +57,7 @@ def preview() -> Preview:
 
 
 def updates() -> Updates:
-    """What keeps the values over time."""
+    """Get the updates of the values over time; created on first use."""
     global _updates
     if _updates is None:
         from .over_time_updates import Updates
@@ -66,13 +67,13 @@ def updates() -> Updates:
 
 
 def touch() -> None:
-    """Something moved; colours are worked out when they are drawn next."""
+    """Note that something moved; colours are computed at the next drawing."""
     if _preview is not None:
         _preview.touch()
 
 
 def forget() -> None:
-    """Work everything out anew: another file, or an undo."""
+    """Discard everything: another file, or an undo."""
     global _cannot_draw
     _cannot_draw = False
     if _preview is not None:
@@ -89,7 +90,7 @@ def _is_on() -> bool:
 
 @persistent
 def on_frame(scene: bpy.types.Scene, *_: object) -> None:
-    """The frame changed; almost all is left to the next drawing."""
+    """Note that the frame changed; almost all work is left to the next drawing."""
     if _is_describing or stepping.is_stepping():
         return
     touch()
@@ -127,7 +128,7 @@ def _call_soon(function: Callable[[], float | None]) -> None:
 
 
 def describe() -> None:
-    """Look for changes of what there is to feel."""
+    """Look for changes of the scene's description."""
     global _is_describing, _described_s
     _is_describing = True
     try:
@@ -147,7 +148,7 @@ def describe() -> None:
 
 
 def _record() -> float | None:
-    """A piece of the values over time; called until they are complete."""
+    """Record a piece of the values over time; called until they are complete."""
     global _is_describing
     from .over_time_updates import QUIET_S, is_held
 
@@ -172,7 +173,7 @@ def _record() -> float | None:
 
 
 def _prepare() -> float | None:
-    """A piece of what shows at each frame of the record; called until it is complete."""
+    """Prepare the preview of one more frame of the record; called until all are complete."""
     from .over_time_updates import QUIET_S, is_held
 
     recorded, scene = _recorded(), bpy.context.scene
@@ -204,7 +205,7 @@ def _switched(_self: object, _context: bpy.types.Context) -> None:
 
 
 def _recorded() -> OverTime | None:
-    """The values over time, if they still hold."""
+    """Values over time, if they are still valid."""
     return updates().result if updates().is_fresh else None
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a preview shows: colours over avatars and glowing actuators, as the engine says, now."""
+"""Layers of the preview: colours over avatars and glowing actuators, for the current samples."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
 
 
 class Preview:
-    """What is felt in one scene, kept until something changes."""
+    """Preview of one scene, cached until something changes."""
 
     def __init__(self) -> None:
         self._scene: LiveScene | None = None
@@ -43,18 +43,18 @@ class Preview:
         self.notes: list[str] = []  # how actuators that glow differ from what is played
 
     def forget(self) -> None:
-        """Work everything out anew: another file, or an undo."""
+        """Discard everything: another file, or an undo."""
         self.__init__()  # type: ignore[misc]
         evaluation.forget()
 
     def touch(self) -> None:
-        """Something moved; all is worked out when it is drawn next."""
+        """Note that something moved; all is computed at the next drawing."""
         self._layers = self._discs = None
         self._skins.touch()
         evaluation.touch()
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Find out what there is to feel, if that changed; never while Blender draws."""
+        """Describe the scene anew if it has changed; never while Blender draws."""
         scene = context.scene
         devices = tuple(device.name for device in scene.hfx.devices)
         evaluation.describe(context)
@@ -99,7 +99,7 @@ class Preview:
         return self._layers
 
     def prepare(self, palette: str, recorded: OverTime, first: int, last: int) -> bool:
-        """Work out what shows at one more of some frames of a record; False if all are known."""
+        """Compute one more frame of a record; returns False if all are known."""
         index = self._kept.missing(recorded, palette, first, last)
         if self._scene is None or index is None:
             return False
@@ -152,7 +152,7 @@ class Preview:
     def _recorded(
         self, live: LiveScene, palette: str, recorded: OverTime, index: int
     ) -> Meshes | None:
-        """What shows at a sample of a record; None where that is not known."""
+        """Visible parts at a sample of a record; None where they are not known."""
         known = self._kept.at(recorded, palette, index)
         samples = recorded.samples(index) if known is None else None
         if samples is not None:
@@ -195,7 +195,7 @@ class Preview:
 
 
 def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Spread:
-    """How a model's vertices colour a mesh's, both at rest."""
+    """Interpolation from a model's vertices to a mesh's, both at rest."""
     points, _ = avatar_meshes.rest_surface(mesh)
     to_rest = np.array(body.matrix_world.inverted_safe() @ mesh.matrix_world, np.float64)
     return spread_between(
@@ -204,7 +204,7 @@ def _spread(body: bpy.types.Object, mesh: bpy.types.Object, model_id: str) -> Sp
 
 
 def spread_between(points: F64, model: PerceptualModel) -> Spread:
-    """How a model's vertices colour points (A, 3) in its space: by the nearest few."""
+    """Interpolation from a model's vertices to points (A, 3) in its space, by the nearest few."""
     from mathutils.kdtree import KDTree
 
     tree = KDTree(len(model))

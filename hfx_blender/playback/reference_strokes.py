@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reference fabrics for calibration: felt on connected devices and heard, at a given c_v."""
+"""Reference fabrics for calibration: rendered on connected devices and as sound, at a given c_v."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ _DIRECTION_RAD = np.radians(20.0)  # along the threads nothing would change
 
 @cache
 def fabric(name: str) -> HeightField:
-    """One of the three reference fabrics, smooth to rough."""
+    """Make one of the three reference fabrics, smooth to rough."""
     return woven(reference_fabrics()[name], _SIZE_M, _TEXELS)
 
 
 def felt(name: str, speed_m_s: float, drive_per_m: float) -> Signal:
-    """What an even stroke over a reference fabric feels like."""
+    """Render an even stroke over a reference fabric."""
     texture = SurfaceTexture(fabric(name), None, Renderer.TEXTILE, drive_per_m)
     stroke = line((0.0, 0.0), float(_DIRECTION_RAD), speed_m_s * SECONDS, speed_m_s)
     return render_stroke(texture, stroke, waveform_rate_hz=WAVEFORM_HZ)
 
 
 class _Playing:
-    """The stroke that plays now; a new one takes its place."""
+    """State of the stroke that plays now; a new one replaces it."""
 
     def __init__(self) -> None:
         self.signal: Signal | None = None
@@ -50,7 +50,7 @@ _playing = _Playing()
 
 
 def play(signal: Signal, full_m_s2: float) -> None:
-    """Let a stroke be heard, and felt on the connected devices; needs a window to go on."""
+    """Play a stroke as sound and on the connected devices; needs a window to go on."""
     stop()
     _playing.signal, _playing.step = signal, 0
     _playing.sound = StrokeSound(full_m_s2)
@@ -59,7 +59,7 @@ def play(signal: Signal, full_m_s2: float) -> None:
 
 
 def stop() -> None:
-    """Silence it."""
+    """Stop the stroke."""
     if bpy.app.timers.is_registered(_next):
         bpy.app.timers.unregister(_next)
     if _playing.sound is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is felt as colours of one mesh: only where there is something to be seen.
+"""Colours of haptic samples on one mesh, restricted to the vertices where they show.
 
 The same colours as ``engine.colouring`` gives, worked out at those vertices alone.
 """
@@ -29,7 +29,7 @@ class _Spreading:
         self._shares = spread.shares.ravel()[self._where.places]
 
     def of(self, sample: Sample, is_contact: bool) -> tuple[I64, F64]:
-        """Vertices of the mesh (E,), each perhaps several times, and what each has of a sample."""
+        """Spread a sample over the mesh: vertices (E,), perhaps repeated, and the share of each."""
         entries, counts = self._where.of(sample.vertices)
         felt = np.repeat(strengths(sample, is_contact), counts)
         felt *= self._shares.take(entries)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The skins of avatars as they are shown now: read once for all that is drawn over them."""
+"""Displayed skins of avatars, read once for everything that is drawn over them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "
 
 
 class Skin:
-    """One mesh at this moment.
+    """Skin of one mesh at this moment.
 
     Attributes
     ----------
@@ -38,17 +38,17 @@ class Skin:
 
 
 class Skins:
-    """Skins by mesh, kept until something moves."""
+    """Skins by mesh, cached until something moves."""
 
     def __init__(self) -> None:
         self._known: dict[str, Skin] = {}
 
     def touch(self) -> None:
-        """Something moved."""
+        """Invalidate the skins: something moved."""
         self._known.clear()
 
     def of(self, mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> Skin | None:
-        """The skin of a mesh; None where it is not shown."""
+        """Skin of a mesh; None where the mesh is not displayed."""
         if not mesh.visible_get() or mesh.mode != "OBJECT":
             return None
         key = mesh.name_full

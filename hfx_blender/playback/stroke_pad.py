@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A pad on which a surface is stroked with the mouse: what is felt, now and over the stroke.
+"""Pad on which a surface is stroked with the mouse: momentary values, and those of the stroke.
 
 Nothing here draws or needs a window; :mod:`..ui.stroke_pad_view` shows it.
 """
@@ -24,22 +24,23 @@ F64 = npt.NDArray[np.float64]
 
 TARGETS_M_S = (SLOW_M_S, FAST_M_S)
 TARGET_PX_S = 200.0
-"""At the target speed the pointer moves so many pixels a second, whatever speed that stands for."""
+"""Speed of the pointer on the screen at the target speed, pixels a second, whatever speed that
+stands for."""
 
 SPEED_WINDOW_S = 0.15
 LONGEST_S = 60.0
 WAVEFORM_HZ = 8000.0
 
 _FELT_STEP_S = 0.008
-"""Within a bunch of positions, what is felt is looked at so often; finer cannot be seen."""
+"""Time step within a bunch of positions, seconds; a finer one cannot be seen."""
 
 _TRAIL_STEP_PX = 1.0
-"""The line that is drawn takes a point when the pointer went so far."""
+"""Spacing of the drawn line's points, pixels."""
 
 
 @dataclass(frozen=True)
 class Felt:
-    """What is felt at this moment."""
+    """Momentary state under the finger."""
 
     speed_m_s: float = 0.0
     height_m: float = 0.0
@@ -49,7 +50,7 @@ class Felt:
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """A stroke that is over, and what it felt like."""
+    """Finished stroke with its signal."""
 
     name: str  # of the surface
     texture: SurfaceTexture
@@ -58,7 +59,7 @@ class Take:
 
 
 class StrokePad:
-    """One surface under the mouse.
+    """Pad with one surface under the mouse.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ class StrokePad:
 
     @property
     def drive(self) -> SurfaceDrive | None:
-        """What devices with a c_v of their own need to play it."""
+        """Drive for devices with a c_v of their own."""
         return SurfaceDrive.of(self.texture)
 
     @property
@@ -102,22 +103,22 @@ class StrokePad:
 
     @property
     def path_m(self) -> F64:
-        """Where the present stroke went, (N, 2); empty between strokes."""
+        """Path of the present stroke, (N, 2) metres; empty between strokes."""
         return np.array(self._points, np.float64).reshape(-1, 2)
 
     def press(self, time_s: float, point_m: tuple[float, float]) -> None:
-        """A stroke begins."""
+        """Begin a stroke."""
         self._begin_s = time_s
         self._times, self._points, self.trail_m = [0.0], [point_m], [point_m]
         self._rendered_s, self.now, self.fault = 0.0, Felt(height_m=self._height(point_m)), ""
         self.history = []
 
     def move(self, time_s: float, point_m: tuple[float, float]) -> None:
-        """The pointer is somewhere else; times that do not rise are left out."""
+        """Move the pointer; times that do not rise are left out."""
         self.move_through([point_m], time_s)
 
     def move_through(self, points_m: Sequence[tuple[float, float]], time_s: float) -> None:
-        """The pointer went over places since it was last told, and is at the last one now.
+        """Move the pointer through places since the last call; it is at the last one now.
 
         A window that was busy tells of a whole bunch at once. A pointer is asked at an even
         rate, so they are spread evenly over the time that passed.
@@ -141,12 +142,12 @@ class StrokePad:
                 self._feel(each)
 
     def rest(self, time_s: float) -> None:
-        """Time passes while the pointer stands still."""
+        """Let time pass while the pointer stands still."""
         if self._times:
             self.move(time_s, self._points[-1])
 
     def next_step(self) -> Signal | None:
-        """What was felt since it was last asked, in whole steps of the device; None if nothing."""
+        """Signal since the last call, in whole steps of the device; None without any."""
         step = self.texture.device.update_s
         if not self._times or self._times[-1] - self._rendered_s < step:
             return None
@@ -156,7 +157,7 @@ class StrokePad:
         return signal
 
     def release(self, time_s: float) -> Take | None:
-        """The stroke is over; returns it, unless it was too short to be one."""
+        """Finish the stroke and return it; None if it was too short."""
         self.rest(time_s)
         times, points = np.array(self._times), self.path_m
         self.cancel()
@@ -170,11 +171,11 @@ class StrokePad:
         return self.take
 
     def cancel(self) -> None:
-        """The stroke is not wanted."""
+        """Discard the stroke."""
         self._times, self._points, self.trail_m, self.now = [], [], [], Felt()
 
     def recent(self, seconds: float) -> list[tuple[float, Felt]]:
-        """What was felt in the last seconds of the present or the last stroke, with its times."""
+        """Last seconds of the present or the last stroke, with their times."""
         if not self.history:
             return []
         begin = self.history[-1][0] - seconds
@@ -208,7 +209,7 @@ class StrokePad:
             return None  # shorter than a step, by rounding
 
     def _since(self, time_s: float) -> Stroke:
-        """The end of the stroke from the last position before a time; what is done is left."""
+        """End of the stroke since a time, from the last position before it."""
         first = min(max(bisect_right(self._times, time_s) - 1, 0), len(self._times) - 2)
         return Stroke(np.array(self._times[first:]), np.array(self._points[first:]))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is felt, as sound through Blender's own audio; silent where there is none."""
+"""Plays vibration as sound through Blender's own audio; silent where there is none."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class StrokeSound:
         self._device.play(sound)
 
     def rub(self, share: float) -> None:
-        """How loud the friction is, 0 to 1."""
+        """Set the volume of the friction sound, 0 to 1."""
         if self._friction is not None:
             self._friction.volume = float(np.clip(share, 0.0, 1.0))
 

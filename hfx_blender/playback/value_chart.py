@@ -24,7 +24,7 @@ _BACKGROUND = (0.08, 0.08, 0.09, 0.82)
 
 @dataclass(frozen=True)
 class Label:
-    """A line of text: what a row shows."""
+    """Label of a row."""
 
     text: str
     left: float
@@ -35,7 +35,7 @@ class Label:
 
 @dataclass(eq=False)
 class Chart:
-    """What is drawn, in pixels from the lower left of the chart."""
+    """Chart geometry, in pixels from its lower left corner."""
 
     width: float
     height: float
@@ -48,7 +48,7 @@ class Chart:
     hidden: int = 0  # rows for which there was no place
 
     def x_of(self, frame: float) -> float:
-        """Where a frame is, pixels."""
+        """Horizontal position of a frame, pixels."""
         first, last = self.frames
         share = (frame - first) / max(last - first, 1e-9)
         return self.left + min(max(share, 0.0), 1.0) * (self.width - self.left)
@@ -61,7 +61,7 @@ def chart(
     height: float,
     scale: float = 1.0,
 ) -> Chart:
-    """Lay a scene's values out over a width, from the top; what does not fit is left out.
+    """Lay out a scene's values over a width, from the top; rows that do not fit are left out.
 
     Parameters
     ----------

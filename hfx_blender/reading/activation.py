@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When an effect is on: what Blender's animation data says about ``activation``.
+"""Activation of effects over time, from the animation data of ``activation``.
 
 The property alone is not the truth: where every strip is muted, or the NLA is off, nothing
 writes it and it keeps its last value. So the animation data is asked first.
@@ -24,7 +24,7 @@ F64 = npt.NDArray[np.float64]
 
 
 class Source(Enum):
-    """What decides about an effect's activation."""
+    """Source of an effect's activation."""
 
     ALWAYS_ON = auto()  # nothing animates it
     OFF = auto()  # clips there are, all of them muted
@@ -40,7 +40,7 @@ class Activation:
     clips: tuple[Clip, ...] = ()
 
     def may_be_on(self, frames: F64) -> npt.NDArray[np.bool_]:
-        """Whether the effect can be on at each frame, (n,); False is certain."""
+        """Test that the effect can be on at each frame, (n,); False is certain."""
         on = np.zeros(len(frames), np.bool_)
         if self.source is not Source.OFF:
             for start, end in self.spans:
@@ -48,7 +48,7 @@ class Activation:
         return on
 
     def level(self, hfx: bpy.types.PropertyGroup) -> float:
-        """How strongly the effect is on: by its evaluated settings, clip times intensity."""
+        """Level of the effect by its evaluated settings: clip times intensity."""
         if self.source is Source.OFF:
             return 0.0
         on = 1.0 if self.source is Source.ALWAYS_ON else limited(hfx, "activation")
@@ -56,7 +56,7 @@ class Activation:
 
 
 SILENCED = Activation(Source.OFF)
-"""Of an effect that its user has muted."""
+"""Activation of an effect that its user has muted."""
 
 
 def activation_of(effect: bpy.types.Object) -> Activation:
@@ -93,7 +93,7 @@ def activation_of(effect: bpy.types.Object) -> Activation:
 
 
 def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, float], ...] | None:
-    """Frames at which a property can be above 0; None unless one plain F-curve alone tells it."""
+    """Frames at which a property can be above 0; None unless one plain F-curve alone defines it."""
     data = effect.animation_data
     if data is None or len(data.nla_tracks):
         return None
@@ -108,7 +108,7 @@ def spans_of_value(effect: bpy.types.Object, path: str) -> tuple[tuple[float, fl
 
 
 def _spans_of(curve: bpy.types.FCurve) -> tuple[tuple[float, float], ...]:
-    """Frames at which a curve can be above 0; it certainly is not at all others."""
+    """Frames at which a curve can be above 0; it certainly is not outside."""
     keys = list(curve.keyframe_points)
     kinds = {key.interpolation for key in keys}
     plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"

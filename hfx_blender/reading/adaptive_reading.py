@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading only as many poses as a tolerance asks for: between them bodies move straight on.
+"""Adaptive reading of poses: as few as a tolerance needs, interpolated linearly.
 
 Stretches of time are divided on a grid that does not depend on the range that is read. In each
 part the ends are read and the middle; where the middle is farther from the straight line than
@@ -25,7 +25,7 @@ from .scene_rows import PoseRow
 F64 = npt.NDArray[np.float64]
 
 _LONGEST_S = Fraction(5, 100)
-"""Time between two poses that are read at all events: what swings back within it is noticed."""
+"""Longest time between two poses that are read, seconds: any swing back within it is noticed."""
 
 _NEAR_M = 0.2
 """Vertices this near to a volume count: they stand for their neighbours on the same bone."""
@@ -43,7 +43,7 @@ def grid_step(rate_hz: Fraction) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A stretch of samples whose ends and middle were read."""
+    """Span of samples whose ends and middle were read."""
 
     low: int
     middle: int
@@ -87,7 +87,7 @@ class AdaptivePoses:
         self._nodes: list[int] = []
 
     def bones(self, index: int, body: int) -> F64:
-        """The bones of a body that were read at a sample, in the world, (B, 3, 4)."""
+        """Bones of a body at a sample that was read, in the world, (B, 3, 4)."""
         found = self._pose(index)[body].bones
         assert found is not None
         return found.astype(np.float64)
@@ -136,7 +136,7 @@ class AdaptivePoses:
 
 
 def _in_world(pose: PoseRow) -> PoseRow:
-    """The same pose with its bones in the world, so that vertices between two move straight."""
+    """Pose with its bones in the world, so that vertices between two poses move straight."""
     assert pose.bones is not None
     bones = pose.to_world[:3, :3] @ pose.bones.astype(np.float64)
     bones[..., 3] += pose.to_world[:3, 3]
@@ -145,7 +145,7 @@ def _in_world(pose: PoseRow) -> PoseRow:
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """A volume that may be felt over a part of the grid."""
+    """Volume that may be felt over a part of the grid."""
 
     model_id: str
     low: F64  # (3,) of its world box over the whole part
@@ -154,7 +154,7 @@ class Volume:
 
 
 class VertexMotion:
-    """What a straight line between two poses leaves out, at some vertices of each bone.
+    """Error of straight interpolation between two poses, at some vertices of each bone.
 
     It is accepted where no volume is near, where it is less than the tolerance in space, and
     where the vertex covers as much within half of the tolerance in time, seen from the volume.
@@ -194,7 +194,7 @@ class VertexMotion:
     def allows(
         self, span: Span, bones: Callable[[int], F64], volumes: Sequence[Volume], period_s: float
     ) -> bool:
-        """Whether nothing that is near a volume is farther off than is accepted.
+        """Test that the interpolation error of everything near a volume is accepted.
 
         ``bones`` gives them at the samples of the span, in the world.
         """
@@ -231,7 +231,7 @@ class VertexMotion:
 
 
 def _ends_of_bones(model: PerceptualModel) -> npt.NDArray[np.int64]:
-    """Of the vertices that each bone moves most: the two that are farthest apart, nearly."""
+    """Vertices at the ends of bones: nearly the farthest apart of those that a bone moves most."""
     weights = model.weights
     counts = np.diff(weights.offsets)
     largest = np.repeat(np.maximum.reduceat(weights.values, weights.offsets[:-1]), counts)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Blender's animation data makes of a datablock's properties, at many times at once.
+"""Evaluates Blender's animation data of a datablock at many times at once.
 
 Actions and NLA strips are sampled without stepping a scene. What is not modelled here is told
 by :class:`NotModelledError`; then Blender itself has to be stepped.
@@ -29,7 +29,7 @@ _BEZIER = int(Interpolation.BEZIER)
 
 
 class NotModelledError(Exception):
-    """Something moves that only Blender itself can evaluate; the text says what."""
+    """Raised for motion that only Blender itself can evaluate; the text says what moves."""
 
 
 @dataclass(eq=False)
@@ -146,7 +146,7 @@ class _Strip:
 
 
 class AnimatedValues:
-    """The values that a datablock's action and NLA give to its properties.
+    """Values of a datablock's properties from its action and NLA.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ class AnimatedValues:
                 self._tracks.append(strips)
 
     def sample(self, frames: F64, *, single: bool = False) -> F64:
-        """Each animated value at frames of the scene, (T, C) in the order of ``columns``.
+        """Sample each animated value at frames of the scene, (T, C) in the order of ``columns``.
 
         ``single`` computes in 32 bits what Blender does; see :meth:`KeyedCurves.sample`.
         """
@@ -251,7 +251,7 @@ def _refuse_other_strips(name: str, strip: bpy.types.NlaStrip) -> None:
 
 
 def _playing(strips: list[_Strip], frames: F64) -> Iterable[tuple[_Strip, np.ndarray, F64]]:
-    """Which strip of a track plays at which frames, those beyond its ends held: rows, frames."""
+    """Strips of a track with the frames at which each plays, ends held: rows, frames."""
     free = np.ones(len(frames), np.bool_)
     for k, strip in enumerate(strips):
         until = strips[k + 1].start if k + 1 < len(strips) else np.inf

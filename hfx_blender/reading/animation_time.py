@@ -27,5 +27,5 @@ def animation_frames(scene: bpy.types.Scene, frames: F64) -> F64:
 
 
 def played_frame(scene: bpy.types.Scene, frame: float) -> float:
-    """The played frame at which the animation is at one of its own frames."""
+    """Played frame for one of the animation's own frames."""
     return frame / float(_length(scene))

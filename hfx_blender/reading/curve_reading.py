@@ -155,13 +155,18 @@ class CurveEffect:
 
 
 def is_steady(effect: bpy.types.Object) -> bool:
-    """Whether an effect has the shape of a mesh that is the same at all times, or of none."""
+    """Test that an effect's shape is the same mesh at all times, or no mesh."""
+    return is_rigid(effect) and not visibility.is_keyed(effect)
+
+
+def is_rigid(effect: bpy.types.Object) -> bool:
+    """Test that an effect's shape is a mesh that does not deform, or no mesh."""
     try:
         if effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
     except NotModelledError:
         return False
-    return not visibility.is_keyed(effect)
+    return True
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:
@@ -265,7 +270,7 @@ class CurveBody:
         self._unit_m = unit_m
 
     def read(self, frames: F64, wanted: npt.NDArray[np.bool_]) -> PoseBlock:
-        """The body at frames of the scene; only those that are wanted are posed."""
+        """Read the body at frames of the scene; only the wanted ones are posed."""
         bones = np.zeros((len(frames), self.rig.bone_count, 3, 4))
         to_world = np.zeros((len(frames), 4, 4))
         if not wanted.any():

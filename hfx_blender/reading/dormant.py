@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects that nobody can feel at any time that is read: nothing of theirs has to be read.
+"""Dormant effects: those without any possible sample need no reading.
 
 They keep their place in the scene's description and in the track, and the report names them.
 """
@@ -26,7 +26,7 @@ _INTENSITY = "hfx.intensity"
 
 
 def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
-    """Frames of the animation at all samples, and at those beside them that motion is read at.
+    """Frames of the animation at all samples, and at those beside them for motion.
 
     With the part of the grid of :mod:`.adaptive_reading` that goes over either end, what is felt
     at a sample does not depend on the range that is read.
@@ -37,7 +37,7 @@ def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
 
 
 def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: F64) -> str | None:
-    """Why an effect is not felt at any of these frames of the animation; None: it may be.
+    """Reason why an effect is not felt at any of these frames of the animation; None if it may be.
 
     The text goes on after the effect's name.
     """
@@ -53,7 +53,7 @@ def why_dormant(effect: bpy.types.Object, state: activation.Activation, frames: 
 
 
 def _is_powerless(effect: bpy.types.Object, frames: F64) -> bool:
-    """Whether an effect's intensity is 0 at all of these frames, whatever happens."""
+    """Test for an intensity that is certainly 0 at all of these frames."""
     if stepping.foreign_handler() is not None:
         return False  # it may set anything
     spans = activation.spans_of_value(effect, _INTENSITY)

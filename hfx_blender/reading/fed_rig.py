@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A rig whose keyed bones are sampled here and set, so that Blender only solves what is left.
+"""Presampled rig: keyed bones are sampled and set here, so that Blender only solves the rest.
 
 Evaluating the F-curves of a rig costs Blender several times what posing it costs, as each path
 is resolved again at each frame. So a copy of the armature object stands in the scratch scene
@@ -27,7 +27,7 @@ _CHUNK = 128
 
 
 class FedRig:
-    """An armature's animated bones over time, and the copy that they are set on.
+    """Animated bones of an armature over time, and the copy that they are set on.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class FedRig:
         self._sampled: dict[str, F32] = {}
 
     def make_copy(self) -> list[bpy.types.ID]:
-        """Make the copy, and what it needs; the caller removes all of it.
+        """Make the copy, and its needs; the caller removes all of it.
 
         What refers to the rig itself, as a constraint's target does, refers to the copy there.
         """
@@ -124,7 +124,7 @@ def _moves_a_bone(path: str) -> bool:
 
 
 def _mixed_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """The assigned action, if it moves bones and animates something else, too."""
+    """Assigned action, if it moves bones and animates something else, too."""
     for track in obj.animation_data.nla_tracks:
         for strip in track.strips:
             paths = [_moves_a_bone(curve.data_path) for curve in compat.strip_fcurves(strip)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Many small objects: instances and particles of a haptic volume are volumes themselves.
+"""Instances and particles of haptic volumes, each as a volume of its own.
 
 Which there are is found at whole frames of the user's own scene, which is what simulations and
 geometry nodes can be read at; what each is at a time is read at that very time. Each has an id
@@ -36,10 +36,10 @@ F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
 MOST = 4096
-"""More instances of haptic volumes than that are refused."""
+"""Largest number of instances of haptic volumes."""
 
 _NO_NUMBER = 2**31 - 1
-"""What Blender fills up the unused levels of a persistent id with."""
+"""Filler of the unused levels of a persistent id in Blender."""
 
 Key = tuple[str, str, tuple[int, ...]]
 """The full names of the source and of its instancer, and the persistent id."""
@@ -49,7 +49,7 @@ Phase = Callable[[bpy.types.Object, F64], F64]
 
 
 def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
-    """Volumes that something in a scene may make instances of, by their full names."""
+    """Volumes that something in a scene may instance, by their full names."""
     if not any(_is_volume(obj) for obj in bpy.data.objects):
         return {}
     instancers = [obj for obj in scene.objects if is_instancer(obj)]
@@ -65,7 +65,7 @@ def _is_volume(obj: bpy.types.Object) -> bool:
 def _shown(
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[tuple[Key, bpy.types.Object, bpy.types.DepsgraphObjectInstance]]:
-    """Instances of haptic volumes that there are now: key, evaluated source, instance.
+    """Present instances of haptic volumes: key, evaluated source, instance.
 
     Both of the latter are gone with the next step.
     """
@@ -91,7 +91,7 @@ def _shown(
 
 @dataclass(frozen=True, eq=False)
 class _Values:
-    """An instanced volume at one time; what its instances have in common."""
+    """Values shared by the instances of a volume at one time."""
 
     level: float
     parameters: list[float]  # of wind the speed only
@@ -100,7 +100,7 @@ class _Values:
 
 
 class Sources:
-    """The volumes of a scene that may have instances, and how these stand at a time.
+    """Volumes of a scene that may have instances, and the state of these at a time.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class Sources:
         }
 
     def described(self, name: str) -> EffectDescription:
-        """What instances of a source have in common."""
+        """Description shared by the instances of a source."""
         source, hfx = self.objects[name], self.objects[name].hfx
         return EffectDescription(
             id=self._ids[name],
@@ -169,13 +169,13 @@ class Sources:
         )
 
     def keys_now(self, depsgraph: bpy.types.Depsgraph) -> set[Key]:
-        """Which instances there are."""
+        """Keys of the present instances."""
         return {key for key, _, _ in _shown(depsgraph) if key[0] in self.objects}
 
     def rows_now(
         self, depsgraph: bpy.types.Depsgraph, phase: Phase | None = None, index: int = 0
     ) -> dict[Key, EffectRow]:
-        """The instances as they stand now, at a sample."""
+        """Rows of the present instances, at a sample."""
         rows: dict[Key, EffectRow] = {}
         common: dict[str, _Values] = {}
         shapes: dict[tuple[str, int], Shape | None] = {}
@@ -302,7 +302,7 @@ class Instances:
         return stepping.own_scene(found.scene, found.layer, found.simulation)
 
     def may_be_on(self, frames: F64) -> Bool:
-        """Whether any instance can be felt at each played frame, (n,)."""
+        """Test that any instance can be felt at each played frame, (n,)."""
         animation = animation_frames(self._found.scene, frames)
         on = np.zeros(len(frames), np.bool_)
         for name in {name for name, _, _ in self._keys}:
@@ -344,7 +344,7 @@ class Instances:
 def _numbered(
     keys: Iterable[Key], sources: dict[str, EffectDescription]
 ) -> tuple[EffectDescription, ...]:
-    """A description of each instance; its id stays as long as what makes it does."""
+    """Descriptions of the instances; an id stays as long as its source."""
     instancers = sorted({(name, parent) for name, parent, _ in keys})
     several = {name for name, _ in instancers if sum(n == name for n, _ in instancers) > 1}
     found = []

@@ -29,7 +29,7 @@ class LinkedFile:
 
 
 def linked_files() -> dict[str, LinkedFile]:
-    """What the open file reaches, by name.
+    """External files of the open file, by name.
 
     A name begins with ``//``, the folder of the .blend, where the path is relative: so it means
     the same where that folder was moved as a whole. A path that is not is the name itself.
@@ -47,7 +47,7 @@ def linked_files() -> dict[str, LinkedFile]:
 
 
 def missing() -> list[str]:
-    """A sentence for each file that should be there, and is not."""
+    """Warnings for files that should exist, and do not."""
     gone = (
         (name, each) for name, each in linked_files().items() if each.must_be and _is_gone(each)
     )
@@ -70,7 +70,7 @@ def _is_gone(each: LinkedFile) -> bool:
 
 
 def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
-    """Whose path it is, the path as it is stored, and whether something must be there."""
+    """Owner and stored path of each external file, and whether it must exist."""
     folders = {
         bpy.path.abspath(raw, library=obj.library)
         for obj in bpy.data.objects
@@ -105,7 +105,7 @@ def _paths() -> Iterator[tuple[bpy.types.ID, str, bool]]:
 
 
 def _folders_of(obj: bpy.types.Object) -> set[str]:
-    """Paths at which Blender bakes or has baked; nothing needs to be there."""
+    """Folders in which Blender bakes or has baked; they need not exist."""
     found = set()
     for modifier in obj.modifiers:
         if modifier.type == "NODES":
@@ -130,7 +130,7 @@ def _is_packed(owner: bpy.types.ID) -> bool:
 
 
 def _is_row(owner: bpy.types.ID, path: Path) -> bool:
-    """Whether a path names only one of a numbered row of files."""
+    """Test a path for a numbered row of files, of which it names one."""
     is_row = getattr(owner, "source", "") == "SEQUENCE" or getattr(owner, "is_sequence", False)
     return bool(is_row) and re.search(r"\d", path.name) is not None
 

@@ -13,7 +13,7 @@ LONGEST_STEP_S = 0.3
 
 
 class LiveClock:
-    """Tells moments of one scene apart.
+    """Clock that separates the moments of one scene.
 
     Parameters
     ----------
@@ -34,7 +34,9 @@ class LiveClock:
         return float(scene.frame_current_final - scene.frame_start) / fps
 
     def tick(self) -> tuple[float, float | None]:
-        """This moment's time, and how long ago the last one was; None: it led not to this."""
+        """Advance to the present; returns the time, and the step since the last moment (None if
+        unrelated).
+        """
         frame_s, clock_s = self._scene_s(), self._now()
         if frame_s != self._frame_s or self._is_first:
             step = frame_s - self._frame_s
@@ -51,5 +53,5 @@ class LiveClock:
         return time_s, step if follows else None
 
     def ahead_s(self) -> float:
-        """The time that it is now, if nothing but the clock has moved since the last moment."""
+        """Present time, if only the clock has moved since the last moment."""
         return self._time_s + (self._now() - self._clock_s)

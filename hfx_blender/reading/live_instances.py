@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Instances of haptic volumes in the open scene as it stands: some come, others go.
+"""Instances of haptic volumes in the open scene; some appear, others vanish.
 
 A live scene is described once, so each source has slots: an instance keeps the one that it was
 given while it is there, and what there is no slot for is left out.
@@ -47,7 +47,7 @@ class LiveInstances:
         self.descriptions = tuple(descriptions)
 
     def _counts(self, scene: bpy.types.Scene) -> dict[str, int]:
-        """Volumes of which there are instances now, or may be at another time, and how many."""
+        """Volumes with instances now, or possibly at another time, and their number."""
         here = set(scene.objects)
         counts = {name: 0 for name, obj in self._sources.objects.items() if obj not in here}
         if self._sources.objects:
@@ -56,7 +56,7 @@ class LiveInstances:
         return dict(sorted(counts.items()))
 
     def rows(self) -> tuple[list[EffectRow], list[bool]]:
-        """Each slot now, and whether it holds what it held when it was asked for last."""
+        """Row of each slot now, and whether the slot still holds the same instance."""
         if not self._slots:
             return [], []
         now = self._sources.rows_now(self._layer.depsgraph)

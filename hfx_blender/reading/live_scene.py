@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The open scene as it stands now, felt by the engine: what preview and live devices show.
+"""Evaluates the open scene as it stands now, for the preview and live devices.
 
 It goes the way of an export (reader, engine, samples), but reads what Blender has evaluated
 already instead of stepping through time. An effect that could not be exported is left out.
@@ -30,7 +30,7 @@ from .stepping import Stepper
 
 
 class LiveScene:
-    """One scene, described once; evaluated whenever something moved.
+    """Scene that is described once and evaluated whenever something has moved.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ class LiveScene:
 
     @property
     def rings(self) -> bool:
-        """Whether something that was touched is still felt, though nothing may move any more."""
+        """Test for responses that still ring, though nothing may move any more."""
         return self._answers and self.engine.responses.settling.any_rings(self._clock.ahead_s())
 
     def runs(self) -> list[SampleRun]:
-        """What is felt now: at most one sample for each effect and body."""
+        """Current samples: at most one for each effect and body."""
         asked = self._may_be_on()
         if asked is None:
             return []
@@ -108,7 +108,9 @@ class LiveScene:
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
 
     def _may_be_on(self) -> Sequence[int] | None:
-        """Effects that have to be read: the others are plainly off. None where all there is, is."""
+        """Effects that have to be read: the others are certainly off. None where all there
+        is, is.
+        """
         every = range(len(self.objects.effects))
         if self._answers or self._has_surfaces or self._instances.descriptions:
             return every
@@ -121,7 +123,7 @@ class LiveScene:
     def _block(
         self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
     ) -> AnimationBlock:
-        """This moment; where responses ask how it came to it, with the one before it."""
+        """Block of the present moment, with the one before it where responses need it."""
         rows, posed = [[each] for each in effects], [poses]
         now_s, step_s = self._clock.tick()
         has_history = self._answers and step_s is not None and self._before is not None
@@ -151,14 +153,14 @@ class LiveScene:
 
 
 class _AsItStands(Stepper):
-    """Reads what is evaluated; time is Blender's own."""
+    """Stepper that reads the present evaluated state."""
 
     def set_frame(self, frame: Fraction) -> None:
         pass
 
 
 def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
-    """Changes where the description of a scene may: cheap enough to be asked at every update."""
+    """Fingerprint of a scene's description: cheap enough for every update."""
     found: list[object] = [scene.name]
     for obj in (*effects.bodies_of(scene), *effects.effects_of(scene)):
         hfx = obj.hfx

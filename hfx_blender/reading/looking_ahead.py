@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What comes in a scene, from its F-curves alone: read in blocks of frames, nothing is stepped.
+"""Reads a keyed scene ahead of the playhead: F-curves in blocks of frames, without stepping.
 
 Devices that answer late are told early. Where something else than F-curves moves a scene, it
 cannot be known without evaluating it, which playback has no time for. Only what needs Blender is
@@ -30,7 +30,7 @@ Key = tuple[str, str]
 
 
 class LookAhead:
-    """What is where at other frames of a scene.
+    """Reader of a scene's keyframes at other frames.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class LookAhead:
         self.posing = frozenset(key for body in found.bodies for key in _followed_by(body))
 
     def scene(self, edition: int) -> FutureScene:
-        """What does not change over time."""
+        """Constant part of the scene, for another process."""
         live = self._live
         return FutureScene(
             edition,
@@ -88,7 +88,7 @@ class LookAhead:
         )
 
     def block(self, edition: int, frames: F64) -> FutureBlock:
-        """What is where at played frames, (T,); they may lie between whole ones."""
+        """Animated state at played frames, (T,); they may lie between whole ones."""
         animation = animation_frames(self._live.objects.scene, frames)
         effects = (effect.read(animation) for effect in self._effects)
         unit_m = self._live.objects.unit_m
@@ -102,7 +102,7 @@ class LookAhead:
 
 
 def _why_not(live: LiveScene) -> str:
-    """Why what comes does not follow from a frame's values alone; empty: it may."""
+    """Reason why the scene does not follow from a frame's values alone; empty if it may."""
     handler = stepping.foreign_handler()
     if handler is not None:
         return handler

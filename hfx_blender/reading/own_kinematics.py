@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where objects and bones are, from their F-curves alone: no scene has to be stepped.
+"""Kinematics of objects and bones from their F-curves alone, without stepping a scene.
 
 Only plain motion is modelled: actions, clips of the NLA, parents. :class:`NotModelledError` says
 what else there is.
@@ -40,7 +40,7 @@ _HARMLESS = re.compile(
 
 
 def rest_value(path: str, index: int) -> float:
-    """What a transform has where no strip of the NLA plays."""
+    """Value of a transform where no strip of the NLA plays."""
     name = path.rpartition(".")[2]
     if name.endswith("scale"):
         return 1.0
@@ -52,7 +52,7 @@ def rest_value(path: str, index: int) -> float:
 
 
 class Parents:
-    """What others hang on: each is read once, and sampled once for all at the same times."""
+    """Parents of objects, each read once, and sampled once for all children at the same times."""
 
     def __init__(self) -> None:
         self._objects: dict[bpy.types.Object, PlainObject] = {}
@@ -72,7 +72,7 @@ class Parents:
 
 
 class _Kept:
-    """The last result for an array of frames, for whoever asks with the very same array."""
+    """Cache of the last result, for the identical array of frames."""
 
     def __init__(self, work: Callable[[F64], F64]) -> None:
         self._work = work
@@ -160,7 +160,7 @@ class PlainObject:
         return above @ np.array(obj.matrix_parent_inverse, np.float64) @ own
 
     def _channels(self, sampled: F64, name: str) -> F64:
-        """One property over the times, (T, width)."""
+        """Values of one property over the times, (T, width)."""
         still = np.array(getattr(self.obj, name), np.float64)
         values = np.repeat(still[None], len(sampled), axis=0)
         for index in range(len(still)):
@@ -249,7 +249,7 @@ class PlainRig:
         return self.keyed.skinning(self.channels(frames))
 
     def seat_of(self, bone: str, frames: F64) -> F64:
-        """Where objects sit that have a bone as their parent, (T, 4, 4), armature space."""
+        """Places of objects with a bone as their parent, (T, 4, 4), armature space."""
         k = self._names.index(bone)
         seat = np.zeros((len(frames), 4, 4))
         seat[:, :3] = self._kept_pose(frames)[:, k]

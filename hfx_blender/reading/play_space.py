@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The play space: the object in whose room devices stand; a teleport moves it."""
+"""Play space: the object that defines the room of devices; a teleport moves it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ F64 = npt.NDArray[np.float64]
 
 
 def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
-    """Play space to world at all samples, (T, 4, 4) in metres; None: it is the world.
+    """Play space to world at all samples, (T, 4, 4) in metres; None if it is the world.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:
 
 
 def pose_now(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, unit_m: float) -> F64:
-    """Play space to world as it stands, (4, 4) in metres."""
+    """Play space to world at present, (4, 4) in metres."""
     space = scene.hfx.play_space
     if space is None:
         return np.eye(4)

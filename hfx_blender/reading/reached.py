@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that a scene may show or depend on, though they are in none of its collections."""
+"""Objects that a scene may show or depend on, though none of its collections holds them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bpy
 
 
 def is_instancer(obj: bpy.types.Object) -> bool:
-    """Whether an object may make instances of others, or of its own geometry."""
+    """Test for an object that may make instances of others, or of its own geometry."""
     return (
         obj.instance_type != "NONE"
         or bool(obj.particle_systems)
@@ -18,7 +18,7 @@ def is_instancer(obj: bpy.types.Object) -> bool:
 
 
 def reached_from(start: Iterable[bpy.types.Object]) -> set[bpy.types.Object]:
-    """Objects, and those that they refer to over any number of steps; no less than is needed."""
+    """Objects, and all that they refer to, directly or not; a superset of what is needed."""
     return {each for each in data_reached_from(start) if isinstance(each, bpy.types.Object)}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How each effect and body of a scene is read: from F-curves, or by stepping through a scene.
+"""Plans the reading of each effect and body: from F-curves, or by stepping through a scene.
 
 What follows from F-curves alone is sampled whole blocks at a time. The rest is stepped, in a
 scratch scene of what is needed where that gives the same, else in the user's own scene.
@@ -35,12 +35,13 @@ from .animation_curves import NotModelledError
 from .animation_time import animation_frames
 from .curve_reading import CurveBody, CurveEffect, EffectChunks, is_steady
 from .fed_rig import FedRig
-from .nearness import SkinBoxes, comes_near
+from .nearness import SkinBoxes
 from .own_kinematics import Parents
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
-from .scene_rows import EffectRow, PoseRow, Row, effect_block, pose_block
+from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
+from .stepped_volumes import SteppedVolumes, is_placeable, near
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -49,7 +50,7 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Plan:
-    """Which effects and bodies, by their place in the scene's lists, come from F-curves."""
+    """Effects and bodies, by their place in the scene's lists, that are read from F-curves."""
 
     effects: dict[int, CurveEffect] = field(default_factory=dict)
     bodies: dict[int, CurveBody] = field(default_factory=dict)
@@ -57,10 +58,11 @@ class Plan:
     in_own_scene: bool = False
     fed: dict[int, FedRig] = field(default_factory=dict)  # bodies that only Blender can pose
     is_exact: bool = False  # every sample that is stepped is read; none is interpolated
+    is_sequential: bool = False  # a handler may do otherwise if it goes back in time
 
     @property
     def note(self) -> str:
-        """What was done, for the report."""
+        """Note for the report on how the scene was read."""
         if not self.reason:
             return "sampled F-curves, stepped no scene"
         where = "the whole scene" if self.in_own_scene else "a scratch scene"
@@ -68,10 +70,10 @@ class Plan:
 
 
 def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values.Shapes) -> Plan:
-    """The cheapest way to read a scene, as far as can be told without trying."""
+    """Cheapest plan to read a scene, as far as is known without trying."""
     handler = stepping.foreign_handler()
     if handler is not None:
-        return Plan(reason=handler, in_own_scene=True, is_exact=True)
+        return Plan(reason=handler, in_own_scene=True, is_exact=True, is_sequential=True)
     plan = Plan()
     reasons = []
     parents = Parents()
@@ -104,7 +106,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
 
 
 def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int, FedRig]:
-    """Of the bodies that are stepped, those whose keyed channels need not be."""
+    """Rigs, among the bodies that are stepped, whose keyed channels are sampled beforehand."""
     fed = {}
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         if k in plan.bodies or isinstance(described.binding, SurfaceBinding):
@@ -115,15 +117,10 @@ def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int,
     return fed
 
 
-def _is_mesh(found: HapticObjects, which: int) -> bool:
-    hfx = found.effects[which].hfx
-    return bool(hfx.kind == "VOLUME" and hfx.shape == "MESH")
-
-
 class Pass:
-    """One pass through the times of a scene, or through few single ones (``is_spotty``).
+    """Pass through the times of a scene, or through few single ones (``is_spotty``).
 
-    Of meshes that nothing comes near only the boxes are known, unless ``with_shapes``.
+    Volumes that have to be stepped are silent while they are near no skin, unless ``with_far``.
     """
 
     def __init__(
@@ -138,7 +135,7 @@ class Pass:
         stretch_of: Callable[[int], tuple[int, int]],
         stack: ExitStack,
         is_spotty: bool = False,
-        with_shapes: bool = False,
+        with_far: bool = False,
     ) -> None:
         self._plan = plan
         self._found = found
@@ -150,13 +147,16 @@ class Pass:
         self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
         self._volumes = [k for k in found.awake if found.effects[k].hfx.kind in IN_SCENE]
         self._chunks = EffectChunks(plan.effects, self._frames, is_spotty=is_spotty)
-        # Before anything is known of where they are, meshes are taken to be far.
-        self._meshes = [k for k in self._effects if k in self._volumes and _is_mesh(found, k)]
-        goes_back = not plan.in_own_scene and not with_shapes
-        reading.far = frozenset(self._meshes if goes_back or is_spotty else ())
-        self._is_judged = goes_back and not is_spotty and bool(self._meshes)
-        model_ids = {scene.effects[k].model_id for k in self._meshes}
-        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self._is_judged]
+        goes_back = not plan.is_sequential and not with_far
+        self._is_judged = goes_back and not is_spotty
+        # Of meshes only boxes are read where places and values are compared.
+        reading.far = frozenset(self._effects if is_spotty else ())
+        placed = [k for k in self._effects if self._is_judged and is_placeable(found.effects[k])]
+        self._placed = SteppedVolumes([found.effects[k] for k in placed])
+        self._far = dict(enumerate(placed))  # of which only the place is read, by their number
+        self._full = [k for k in self._effects if k not in placed]
+        model_ids = {scene.effects[k].model_id for k in placed}
+        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if placed]
         self._last: Row | None = None
         self._cell = (0, -1)
         self._near: list[Volume] = []
@@ -181,7 +181,7 @@ class Pass:
         self._adaptive = self._adaptive_poses(tolerance, stretch_of)
 
     def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
-        """Step these objects, those rigs that can be fed as copies."""
+        """Step these objects in a scratch scene, with presampled rigs as copies."""
         scene, fed = self._found.scene, list(self._plan.fed.values())
         if fed:
             rigs = [rig.obj for rig in fed]
@@ -193,7 +193,7 @@ class Pass:
     def _adaptive_poses(
         self, tolerance: Tolerance, stretch_of: Callable[[int], tuple[int, int]]
     ) -> AdaptivePoses | None:
-        """None where every sample is to be read."""
+        """Adaptive sampling of poses; None where every sample is to be read."""
         if any(isinstance(e.area, HapticSurface) for e in self._scene.effects):
             return None  # a stroke is its speed: nothing of it may be interpolated
         step = grid_step(self._scene.time.rate_hz)
@@ -235,7 +235,7 @@ class Pass:
         return poses
 
     def _volumes_over(self, cell: tuple[int, int]) -> list[Volume]:
-        """The volumes that may be felt over a part of the grid."""
+        """Volumes that may be felt over a part of the grid."""
         if self._cell != cell:
             self._cell, self._near = cell, []
             indices = np.arange(cell[0], cell[1] + 1)
@@ -269,11 +269,11 @@ class Pass:
         return self._reading.read(index, self._whole, (), self._bodies).poses
 
     def _read_shown(self, index: int) -> Poses:
-        """The same of bodies that nothing hides."""
+        """Poses of the bodies that nothing hides."""
         return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
 
     def block(self, indices: I64, history: int = 0) -> AnimationBlock:
-        """What is where at samples without a gap between them."""
+        """Block of samples without a gap between them."""
         frames = self._frames(indices)
         effects: dict[int, EffectBlock] = {
             k: self._chunks.read(k, indices) for k in self._plan.effects
@@ -294,23 +294,22 @@ class Pass:
         for k in self._volumes:
             if k in effects:
                 wanted |= ~(effects[k].levels <= 0.0)
+        for k in self._far.values():
+            wanted |= self._found.activations[k].may_be_on(frames)
         rows = [self._row(int(i), w) for i, w in zip(indices, wanted.tolist(), strict=True)]
         if self._effects:
             self._last = rows[-1]
-            for k in self._effects:
-                modality = self._scene.effects[k].modality
-                effects[k] = effect_block([row.effects[k] for row in rows], modality)
-                if k in self._volumes:
-                    wanted |= ~(effects[k].levels <= 0.0)
+        for k in self._full:
+            effects[k] = self._block_of(k, rows)
+            if k in self._volumes:
+                wanted |= ~(effects[k].levels <= 0.0)
         effects |= {k: self._silence(k, len(indices)) for k in self._dormant}
         poses: dict[int, PoseBlock] = {
             k: body.read(frames, wanted) for k, body in self._plan.bodies.items()
         }
         poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
-        if self._is_judged:
-            for k in self._come_near(rows, [poses[k] for k in range(len(poses))]):
-                modality = self._scene.effects[k].modality
-                effects[k] = effect_block([row.effects[k] for row in rows], modality)
+        if self._far:
+            effects |= self._judged(rows, [poses[k] for k in range(len(poses))])
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
@@ -318,36 +317,58 @@ class Pass:
             history=history,
         )
 
-    def _come_near(self, rows: list[Row], poses: list[PoseBlock]) -> list[int]:
-        """Read the meshes themselves that come near skin, and of the others boxes from now on.
+    def _judged(self, rows: list[Row], poses: list[PoseBlock]) -> dict[int, EffectBlock]:
+        """Read the rest of the volumes that come near skin, of which only the places were read.
 
-        Those that were read again are returned.
+        What has to be read again is read in full from now on, until it is far again.
         """
         skins = [skin.over(pose) for skin, pose in zip(self._skins, poses, strict=True)]
-        near = {k for k in self._meshes if comes_near([row.effects[k] for row in rows], skins)}
-        again = sorted(near & self._reading.far)
-        self._reading.far = frozenset(self._meshes).difference(near)
-        stepper = self._light
-        if again and stepper is not None:
+        places = [row.places for row in rows if row.places is not None]
+        is_near = near(places, self._found.unit_m, skins)
+        there = np.stack([each.there for each in places])
+        matrices = np.stack([each.matrices for each in places])
+        again: list[int] = []
+        found: dict[int, EffectBlock] = {}
+        for n, k in self._far.items():
+            if not is_near[n]:
+                if k not in self._full:
+                    found[k] = self._silence(k, len(rows))
+            elif self._reading.is_settled(k):
+                found[k] = self._reading.placed(k, matrices[:, n], there[:, n])
+            elif k not in self._full:
+                again.append(k)
+        if again and self._light is not None:
             for row in rows:
-                row.effects |= self._reading.read(row.index, stepper, again, ()).effects
-        return again
+                row.effects |= self._reading.read(row.index, self._light, again, ()).effects
+            found |= {k: self._block_of(k, rows) for k in again}
+        nearby = {k for n, k in self._far.items() if is_near[n]}
+        full = {k for k in nearby if not self._reading.is_settled(k)}
+        self._full = [k for k in self._effects if k in full or k not in self._far.values()]
+        return found
+
+    def _block_of(self, which: int, rows: list[Row]) -> EffectBlock:
+        return effect_block([row.effects[which] for row in rows], self._modality(which))
 
     def _silence(self, which: int, count: int) -> EffectBlock:
         """An effect that is not felt."""
-        return effect_block([EffectRow()] * count, self._scene.effects[which].modality)
+        return silence(count, self._modality(which))
+
+    def _modality(self, which: int) -> str:
+        return self._scene.effects[which].modality
 
     def _row(self, index: int, is_posed: bool) -> Row:
-        """What is stepped at one time."""
+        """Stepped effects and bodies at one time."""
         if self._last is not None and self._last.index == index:
             return self._last
         row = Row(index)
         joint = self._adaptive is None and (is_posed or self._light is self._whole)
         stepper = self._whole if joint else self._light
         if self._effects and stepper is not None:
-            row = self._reading.read(index, stepper, self._effects, ())
+            row = self._reading.read(index, stepper, self._full, ())
+            if self._far:
+                row.places = self._placed.read(stepper)
             is_posed |= any(
-                not row.effects[k].level <= 0.0 for k in self._effects if k in self._volumes
+                not row.effects[k].level <= 0.0 for k in self._full if k in self._volumes
             )
         if not is_posed or not self._bodies:
             return row

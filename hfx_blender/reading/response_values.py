@@ -19,11 +19,11 @@ from .animation_time import animation_frames
 F64 = npt.NDArray[np.float64]
 
 _STEPS_A_FRAME = 4
-"""At which a frequency that changes is summed up to turns."""
+"""Steps a frame at which a changing frequency is integrated to turns."""
 
 
 def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
-    """The filters that count, with how long their impacts can ring."""
+    """Active filters, with upper bounds of how long their impacts ring."""
     return tuple(
         responses.described(each, _longest_s(effect, k, each))
         for k, each in responses.active(effect.hfx)
@@ -31,7 +31,7 @@ def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
 
 
 def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGroup) -> float:
-    """No less than an impact of a filter ever rings, seconds; 0 for other kinds."""
+    """Upper bound of how long an impact of a filter rings, seconds; 0 for other kinds."""
     if each.kind != Kind.IMPACT:
         return 0.0
     attack, decay = limited(each, "attack"), limited(each, "decay")
@@ -46,7 +46,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
         for curves in compat.curve_collections(effect):
             for curve in curves:
                 if curve.data_path == path:
-                    bound = min(_bound(curve), highest)
+                    bound = min(highest_of(curve), highest)
                     attack, decay = (
                         (max(attack, bound), decay)
                         if name == "attack"
@@ -55,8 +55,8 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
     return longest_s(attack, decay)
 
 
-def _bound(curve: bpy.types.FCurve) -> float:
-    """What a curve does not exceed; endless where modifiers or extrapolation make it up."""
+def highest_of(curve: bpy.types.FCurve) -> float:
+    """Upper bound of a curve; infinite where modifiers or extrapolation continue it."""
     keys = curve.keyframe_points
     plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
     if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
@@ -82,8 +82,8 @@ def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:
 def with_even_phase(
     scene: bpy.types.Scene, effect: bpy.types.Object, values: F64, frames: F64, time: TimeBase
 ) -> F64:
-    """Controls (T, F, WIDTH) at played frames, whose sines turn on evenly where their frequency
-    is animated.
+    """Controls (T, F, WIDTH) at played frames, with continuous phase of sines whose frequency is
+    animated.
 
     Turns are the integral of the frequency; its difference to frequency times time goes into
     the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
@@ -101,7 +101,7 @@ def with_even_phase(
 
 
 def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, start: int) -> F64:
-    """Of a curve from a played frame to others, (T,), by trapezia on a grid that all share."""
+    """Integral of a curve from a played frame to others, (T,), by trapezia on a common grid."""
     last = int(np.ceil(max(float(frames.max()), start) - start)) + 1
     grid = start + np.arange(last * _STEPS_A_FRAME + 1) / _STEPS_A_FRAME
     at = np.array([max(curve.evaluate(f), 0.0) for f in animation_frames(scene, grid).tolist()])
@@ -110,6 +110,6 @@ def _integral(scene: bpy.types.Scene, curve: bpy.types.FCurve, frames: F64, star
 
 
 def place_of(path: str) -> tuple[int, str] | None:
-    """The filter's place and the property that an animated path names, if it is of a response."""
+    """Filter index and property of an animated path, if it belongs to a response."""
     match = PATH.match(path)
     return None if match is None else (int(match[1]), match[2])

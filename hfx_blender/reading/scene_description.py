@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What does not change over time: which objects have a haptic meaning, and what they are.
+"""Describes the constant part of a scene: objects with a haptic meaning, and their settings.
 
 Faults that make an export impossible are told here, before any time is evaluated.
 """
@@ -75,7 +75,7 @@ class HapticObjects:
 
     @property
     def read(self) -> list[bpy.types.Object]:
-        """All that is read of a scene: effects that may be felt, bodies, and what shows these."""
+        """Objects that are read of a scene: effects that may be felt, bodies, and their meshes."""
         shown = [mesh for body in self.bodies for mesh in avatar_meshes.meshes_of(body)]
         return [*(self.effects[k] for k in self.awake), *self.bodies, *shown]
 
@@ -147,7 +147,7 @@ def _of_unknown_role(scene: bpy.types.Scene) -> list[str]:
 def _find_bodies(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
-    """The bodies that can be posed, what is told of them, and which were left out."""
+    """Find the bodies that can be posed, warnings about them, and the names of the others."""
     bodies = effects.bodies_of(scene)
     if not bodies:
         inside = _instanced_body(scene)
@@ -184,7 +184,7 @@ def _find_bodies(
 def _instanced_body(
     scene: bpy.types.Scene,
 ) -> tuple[bpy.types.Object, bpy.types.Object] | None:
-    """What instances a collection with a haptic body, and that body."""
+    """Find an instanced collection with a haptic body: the instancer, and that body."""
     for obj in scene.objects:
         collection = obj.instance_collection
         for each in collection.all_objects if collection is not None else ():
@@ -218,7 +218,7 @@ def _find_effects(
 def _without_bodiless(
     found: list[bpy.types.Object], bodies: list[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
-    """Leave out what was linked without the body that it is felt on: here is nothing to repair."""
+    """Leave out linked effects whose body was not linked: nothing here can repair them."""
     gone = [
         effect
         for effect in found
@@ -240,7 +240,7 @@ def _without_bodiless(
 
 
 def _here(body: bpy.types.Object, bodies: list[bpy.types.Object]) -> bpy.types.Object | None:
-    """A body of the scene: itself, or the only override of a linked one."""
+    """Body in the scene: itself, or the only override of a linked one."""
     if body in bodies:
         return body
     ours = [o for o in bodies if o.override_library and o.override_library.reference == body]
@@ -255,7 +255,7 @@ def describe(
     always_posed: bool,
     more: Sequence[EffectDescription] = (),
 ) -> tuple[HapticObjects, SceneDescription]:
-    """Describe the haptic objects of a scene for the engine; those with a fault are left out.
+    """Describe the haptic objects of a scene for the engine; faulty ones are left out.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ _PROBES = 5
 _FRAME_RATES = (0.001, 10_000.0)
 
 MOST_SAMPLES = 2**24
-"""46 hours at 100 samples a second; what is kept of each sample has to fit into memory."""
+"""Limit on samples: 46 hours at 100 samples a second; the data of each has to fit into memory."""
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -49,7 +49,7 @@ I64 = npt.NDArray[np.int64]
 def time_base(
     scene: bpy.types.Scene, frames: tuple[int, int] | None = None, rate_hz: Fraction | None = None
 ) -> TimeBase:
-    """When samples are taken of a scene: its own frame range and rate unless told otherwise."""
+    """Time base of a scene: its own frame range and rate by default."""
     first, last = frames or (scene.frame_start, scene.frame_end)
     if last < first:
         raise InputError(
@@ -79,7 +79,7 @@ def _frame_rate(scene: bpy.types.Scene) -> Fraction:
 
 
 def _sample_rate(scene: bpy.types.Scene) -> Fraction:
-    """Samples a second that a scene asks for."""
+    """Sampling rate that a scene asks for, Hz."""
     for bad in stored_values.bad_values(scene):
         if bad.path == "rate":
             raise InputError(f"Scene '{scene.name}': {bad}.")
@@ -103,9 +103,9 @@ class SceneReader:
     with_velocities : bool
         The same, exactly, and the time before each stretch, so that its first sample has a
         velocity.
-    with_shapes : bool
-        Read the meshes of volumes also where they are near no skin; else only their boxes are
-        told then.
+    with_far : bool
+        Tell of volumes also where they are near no skin; those that have to be stepped may be
+        silent then otherwise.
     is_probed : bool
         Compare a few times with what Blender evaluates, which sets the scene's frame.
 
@@ -124,7 +124,7 @@ class SceneReader:
         tolerance: Tolerance = EXACT,
         with_positions: bool = False,
         with_velocities: bool = False,
-        with_shapes: bool = False,
+        with_far: bool = False,
         is_probed: bool = True,
     ) -> None:
         self.tolerance = tolerance
@@ -134,7 +134,7 @@ class SceneReader:
             layer = bpy.context.view_layer
         self._shapes = Shapes()
         self._with_velocities = with_velocities
-        self._with_shapes = with_shapes
+        self._with_far = with_far
         found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
         found = replace(found, dormant=_dormant(found, self.time))
@@ -166,22 +166,22 @@ class SceneReader:
 
     @property
     def times_stepped(self) -> int:
-        """How often a scene was set to a time and evaluated by Blender, so far."""
+        """Number of times that Blender has evaluated a scene so far."""
         return self._reading.times_stepped
 
     @property
     def faults(self) -> dict[str, set[int]]:
-        """What went wrong while the scene was read, and at which samples."""
+        """Faults while the scene was read, with their samples."""
         return self._reading.faults
 
     @property
     def warnings(self) -> dict[str, int]:
-        """What went wrong while the scene was read, and at how many samples."""
+        """Faults while the scene was read, with the number of their samples."""
         return {text: len(samples) for text, samples in self.faults.items()}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was mended, or is likely to be meant otherwise, and a user should know."""
+        """Notes for the user on values that were corrected, or are likely to be meant otherwise."""
         surfaces = (effect for effect in self._found.effects if effect.hfx.kind == "SURFACE")
         told = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
         told = {text: s for text, s in told.items() if s.warning}
@@ -195,28 +195,28 @@ class SceneReader:
         return (*self._shapes.notes, *told, *unfelt)
 
     def play_space_setting(self) -> dict[str, Any]:
-        """Where devices of the room stand at all samples, as a track keeps it; or nothing."""
+        """Play space at all samples, as a track stores it; empty without one."""
         poses = play_space.poses(self._found.scene, self.time, self._found.unit_m)
         return {} if poses is None else {SETTING: PlaySpace.as_setting(poses)}
 
     def steps(self) -> bool:
-        """Whether scenes have to be set to other frames, as not all follows from F-curves."""
+        """Test that scenes must be stepped, as not everything follows from F-curves."""
         return bool(plan_of(self._found, self._described, self._shapes).reason)
 
     @property
     def is_stepped(self) -> bool:
-        """Whether Blender steps a scene while this one is read; compared with it before."""
+        """Test that Blender steps a scene while this one is read; compared with it before."""
         return bool(self._plan_now().reason)
 
     @property
     def sample_indices(self) -> I64:
-        """Samples at which something can be felt; nothing can at all others."""
+        """Samples at which something can be felt, ascending."""
         indices = np.arange(self.time.sample_count, dtype=np.int64)
         every = ("PAINTED", "SPOT", "ACTUATORS", *scene_description.IN_SCENE)
         return np.flatnonzero(self._may_be_on(indices, every))
 
     def _may_be_on(self, indices: I64, kinds: tuple[str, ...]) -> npt.NDArray[np.bool_]:
-        """Whether an effect of these kinds can be on, for some samples."""
+        """Test that an effect of these kinds can be on, for some samples."""
         frames = scene_description.sample_frames(self.time, indices)
         animation = animation_frames(self._found.scene, frames)
         on = np.zeros(len(indices), np.bool_)
@@ -228,7 +228,7 @@ class SceneReader:
         return on
 
     def why_in_one_go(self) -> str | None:
-        """Why this scene's samples must be read one after another, from the first one on.
+        """Reason why the samples must be read one after another, from the first one on.
 
         None: any part of them, of whole blocks, can be read alone and gives the same.
         """
@@ -236,7 +236,7 @@ class SceneReader:
         return plan.reason if plan.in_own_scene and plan.is_exact else None
 
     def blocks(self, part: tuple[int, int] | None = None) -> Generator[AnimationBlock, None, None]:
-        """Read each of :attr:`sample_indices`; scenes are left as they were.
+        """Read blocks of :attr:`sample_indices`; scenes are left unchanged.
 
         Where volumes can be felt, a block begins with the sample before its own if that is of
         the same stretch of time, so that what moves between two samples can be followed.
@@ -265,7 +265,7 @@ class SceneReader:
                 yield block if own is None else self._instances.extended(block, own)
 
     def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
-        """Nothing is felt on a body while it is disabled."""
+        """Silence effects on a body while it is disabled."""
         found = list(block.effects)
         for pose, body in zip(block.poses, self._described.bodies, strict=True):
             if pose.valid.all():
@@ -296,7 +296,7 @@ class SceneReader:
             stretch_of=self._stretch_of,
             stack=stack,
             is_spotty=is_spotty,
-            with_shapes=self._with_shapes,
+            with_far=self._with_far,
         )
 
     def _has_history(self, index: int) -> bool:
@@ -307,7 +307,7 @@ class SceneReader:
         return bool(begins and self._may_be_on(pair, scene_description.IN_SCENE).all())
 
     def _stretch_of(self, index: int) -> tuple[int, int]:
-        """The samples around one over which volumes can be on, whatever range is exported.
+        """Samples around one over which volumes can be on, whatever range is exported.
 
         They are looked for near it only: what is farther away is of other parts of the grid.
         """
@@ -324,7 +324,7 @@ class SceneReader:
         return first, last
 
     def _checked_plan(self) -> Plan:
-        """The cheapest plan that gives what the user's own scene gives at a few times."""
+        """Cheapest plan that agrees with the user's own scene at a few times."""
         plan = plan_of(self._found, self._described, self._shapes)
         indices = self.sample_indices
         if not self._is_probed or not len(indices):
@@ -372,7 +372,7 @@ class SceneReader:
 
 
 def _dormant(found: scene_description.HapticObjects, time: TimeBase) -> dict[bpy.types.Object, str]:
-    """Effects that cannot be felt at any time that is read, and why."""
+    """Effects without any possible sample, and the reasons."""
     frames = dormant.frames_read(found.scene, time)
     pairs = zip(found.effects, found.activations, strict=True)
     reasons = ((effect, dormant.why_dormant(effect, state, frames)) for effect, state in pairs)
@@ -382,8 +382,8 @@ def _dormant(found: scene_description.HapticObjects, time: TimeBase) -> dict[bpy
 def _simulation(
     found: scene_description.HapticObjects, time: TimeBase, shapes: Shapes
 ) -> Simulation | None:
-    """What has to be played through before a scene is read; None: the own scene is not stepped,
-    or nothing in it goes on by itself."""
+    """Simulation to play through before a scene is read; None if the scene is not stepped, or
+    simulates nothing."""
     scene = found.scene
     if not goes_on_by_itself(scene):
         return None
@@ -395,7 +395,7 @@ def _simulation(
 
 
 def _same(row: Row, block: AnimationBlock) -> bool:
-    """Whether a block of one time holds what was read at that time."""
+    """Test that a block of one time equals what was read at that time."""
     for k, read_effect in row.effects.items():
         effect = block.effects[k]
         matrix = None if effect.matrices is None else effect.matrices[0]

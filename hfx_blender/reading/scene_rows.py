@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was read at single times, and how it becomes parts of a block of the engine's."""
+"""Rows read at single times, and their assembly into parts of a block."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ F64 = npt.NDArray[np.float64]
 
 _RELATIVE = 1e-5
 _ABSOLUTE = 5e-6
-"""How far apart two ways of reading the same time may be: Blender computes in 32 bits."""
+"""Tolerance between two ways of reading the same time: Blender computes in 32 bits."""
 
 
 @dataclass(eq=False)
 class EffectRow:
-    """One effect at one time."""
+    """State of one effect at one time."""
 
     level: float = 0.0
     parameters: list[float] | None = None
@@ -37,14 +37,14 @@ class EffectRow:
 
 @dataclass(eq=False)
 class PoseRow:
-    """One body at one time."""
+    """State of one body at one time."""
 
     to_world: F64
     bones: npt.NDArray[np.float32] | None = None
     surface: npt.NDArray[np.float32] | None = None
 
     def agrees(self, other: PoseRow) -> bool:
-        """Whether two readings of the same time are the same up to rounding."""
+        """Test that two readings of the same time are equal up to rounding."""
         return all(
             _close(a, b)
             for a, b in zip(
@@ -55,7 +55,7 @@ class PoseRow:
         )
 
     def between(self, other: PoseRow, share: float) -> PoseRow:
-        """The pose at a share of the way to another, along straight lines."""
+        """Interpolate linearly to another pose."""
 
         def blend(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
             return None if a is None or b is None else a + (b - a) * share
@@ -67,18 +67,28 @@ class PoseRow:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where N volumes are at a time, see :mod:`.stepped_volumes`."""
+
+    there: npt.NDArray[np.bool_]  # (N,) False: disabled; the rest may be anything then
+    matrices: F64  # (N, 4, 4) object space to world, Blender's units
+    boxes: F64  # (N, 2, 3) corners of what holds the volume, object space; NaN: not known
+
+
 @dataclass(eq=False)
 class Row:
-    """What was read at one time; effects and bodies by their place in the scene's lists."""
+    """Reading at one time; effects and bodies by their place in the scene's lists."""
 
     index: int
     effects: dict[int, EffectRow] = field(default_factory=dict)
+    places: Places | None = None  # of volumes of which nothing else was read
     poses: dict[int, PoseRow | None] = field(default_factory=dict)  # None: disabled
 
 
 def effects_agree(one: EffectRow, two: EffectRow) -> bool:
-    """Whether two readings of the same time are the same up to rounding; nothing else of an
-    effect counts where it is off."""
+    """Test that two readings of the same time are equal up to rounding; while an effect is off,
+    only its level counts."""
     if not _close(one.level, two.level):
         return False
     if not one.level > 0.0:
@@ -135,6 +145,12 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
         response=response,
         vertices=joined([row.vertices for row in rows]),
     )
+
+
+def silence(count: int, modality: str) -> EffectBlock:
+    """An effect that is not felt at some times."""
+    width = len(MODALITIES[modality].parameters)
+    return EffectBlock(np.zeros(count), np.zeros((count, width)))
 
 
 def _stacked(values: Sequence[F64 | None]) -> F64 | None:

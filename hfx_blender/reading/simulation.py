@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulations: found, and played forward once before anything between two frames is read.
+"""Simulations: detected, and played forward once before sub-frames are read.
 
 A simulation goes on from the frame before, and going back to a time between two frames while
 there is no later one lets it go on from there, disturbed. Played through, its cache holds all
@@ -26,7 +26,7 @@ _PHYSICS = {
 """Modifiers that move or deform an object otherwise than its curves say."""
 
 _CACHED = {"CLOTH", "SOFT_BODY"}
-"""Of these, the ones with a point cache of their own; their steps depend on time remapping."""
+"""Modifiers with a point cache of their own; their steps depend on time remapping."""
 
 
 class Simulation:
@@ -45,7 +45,7 @@ class Simulation:
         self._is_played = False
 
     def play(self) -> None:
-        """Step through all frames of the animation, as baking does: the first time only."""
+        """Step through all frames of the animation, as baking does; only once."""
         if self._is_played:
             return
         render = self._scene.render
@@ -62,19 +62,19 @@ class Simulation:
 
 
 def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
-    """An object that physics moves or deforms, of some objects and of what they reach."""
+    """Find an object that physics moves or deforms, among some objects and all that they reach."""
     if not any(map(_is_simulated, bpy.data.objects)):
         return None
     return next(filter(_is_simulated, _by_name(reached_from(start))), None)
 
 
 def goes_on_by_itself(scene: bpy.types.Scene) -> bool:
-    """Whether a scene shows anything that goes on from the frame before, felt or not."""
+    """Test for simulations in a scene, felt or not."""
     return simulated(scene.objects) is not None or moves_particles(scene)
 
 
 def moves_particles(scene: bpy.types.Scene) -> bool:
-    """Whether particles move in a scene: emitted ones, or hair that swings."""
+    """Test for moving particles in a scene: emitted ones, or hair that swings."""
     return any(
         system.settings.type == "EMITTER" or system.use_hair_dynamics
         for obj in _shown(scene)
@@ -83,7 +83,7 @@ def moves_particles(scene: bpy.types.Scene) -> bool:
 
 
 def to_bake(scene: bpy.types.Scene) -> list[str]:
-    """Warnings of simulations that playing does not give, but baking does."""
+    """Warnings about simulations that need baking."""
     if simulated(scene.objects) is None:
         return []
     remapped = scene.render.frame_map_old != scene.render.frame_map_new
@@ -103,7 +103,7 @@ def to_bake(scene: bpy.types.Scene) -> list[str]:
 
 
 def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Objects of a scene, and those that it reaches by way of them, by name."""
+    """Objects of a scene, and those that they reach, by name."""
     return _by_name(reached_from(scene.objects))
 
 
@@ -136,7 +136,7 @@ def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
 
 
 def _first_frame(scene: bpy.types.Scene) -> int:
-    """Where the first simulation of a scene begins, if not with the scene itself."""
+    """First frame of the earliest simulation of a scene, or of the scene itself."""
     starts = [start for obj in _shown(scene) for start in _starts(obj)]
     world = scene.rigidbody_world
     if world is not None:

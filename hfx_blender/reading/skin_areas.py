@@ -41,7 +41,7 @@ def actuator_area(effect: bpy.types.Object, body_id: str) -> ActuatorArea:
 
 
 def signature(effect: bpy.types.Object) -> tuple[object, ...]:
-    """Changes where the area does."""
+    """Fingerprint of the area: changes with every setting that affects it."""
     hfx = effect.hfx
     if hfx.kind == "SPOT":
         return (hash(paths.path_of(effect).tobytes()),)

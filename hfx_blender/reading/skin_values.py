@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What only points on the skin and vector sensations have: their values at a time or at many."""
+"""Values of points on the skin and of vector sensations, at a time or at many."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLACE = ("path_position", "radius")
 
 
 def is_drive(path: str) -> bool:
-    """Whether an animated path is the strength of an actuator."""
+    """Test an animated path for the strength of an actuator."""
     return _DRIVE.fullmatch(path) is not None
 
 
@@ -42,7 +42,7 @@ def drive(hfx: bpy.types.PropertyGroup) -> F64 | None:
 
 
 def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | None:
-    """The same as :func:`place` at many times, (T, 2)."""
+    """Values of :func:`place` at many times, (T, 2)."""
     if hfx.kind != "SPOT":
         return None
     along, radius = (value(name) for name in PLACE)
@@ -50,7 +50,7 @@ def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | N
 
 
 def drives(hfx: bpy.types.PropertyGroup, value: Value) -> F64 | None:
-    """The same as :func:`drive` at many times, (T, A)."""
+    """Values of :func:`drive` at many times, (T, A)."""
     if hfx.kind != "ACTUATORS" or not len(hfx.drive):
         return None
     return np.stack([value(f"drive[{k}].value") for k in range(len(hfx.drive))], axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether poses that are read now and then show how everything moves that Blender poses.
+"""Detects motion too fast for poses that are read only now and then.
 
 Between two keys a value goes one way, or there and back: poses no farther apart than keys show
 it. What nothing bounds, such as drivers and noise, may swing between any two poses unseen.
@@ -30,7 +30,7 @@ _ROUNDING: Final = 1e-3  # frames: keys are single precision
 
 
 def is_shown_by(apart: float) -> bool:
-    """Whether poses that many frames apart show all motion of the file.
+    """Test that poses so many frames apart show all motion of the file.
 
     So it is where F-curves alone move what the file holds, each so slowly; other objects'
     motion counts as well, since a constraint may pass it on to a bone.
@@ -44,7 +44,7 @@ def is_shown_by(apart: float) -> bool:
 
 
 def _owners() -> Iterator[bpy.types.ID]:
-    """All that may carry animation which bones may follow."""
+    """Datablocks that may carry animation which bones follow."""
     data = bpy.data
     yield from chain(
         *(data.objects, data.armatures, data.meshes, data.curves, data.lattices),
@@ -64,14 +64,14 @@ def _strips() -> Iterator[bpy.types.NlaStrip]:
 
 
 def _speed_of(strip: bpy.types.NlaStrip) -> float:
-    """How much faster a strip plays its action; infinity where an F-curve tells."""
+    """Speed at which a strip plays its action; infinity where an F-curve controls it."""
     if strip.use_animated_time or strip.modifiers:
         return math.inf
     return 1.0 / max(abs(strip.scale), 1e-9)
 
 
 def _acts_on_values() -> bool:
-    """Whether a constraint plays an action as a value tells: a slow one may play it fast."""
+    """Test for a constraint that plays an action by a value: a slow one may play it fast."""
     for obj in bpy.data.objects:
         bones = () if obj.pose is None else obj.pose.bones
         stacks = chain([obj.constraints], (bone.constraints for bone in bones))

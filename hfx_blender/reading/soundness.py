@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether an effect or a body can be read at all: its stored values, its keys, what is animated.
+"""Checks that effects and bodies can be read: stored values, keys, animated properties.
 
 A .blend may come from anybody. What is wrong with one effect costs that effect alone, and each
 value that is not read as it stands is told.
@@ -43,7 +43,7 @@ _STEADY = re.compile(
 
 
 def warnings_of(obj: bpy.types.Object) -> list[str]:
-    """What is read otherwise than it stands in the file, of an effect or a body.
+    """Warnings about values of an effect or a body that are not read as they are stored.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
 def sorted_out(
     objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
 ) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
-    """What ``work`` finds of each object, and why it cannot of others."""
+    """Results of ``work`` for each object, and the errors of the others."""
     found, faults = {}, {}
     for obj in objects:
         try:
@@ -84,7 +84,7 @@ def sorted_out(
 
 
 def left_out(faults: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
-    """A warning for each object that was left out."""
+    """Warnings about the objects that were left out."""
     return tuple(f"{titled(o)} was left out: {why.removesuffix('.')}" for o, why in faults.items())
 
 
@@ -95,7 +95,7 @@ def titled(obj: bpy.types.Object) -> str:
 
 
 def refuse_broken_keys(obj: bpy.types.Object) -> None:
-    """Raise InputError if a key of an object or its parents is no number: it may do anything."""
+    """Reject keyframes that are not finite, of an object or its parents: they may do anything."""
     for mover in _with_parents(obj):
         for owner in filter(None, (mover, mover.data)):
             for curve in _curves_of(owner):
@@ -123,7 +123,7 @@ def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
-    """Whether a property plays a part in what is felt; those that nobody thought of do."""
+    """Test that a property affects samples; unknown properties do."""
     hfx, name = obj.hfx, bad.top
     if hfx.role == "BODY":
         return name in _OF_BODIES
@@ -155,7 +155,7 @@ def _animated(obj: bpy.types.Object) -> list[str]:
 
 
 def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
-    """What an animated property of ours does not do."""
+    """Warnings about animated properties whose animation has no effect."""
     paths = _animated(obj)
     for path in paths:
         if _FIXED.fullmatch(path) and obj.hfx.role == "EFFECT":
@@ -180,7 +180,7 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
 
 
 def _limits(obj: bpy.types.Object, path: str) -> tuple[float, float] | None:
-    """The range of an animated number of ours; None if it is something else."""
+    """Range of an animated number of ours; None for other properties."""
     if not path.startswith("hfx."):
         return None
     group, _, name = path.rpartition(".")

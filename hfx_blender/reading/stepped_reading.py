@@ -13,28 +13,31 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import effect_values, volumes
 from ..avatars import avatar_meshes, body_binding
-from ..engine.scene import SceneDescription, SurfaceBinding
+from ..engine.scene import EffectBlock, SceneDescription, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..errors import InputError
 from . import activation, response_values, skin_values
+from .curve_reading import is_rigid
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, PoseRow, Row
 from .stepping import Stepper
 from .surface_reading import SurfaceVertices
 
+F64 = npt.NDArray[np.float64]
+
 
 @dataclass(frozen=True, eq=False)
 class _Settings:
-    """What was read of an effect whose own settings nothing animates: only its place moves."""
+    """Settings of an effect that nothing animates, as they were read: only its place moves."""
 
     level: float
     parameters: list[float]  # in their modality's order; of wind the speed only
-    place: npt.NDArray[np.float64] | None
-    drive: npt.NDArray[np.float64] | None
+    place: F64 | None
+    drive: F64 | None
     shape: Shape | None
-    scale: npt.NDArray[np.float64] | None  # of a volume: shape space to local space, (3,)
+    scale: F64 | None  # of a volume: shape space to local space, (3,)
     is_wind: bool
-    is_mesh: bool  # whose shape is read each time
+    is_mesh: bool  # that deforms: its shape is read each time
 
 
 class SteppedReading:
@@ -68,6 +71,7 @@ class SteppedReading:
         self._vertices = SurfaceVertices()
         self._settings: dict[int, _Settings] = {}
         self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
+        self._is_rigid = [keeps_settings and is_rigid(each) for each in found.effects]
         self.times_stepped = 0
         self.far: frozenset[int] = frozenset()
         """Volumes with the shape of a mesh of which only the box is read: they are near no skin."""
@@ -132,14 +136,18 @@ class SteppedReading:
 
     def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
         effect = self._found.effects[which]
+        is_rigid = self._is_rigid[which]
+        known = self._shapes.last_of(effect) if is_rigid else None
+        if known is not None:
+            return known
         box = None
-        if which in self.far and evaluated.hfx.shape == "MESH":
+        if which in self.far and evaluated.hfx.shape == "MESH" and not is_rigid:
             box = self._shapes.box_of(effect, evaluated)
         return self._shapes.shape_of(effect, evaluated) if box is None else box
 
     def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
-        """Remember the settings of an effect, if what was read of it holds nothing else."""
-        is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH"
+        """Cache the settings of an effect, if its row holds nothing else."""
+        is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH" and not self._is_rigid[which]
         if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
             return
         is_volume, is_wind = hfx.kind == "VOLUME", hfx.modality == "wind"
@@ -158,7 +166,7 @@ class SteppedReading:
     def _moved(
         self, known: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
     ) -> EffectRow:
-        """An effect of known settings, where it is now."""
+        """Row of an effect with cached settings, at its present place."""
         row = EffectRow(known.level, known.parameters, place=known.place, drive=known.drive)
         if known.scale is None and not known.is_wind:
             return row
@@ -173,6 +181,32 @@ class SteppedReading:
                 row.shape = self._shapes.box_of(effect, evaluated)
         return row
 
+    def is_settled(self, which: int) -> bool:
+        """Whether only the place of a volume is not known yet."""
+        known = self._settings.get(which)
+        return known is not None and known.scale is not None and not known.is_mesh
+
+    def placed(self, which: int, matrices: F64, there: npt.NDArray[np.bool_]) -> EffectBlock:
+        """A settled volume at times at which its place (T, 4, 4) in Blender's units is known.
+
+        It is silent where it is not ``there``.
+        """
+        known = self._settings[which]
+        assert known.scale is not None and known.shape is not None
+        parameters = np.repeat(np.array([known.parameters], np.float64), len(there), axis=0)
+        if known.is_wind:
+            parameters = np.hstack([parameters, effect_values.directions(matrices)])
+        world = matrices.copy()
+        world[:, :3] *= self._unit_m
+        world[:, :3, :3] *= known.scale
+        world[~there] = np.eye(4)
+        return EffectBlock(
+            np.where(there, known.level, 0.0),
+            np.where(there[:, None], parameters, 0.0),
+            matrices=world,
+            shapes=(known.shape,),
+        )
+
     def _response(
         self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int
     ) -> np.ndarray | None:
@@ -186,7 +220,7 @@ class SteppedReading:
         )[0]
 
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:
-        """A body; None while it is disabled, and Blender does not pose it."""
+        """Pose of a body; None while it is disabled, as Blender does not pose it."""
         body: bpy.types.Object = self._found.bodies[which]
         binding = self._scene.bodies[which].binding
         needed = [body]
@@ -213,7 +247,7 @@ def _shows_only_instances(evaluated: bpy.types.Object) -> bool:
 
 
 def _is_animated(effect: bpy.types.Object) -> bool:
-    """Whether a curve or a driver may change an effect's own settings."""
+    """Test for a curve or a driver that may change an effect's own settings."""
     data = effect.animation_data
     if data is None:
         return False

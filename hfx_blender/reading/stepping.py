@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stepping through time: in the user's own scene, or in a scratch scene of what is needed only.
+"""Steps through time: in the user's own scene, or in a scratch scene of needed objects.
 
 A scratch scene links the haptic bodies and effects and nothing else (Blender adds what these
 depend on), so that no prop, no other character and no avatar mesh is evaluated. What it cannot
@@ -26,9 +26,9 @@ _is_stepping = False
 
 
 class Stepper:
-    """One scene that is set to times and read through its dependency graph.
+    """Scene that is set to times and read through its dependency graph.
 
-    Rigs that are ``fed`` are in it as their copies.
+    Rigs that are ``fed`` are in it as their copies. ``is_own`` is the user's scene, not a scratch.
     """
 
     def __init__(
@@ -37,9 +37,11 @@ class Stepper:
         layer: bpy.types.ViewLayer,
         *,
         fed: Sequence[FedRig] = (),
+        is_own: bool = True,
     ) -> None:
         self._scene = scene
         self._layer = layer
+        self.is_own = is_own
         self._fed = fed
         self._copies = {rig.obj: rig.copy for rig in fed}
 
@@ -51,8 +53,13 @@ class Stepper:
         self._scene.frame_set(whole, subframe=float(frame - whole))
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
-        """An object as it is at this time."""
+        """Evaluated object at this time."""
         return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
+
+    @property
+    def objects(self) -> bpy.types.bpy_prop_collection:
+        """The evaluated objects that the scene shows at this time."""
+        return self._layer.depsgraph.objects
 
 
 Stepping = AbstractContextManager[Stepper]
@@ -62,7 +69,7 @@ Stepping = AbstractContextManager[Stepper]
 def own_scene(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, simulation: Simulation | None = None
 ) -> Iterator[Stepper]:
-    """Step the user's scene, whose simulation was played through; its frame is restored."""
+    """Context that steps the user's scene, after its simulation; its frame is restored."""
     with _restored(scene):
         if simulation is not None:
             simulation.play()
@@ -71,7 +78,7 @@ def own_scene(
 
 @contextmanager
 def _restored(scene: bpy.types.Scene) -> Iterator[None]:
-    """Go back to the present frame of a scene, whose objects Blender has changed meanwhile."""
+    """Context that restores the frame of a scene, with a full evaluation."""
     global _is_stepping
     before = scene.frame_current, scene.frame_subframe
     was_stepping, _is_stepping = _is_stepping, True
@@ -85,7 +92,9 @@ def _restored(scene: bpy.types.Scene) -> Iterator[None]:
 
 
 def is_stepping() -> bool:
-    """Whether time is stepped through now, which is not what the user plays or scrubs."""
+    """Test that the program steps through time now, which is not the user's playback or
+    scrubbing.
+    """
     return _is_stepping
 
 
@@ -93,7 +102,7 @@ def is_stepping() -> bool:
 def scratch_scene(
     scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], fed: Sequence[FedRig] = ()
 ) -> Iterator[Stepper]:
-    """Step a scene of these objects; it is gone afterwards, and the scene's frame is restored.
+    """Context that steps a scratch scene of these objects; the user's frame is restored.
 
     Raises
     ------
@@ -126,7 +135,7 @@ def _scratch(
         for rig in fed:
             if rig.obj in there:
                 raise NotModelledError(f"something follows '{rig.obj.name}'")
-        yield Stepper(scratch, layer, fed=fed)
+        yield Stepper(scratch, layer, fed=fed, is_own=False)
     finally:
         # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
         bpy.data.batch_remove(made)
@@ -137,7 +146,7 @@ _OURS = (__package__ or "").rpartition(".")[0]
 
 
 def foreign_handler() -> str | None:
-    """A handler that may do anything when the frame changes; None if there is only ours."""
+    """Frame handler of others, which may do anything; None if there are only ours."""
     handlers = bpy.app.handlers
     for handler in (*handlers.frame_change_pre, *handlers.frame_change_post):
         module = getattr(handler, "__module__", None) or ""
@@ -148,7 +157,7 @@ def foreign_handler() -> str | None:
 
 
 def why_own_scene(objects: Sequence[bpy.types.Object]) -> str | None:
-    """What a scratch scene of these objects could not reproduce; None: nothing of the kind.
+    """Reason why a scratch scene of these objects could not reproduce them; None if it can.
 
     What they do not reach, over any number of steps, does not matter.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces as the engine's plain data: their triangles, and where their vertices are."""
+"""Haptic surfaces as the engine's plain data: their triangles and vertices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OF_A_UV_UNIT = ("MATERIAL", "IMAGE")
 
 
 def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: float) -> HapticSurface:
-    """A surface as it does not change over time.
+    """Constant description of a surface.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def describe(effect: bpy.types.Object, evaluated: bpy.types.Object, unit_m: floa
 
 
 class SurfaceVertices:
-    """Where surfaces' vertices are; the same array again as long as nothing deforms."""
+    """Vertices of surfaces; the same array again as long as nothing deforms."""
 
     def __init__(self) -> None:
         self._known: dict[str, F64] = {}
@@ -73,12 +73,12 @@ class SurfaceVertices:
         return before
 
     def last_of(self, effect: bpy.types.Object) -> F64 | None:
-        """What was found last."""
+        """Vertices that were found last."""
         return self._known.get(effect.name)
 
 
 def joined(rows: list[F64 | None]) -> F64 | None:
-    """Vertices of several times: (1, V, 3) where nothing deforms, else (T, V, 3)."""
+    """Join vertices of several times: (1, V, 3) without deformation, else (T, V, 3)."""
     first = next((row for row in rows if row is not None), None)
     if first is None:
         return None

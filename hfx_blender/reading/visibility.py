@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that Blender evaluates: those that a view layer has and the viewport does not disable.
+"""Visibility of objects: those in the view layer that the viewport does not disable are evaluated.
 
 The monitor icon can be keyed, and then tells at each time whether an object is there; the frame
 that is current does not. Neither the eye icon nor the camera icon matters.
@@ -18,7 +18,7 @@ _PATH = "hide_viewport"
 
 
 def is_keyed(obj: bpy.types.Object) -> bool:
-    """Whether an action, a clip or a driver disables an object at times."""
+    """Test for an action, a clip or a driver that disables an object at times."""
     data = obj.animation_data
     if data is None:
         return False
@@ -27,7 +27,7 @@ def is_keyed(obj: bpy.types.Object) -> bool:
 
 
 def is_disabled(obj: bpy.types.Object) -> bool:
-    """Whether an object is disabled in viewports at all times."""
+    """Test for an object that is disabled in viewports at all times."""
     return bool(obj.hide_viewport) and not is_keyed(obj)
 
 
@@ -42,7 +42,7 @@ def enabled_objects(collection: bpy.types.LayerCollection) -> set[bpy.types.Obje
 def may_be_seen(
     obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> bool:
-    """Whether Blender evaluates an object at any time; ``enabled`` are those of the layer."""
+    """Test that Blender evaluates an object at any time; ``enabled`` are those of the layer."""
     # What the view layer leaves out comes back as its own, unposed original; and even where
     # something else needs it, so that it is evaluated, it is not posed.
     is_there = obj in enabled and not is_disabled(obj)
@@ -50,6 +50,6 @@ def may_be_seen(
 
 
 def felt_on(scene: SceneDescription, which: Sequence[bool]) -> list[int]:
-    """Effects, by their place in a scene, that are felt on some of its bodies as they are."""
+    """Effects, by their place in a scene, that act on some of its bodies."""
     ids = {body.id for body, is_one in zip(scene.bodies, which, strict=True) if is_one}
     return [k for k, e in enumerate(scene.effects) if getattr(e.area, "body_id", None) in ids]

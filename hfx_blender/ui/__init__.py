@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user sees: menus, panels, and the command line inside an installed Blender."""
+"""User interface: menus, panels, and the command line inside an installed Blender."""
 
 from __future__ import annotations
 

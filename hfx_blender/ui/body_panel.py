@@ -20,7 +20,7 @@ _FOUND, _CORRECTED, _FOLLOWING, _WRONG = "CHECKMARK", "GREASEPENCIL", "FILE_PARE
 
 
 class HFX_UL_bones(bpy.types.UIList):
-    """Canonical bones and the avatar's bones that stand for them"""
+    """Canonical bones with their counterparts in the avatar"""
 
     def draw_item(
         self,
@@ -52,7 +52,7 @@ class HFX_UL_bones(bpy.types.UIList):
 
 
 def icon_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
-    """How a joint came to its bone: found, corrected, following another, or not there."""
+    """Icon of a joint's state: found, corrected, following another, or missing."""
     if row.bone and row.bone not in armature.data.bones:
         return _WRONG
     if row.bone != row.found:
@@ -61,7 +61,7 @@ def icon_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
 
 
 def sentence_of(row: bpy.types.PropertyGroup, armature: bpy.types.Object) -> str:
-    """The same in words."""
+    """Sentence on a joint's state."""
     icon, label = icon_of(row, armature), label_of(row.name)
     if icon == _WRONG:
         return f"{label}: the armature has no bone '{row.bone}'"
@@ -104,7 +104,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
 
 
 def how_followed(body: bpy.types.Object) -> str:
-    """What poses a body at present, and why."""
+    """Sentence on what poses a body at present, and why."""
     from ..avatars import body_binding
 
     try:
@@ -118,7 +118,7 @@ def how_followed(body: bpy.types.Object) -> str:
 
 
 class HFX_PT_bones(HfxPanel, bpy.types.Panel):
-    """Which bone of the avatar stands for which joint"""
+    """Bones of the avatar, by the joints that they stand for"""
 
     bl_label = "Bones"
     bl_parent_id = "HFX_PT_body"
@@ -147,7 +147,7 @@ class HFX_PT_bones(HfxPanel, bpy.types.Panel):
 
 
 class HFX_PT_fit(HfxPanel, bpy.types.Panel):
-    """How well the perceptual models fit the avatar, the worst part first"""
+    """Fit of the perceptual models to the avatar, the worst part first"""
 
     bl_label = "Fit"
     bl_parent_id = "HFX_PT_body"

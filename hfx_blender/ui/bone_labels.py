@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The canonical skeleton's bones in words, and which part of the bone table has them."""
+"""Labels of the canonical skeleton's bones, and their part of the bone table."""
 
 from __future__ import annotations
 

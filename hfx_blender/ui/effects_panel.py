@@ -21,7 +21,7 @@ _NO_EFFECT = "Next, what is felt: a volume in space, an area painted on the body
 
 
 class HFX_PT_effects(HfxPanel, bpy.types.Panel):
-    """Every effect: select, mute, solo; and whether the viewport shows what is felt"""
+    """List of all effects: select, mute, solo; switches for the preview in the viewport"""
 
     bl_label = "Haptic Effects"
     bl_order = 0
@@ -74,7 +74,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
 
 
 class HFX_PT_clips(HfxPanel, bpy.types.Panel):
-    """When the active effect is on"""
+    """Clips of the active effect: the times at which it is on"""
 
     bl_label = "Clips"
     bl_order = 3

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Devices that are felt while designing."""
+"""Panel of live devices."""
 
 from __future__ import annotations
 

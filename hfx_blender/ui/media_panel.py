@@ -11,7 +11,7 @@ from .sidebar import HfxPanel
 
 
 class HFX_PT_media(HfxPanel, bpy.types.Panel):
-    """What is heard and seen while haptics are felt"""
+    """Sound and video to be heard and seen with the haptics"""
 
     bl_label = "Sound and Video"
     bl_order = 8

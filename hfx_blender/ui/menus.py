@@ -47,7 +47,7 @@ class HFX_MT_add(bpy.types.Menu):
 
 
 class HFX_MT_object(bpy.types.Menu):
-    """What can be done with the active effect or body"""
+    """Actions for the active effect or body"""
 
     bl_idname = "HFX_MT_object"
     bl_label = "Haptic"
@@ -83,7 +83,7 @@ def _add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 def _object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """In the context menus of objects, for those that have to do with haptics."""
+    """Draw our entry in the context menus of objects, for effects, bodies and avatars."""
     if active_effect(context) is not None or active_armature(context) is not None:
         self.layout.separator()
         self.layout.menu(HFX_MT_object.bl_idname, icon="VIEW_PAN")

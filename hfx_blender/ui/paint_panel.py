@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Painting: the tools for the area of an effect, and the way out of painting."""
+"""Painting panel: tools for the area of an effect, and the end of painting."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
 
 
 def _header(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Always in sight while painting, whatever tab the sidebar shows."""
+    """Draw the end of painting in the header: visible with any tab of the sidebar."""
     if context.object is not None and context.object.get(PAINTED_EFFECT):
         self.layout.operator("hfx.paint_end", icon="CHECKMARK")
 

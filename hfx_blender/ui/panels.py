@@ -100,7 +100,7 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
 
 
 class HFX_PT_sampling(HfxPanel, bpy.types.Panel):
-    """How finely it is recorded"""
+    """Resolution of the recording in time and space"""
 
     bl_label = "Sampling"
     bl_parent_id = "HFX_PT_export"

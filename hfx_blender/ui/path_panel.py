@@ -22,7 +22,7 @@ _ICONS = {
 
 
 class HFX_PT_path(HfxPanel, bpy.types.Panel):
-    """Where the point on the skin is, and the path that it moves along"""
+    """Position of the point on the skin, and the path that it moves along"""
 
     bl_label = "Point on the Skin"
     bl_order = 2

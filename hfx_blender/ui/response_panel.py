@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the active volume answers a touch: its stack of filters."""
+"""Panel of a volume's contact response: its stack of filters."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class HFX_UL_response(bpy.types.UIList):
 
 
 class HFX_PT_response(HfxPanel, bpy.types.Panel):
-    """How the volume answers a touch: filters, from top to bottom"""
+    """Response of the volume to a touch: filters, from top to bottom"""
 
     bl_label = "Contact Response"
     bl_order = 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panels of the sidebar's HFX tab share."""
+"""Base class and text helper of the panels in the sidebar's HFX tab."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bpy
 
 
 class HfxPanel:
-    """Base of the panels: where they stand."""
+    """Base of the panels, with their location."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handles of a point on the skin: one slides it over the body, a ring about it sizes its disc."""
+"""Gizmos of a point on the skin: one slides it over the body, a ring around it sizes its disc."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class HFX_GGT_spot(bpy.types.GizmoGroup):
 
 
 def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matrix | None:
-    """Where a point is on its body as that stands, the skin's normal along Z; None: nowhere."""
+    """Place of a point on its posed body, the skin's normal along Z; None if it has no place."""
     import numpy as np
 
     from ..engine.areas.spot import places_on
@@ -88,7 +88,7 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
 
 
 def pixel_size(context: bpy.types.Context, place: Vector) -> float:
-    """How wide a pixel of the viewport is at a place of the world."""
+    """Width of a viewport's pixel at a place of the world."""
     view = context.region_data.perspective_matrix
     depth = abs((view @ place.to_4d()).w)
     return 2.0 * depth / max(context.region.width * view.row[0].to_3d().length, 1e-9)

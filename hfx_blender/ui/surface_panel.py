@@ -77,7 +77,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
 
     @staticmethod
     def _draw_maps(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
-        """What it looks like beside what it feels like."""
+        """Draw the material beside its haptic maps."""
         surface_updates.shown(obj)
         shown = [(obj.active_material, "Material")]
         shown += [(getattr(obj.hfx.surface, name), label) for name, label in _LAYERS]
@@ -118,7 +118,7 @@ class HFX_PT_surface_files(_OfSurface, bpy.types.Panel):
 
 
 class HFX_PT_surface_felt(_OfSurface, bpy.types.Panel):
-    """How the surface is felt"""
+    """Rendering of the surface as vibration"""
 
     bl_label = "Felt As"
 
@@ -144,7 +144,7 @@ class HFX_PT_surface_felt(_OfSurface, bpy.types.Panel):
 
 
 class HFX_PT_surface_calibration(_OfSurface, bpy.types.Panel):
-    """How strongly fabrics are felt, by you and on a device"""
+    """Calibration of the strength of fabrics, for you and for a device"""
 
     bl_label = "Calibration"
     bl_order = 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the viewport shows of values: actuators that glow, and the chart over time."""
+"""Panel of values in the viewport: glowing actuators, and the chart over time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .sidebar import HfxPanel, draw_text
 
 
 class HFX_PT_values(HfxPanel, bpy.types.Panel):
-    """What effects and actuators do, now and over the whole timeline"""
+    """Values of effects and actuators, now and over the whole timeline"""
 
     bl_label = "Values"
     bl_order = 7

@@ -17,13 +17,14 @@ _AXES: dict[str, dict[int, tuple[str, int, float]]] = {
     "CAPSULE": {0: ("radius", -1, 1.0), 2: ("height", -1, 0.5)},
     "CUBOID": {axis: ("size", axis, 0.5) for axis in range(3)},
 }
-"""By shape and local axis: property, its component (-1: it is a number), offset per unit of it."""
+"""Size properties by shape and local axis: property, its component (-1: it is a number), offset per
+unit of it."""
 
 _COLOURS = ((0.9, 0.25, 0.3), (0.45, 0.75, 0.15), (0.2, 0.5, 0.95))
 
 
 def offset(effect: bpy.types.Object, axis: int) -> float:
-    """How far from the middle the volume's boundary is along a local axis, world units."""
+    """Distance of the volume's boundary from its middle along a local axis, world units."""
     name, component, share = _AXES[effect.hfx.shape][axis]
     value = getattr(effect.hfx, name)
     length = value if component < 0 else value[component]

@@ -27,3 +27,19 @@ def scene(registered: Any) -> Any:
     """A new, empty scene."""
     registered.ops.wm.read_homefile(use_empty=True)
     return registered.context.scene
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the mesh volumes that are made from now on."""
+    from hfx_blender.engine.volume.mesh import MeshVolume
+
+    names: list[str] = []
+    real = MeshVolume.__post_init__
+
+    def post_init(self: MeshVolume) -> None:
+        names.append(self.name)
+        real(self)
+
+    monkeypatch.setattr(MeshVolume, "__post_init__", post_init)
+    return names

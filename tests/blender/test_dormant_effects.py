@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from hfx_blender.engine.scene import HapticVolume
-from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.reading import stepped_reading, stepping
 from hfx_blender.reading.scene_reader import SceneReader
 
@@ -51,20 +50,6 @@ WAYS: dict[str, tuple[Callable[[Any], None], str]] = {
     "later": (_play_it_later, "is not on at any exported time"),
     "not solo": (_play_another_alone, "is muted"),
 }
-
-
-@pytest.fixture
-def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the mesh volumes that are made from now on."""
-    names: list[str] = []
-    real = MeshVolume.__post_init__
-
-    def post_init(self: MeshVolume) -> None:
-        names.append(self.name)
-        real(self)
-
-    monkeypatch.setattr(MeshVolume, "__post_init__", post_init)
-    return names
 
 
 @pytest.fixture

@@ -10,26 +10,11 @@ import pytest
 
 from hfx_blender.authoring.effect_values import Shapes
 from hfx_blender.engine.tolerance import STANDARD
-from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.reading import reading_plan
 from hfx_blender.reading.scene_reader import SceneReader
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
-
-
-@pytest.fixture
-def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the mesh volumes that are made from now on."""
-    names: list[str] = []
-    real = MeshVolume.__post_init__
-
-    def post_init(self: MeshVolume) -> None:
-        names.append(self.name)
-        real(self)
-
-    monkeypatch.setattr(MeshVolume, "__post_init__", post_init)
-    return names
 
 
 @pytest.fixture
@@ -77,7 +62,7 @@ def test_what_comes_near_is_felt_as_if_all_was_read(
         return {k: (s.vertices.tolist(), s.weights.tolist()) for k, s in samples}
 
     lazy, some = felt(), len(made)
-    monkeypatch.setattr(reading_plan, "comes_near", lambda rows, skins: True)
+    monkeypatch.setattr(reading_plan, "near", lambda places, unit_m, skins: np.ones(1, np.bool_))
     assert lazy == felt()
     assert 0 < some < len(made) - some
 
@@ -94,7 +79,7 @@ def test_the_box_is_around_the_evaluated_mesh(scene: Any, blob: Any) -> None:
 
 def test_shapes_that_are_asked_for_are_read(scene: Any, blob: Any, made: list[str]) -> None:
     """A picture of the scene shows also what nobody feels."""
-    reader = SceneReader(scene, with_shapes=True)
+    reader = SceneReader(scene, with_far=True)
     shapes = [shape for block in reader.blocks() for shape in block.effects[0].shapes]
     assert shapes and made
     assert all(len(shape.vertices) > 8 for shape in shapes)

@@ -48,7 +48,7 @@ PATIENCE_S = 120.0
 @pytest.fixture
 def log(scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A vibrating back in the scene, and the file of a simulated pad that is connected."""
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data")
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_painted(modality="vibration", name="Rumble")
     bpy.ops.hfx.fill_part(part="torso", side="both")
@@ -148,15 +148,17 @@ def test_dragging_is_felt_at_once(log: Path) -> None:
     until(lambda: is_loud(log))
 
 
-def test_mute_and_gain_are_of_the_device(log: Path) -> None:
+def test_mute_and_gain_are_of_the_device(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_module, "HOLD_S", 600.0)
     play(log)
     item = bpy.context.scene.hfx.devices[PAD]
     item.gain = 0.5
     go(16)
     until(lambda: rows(log)[-1]["values"][0] == 2.5)
-    item.is_muted = True
-    go(15)
+    item.is_muted = True  # and nothing else happens in Blender
     until(lambda: not is_loud(log))
+    item.is_muted = False
+    until(lambda: is_loud(log))
 
 
 def test_what_stands_still_is_silent_after_a_while(
@@ -549,7 +551,7 @@ def test_an_approval_on_the_list_is_withdrawn_also_where_its_files_are_gone(
 ) -> None:
     from hfx_blender.devices.live import approval
 
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path)
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path))
     (tmp_path / "gone.json").write_bytes((resources.device_configs() / f"{PAD}.json").read_bytes())
     (tmp_path / "gone.py").write_text("render = None")
     found = approval.script_of(tmp_path / "gone.json")

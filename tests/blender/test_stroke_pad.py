@@ -180,7 +180,7 @@ def test_connected_devices_play_along_within_their_neutral_rest(
     sent: dict[str, Any] = {}
 
     class Client:
-        devices = {"a": type("State", (), {"is_armed": True})}
+        devices = {"a": type("State", (), {"is_armed": True, "number": 1})}
 
         def send(self, name: str, values: Any) -> None:
             sent[name] = list(values)
@@ -194,6 +194,13 @@ def test_connected_devices_play_along_within_their_neutral_rest(
     values = np.array(sent["a"]).reshape(len(device.actuators), -1)
     assert all(a.type.modality == "vibration" for a in device.actuators)
     assert np.array_equal(values, np.tile([5.0, 200.0], (len(device.actuators), 1)))
+    item = bpy.context.scene.hfx.devices.add()
+    item.name, item.gain = "a", 0.5
+    live.send_vibration(5.0, 200.0)
+    assert sent["a"][:2] == [2.5, 200.0]
+    item.is_muted = True
+    live.send_vibration(5.0, 200.0)
+    assert sent["a"][:2] == [0.0, 200.0]
     live._devices["a"] = _Connected(device, True, (), 0.0)
     sent.clear()
     live.send_vibration(5.0, 200.0)

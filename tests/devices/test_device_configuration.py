@@ -75,6 +75,20 @@ def test_what_may_be_left_out_has_defaults(full, stored):
     VALIDATOR.validate(full)
 
 
+@pytest.mark.parametrize(
+    ("left_out", "own_hz"),
+    [([], 175.0), (["resonance_hz"], 80.0), (["resonance_hz", "neutral"], 100.0)],
+)
+def test_pressure_shown_as_vibration_is_played_at_the_resonance(full, stored, left_out, own_hz):
+    del full["substitutions"]["pressure"]["frequency_hz"]
+    motor = full["actuator_types"]["motor"]
+    for each in left_out:
+        owner = motor if each in motor else motor["parameters"]["frequency_hz"]
+        del owner[each]
+    assert load_device(stored(full)).substitutions["pressure"].frequency_hz == own_hz
+    VALIDATOR.validate(full)
+
+
 def test_heat_is_limited_even_if_the_file_does_not(full, stored):
     del full["actuator_types"]["peltier"]["limits"]
     strength = load_device(stored(full)).actuator_types["peltier"].strength
@@ -234,7 +248,6 @@ SEEN_BY_BOTH = [
     ("substitutions/smell", {}),
     ("substitutions/pressure/as", "pressure"),
     ("substitutions/pressure/as", REMOVE),
-    ("substitutions/pressure/frequency_hz", REMOVE),
     ("substitutions/pressure/frequency_hz", 0),
     ("substitutions/pressure/scale", 1),
     ("substitutions/pressure/scale/value", -1),

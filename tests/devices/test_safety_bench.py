@@ -12,7 +12,7 @@ import pytest
 
 from hfx_blender.devices.live.guard import Guard
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.bench import safety, safety_silences, safety_stops, safety_values
+from hfx_blender.maintenance.bench import safety, safety_stops, safety_values
 from hfx_blender.maintenance.bench.safety_stops import Log, NotPlayedError, NotSilentError, gaps_of
 
 
@@ -142,9 +142,8 @@ def test_a_table_is_made_of_records_of_some_rows_idle_and_busy() -> None:
 
 
 def test_every_row_has_who_measures_it() -> None:
-    kinds = {**safety_stops.KINDS, **safety_silences.KINDS}
     other = {"gap beside hostile scripts", "limiter", "opened files"}
-    assert set(safety.ROWS) == set(kinds) | other
+    assert set(safety.ROWS) == set(safety.KINDS) | other
 
 
 def test_rounds_are_shared_by_those_that_work_at_a_time(tmp_path: Path) -> None:

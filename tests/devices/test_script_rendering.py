@@ -62,7 +62,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     made = tmp_path / "devices"
     made.mkdir()
     monkeypatch.setenv("HFX_DEVICES", str(made))
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data")
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
     own_device(made, "forearm_band", "my_band")
     return made
 

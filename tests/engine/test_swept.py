@@ -21,6 +21,7 @@ from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolera
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
+from hfx_blender.engine.volume.ways import Ways
 
 FAST = 50.0 / 24.0
 """Metres in a frame at 50 m/s and 24 frames a second."""
@@ -285,9 +286,7 @@ def test_the_peak_is_what_was_inside_together() -> None:
         first=np.array([0.1, 0.2, 0.5, 0.6]),
         last=np.array([0.3, 0.3, 0.6, 0.9]),
         shares=np.array([0.3, 0.4, 0.5, 0.2]),
-        entries=nothing,
-        ways=nothing,
-        middles=nothing,
+        ways=Ways.straight(nothing, nothing),
     )
     assert found.peaks(3) == pytest.approx(np.array([0.0, 0.7, 0.0]))
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which device scripts may run: shipped ones, and those that the user has approved.
+"""Approval of device scripts: shipped ones, and those that the user has approved, may run.
 
 An approval is for the bytes of script and configuration and for the version of the interface;
-a changed byte asks again. It is not a sandbox: an approved script has its user's rights.
+a changed byte asks again. The process that runs a script asks :func:`may_run` of the very bytes
+it has read, whoever has it run; all others ask only to tell people sooner. It is not a sandbox:
+an approved script has its user's rights.
 """
 
 from __future__ import annotations
@@ -11,13 +13,12 @@ import hashlib
 import json
 import re
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from ... import resources
-from ...atomic_files import atomic_file, locked
+from ...atomic_files import amend_json
 from ...errors import InputError
 from ..configuration import find_file, script_beside
 from .haptics import API_VERSION
@@ -28,7 +29,7 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True)
 class DeviceScript:
-    """The script beside a device's configuration, as it is now."""
+    """Script beside a device's configuration, in its present state."""
 
     path: Path
     configuration: Path
@@ -36,7 +37,7 @@ class DeviceScript:
     is_approved: bool
 
     def as_wish(self) -> dict[str, str]:
-        """What :meth:`LiveClient.connect` takes."""
+        """Entry of :meth:`LiveClient.connect` for the script."""
         return {
             "path": str(self.path),
             "configuration": str(self.configuration),
@@ -45,7 +46,7 @@ class DeviceScript:
 
 
 def how_to_approve(name_or_path: str | Path) -> str:
-    """Instruct whoever meets a device whose script is not approved."""
+    """Instructions to approve a device's script."""
     device = shlex.quote(str(name_or_path))
     return (
         f"read it and approve it by 'hfx device approve {device}', or under Live Devices in Blender"
@@ -65,16 +66,21 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
     if configuration is None or path is None:
         return None
     mark = fingerprint(path, configuration)
-    return DeviceScript(path, configuration, mark, is_shipped(path) or mark in approved())
+    return DeviceScript(path, configuration, mark, may_run(path, mark))
+
+
+def may_run(script: Path, mark: str) -> bool:
+    """Whether a script of this fingerprint may run."""
+    return is_shipped(script) or mark in approved()
 
 
 def is_shipped(script: Path) -> bool:
-    """Whether a script is one of the release's, which needs no approval and cannot lose it."""
+    """Test for a script of the release, which needs no approval and cannot lose it."""
     return script.resolve().parent == resources.device_configs().resolve()
 
 
 def fingerprint(script: Path, configuration: Path) -> str:
-    """What an approval is for.
+    """Fingerprint that an approval refers to.
 
     Raises
     ------
@@ -88,7 +94,7 @@ def fingerprint(script: Path, configuration: Path) -> str:
 
 
 def fingerprint_of(script: bytes, configuration: bytes) -> str:
-    """The same, of what has been read already."""
+    """:func:`fingerprint` of content that has been read already."""
     digest = hashlib.sha256(f"hfx-script {API_VERSION}".encode())
     for content in (script, configuration):
         digest.update(len(content).to_bytes(8, "little"))
@@ -97,7 +103,7 @@ def fingerprint_of(script: bytes, configuration: bytes) -> str:
 
 
 def approve(script: DeviceScript) -> None:
-    """Remember that the user allows these very bytes.
+    """Approve the script with its present bytes.
 
     Raises
     ------
@@ -108,12 +114,12 @@ def approve(script: DeviceScript) -> None:
     """
     if fingerprint(script.path, script.configuration) != script.fingerprint:
         raise InputError(f"{script.path}: has changed just now; look at it again.")
-    with locked(resources.approved_scripts()):
-        _store({**_read(), script.fingerprint: str(script.path.absolute())})
+    path = str(script.path.absolute())
+    amend_json(resources.approved_scripts(), lambda: {**_read(), script.fingerprint: path})
 
 
 def revoke(script: DeviceScript) -> None:
-    """Ask again next time; where it runs live it is stopped.
+    """Revoke an approval; a live script is stopped.
 
     Whatever of this very file was approved before, with other bytes, is withdrawn as well.
 
@@ -125,13 +131,14 @@ def revoke(script: DeviceScript) -> None:
         It cannot be stored.
     """
     path = str(script.path.absolute())
-    with locked(resources.approved_scripts()):
-        found = _read()
-        _store({m: p for m, p in found.items() if m != script.fingerprint and p != path})
+    amend_json(
+        resources.approved_scripts(),
+        lambda: {m: p for m, p in _read().items() if m != script.fingerprint and p != path},
+    )
 
 
 def revoke_fingerprint(mark: str) -> None:
-    """Withdraw one approval of the list, whether its files are there still or not.
+    """Revoke an approval by its fingerprint, even if its files are gone.
 
     Raises
     ------
@@ -140,11 +147,14 @@ def revoke_fingerprint(mark: str) -> None:
     OutputError
         It cannot be stored.
     """
-    with locked(resources.approved_scripts()):
+
+    def content() -> dict[str, str]:
         found = _read()
         if mark not in found:
             raise InputError(f"{resources.approved_scripts()}: '{mark[:64]}' is not approved.")
-        _store({m: path for m, path in found.items() if m != mark})
+        return {m: path for m, path in found.items() if m != mark}
+
+    amend_json(resources.approved_scripts(), content)
 
 
 def approved() -> dict[str, str]:
@@ -159,7 +169,7 @@ def approved() -> dict[str, str]:
 
 
 def fault_of_list() -> str:
-    """Why the list of approvals cannot be read; empty: it can."""
+    """Fault of the list of approvals; empty if it can be read."""
     try:
         _read()
     except InputError as error:
@@ -168,7 +178,7 @@ def fault_of_list() -> str:
 
 
 class Approval:
-    """The approval that a running script began with.
+    """Approval under which a running script was started.
 
     Parameters
     ----------
@@ -183,7 +193,7 @@ class Approval:
         self._is_withdrawn = False
 
     def is_withdrawn(self) -> bool:
-        """Whether it was given and is not any more; looks at the list only if that changed."""
+        """Test for a withdrawn approval; reads the list only after it has changed."""
         seen = _stamp()
         if self.was_given and seen != self._seen:
             self._seen, self._is_withdrawn = seen, self._mark not in approved()
@@ -227,8 +237,3 @@ def _unreadable(path: Path, why: str) -> InputError:
         f"{path}: the list of approved scripts cannot be read ({why}), so none is approved; "
         "repair it or move it away."
     )
-
-
-def _store(approved: Mapping[str, str]) -> None:
-    with atomic_file(resources.approved_scripts()) as file:
-        file.write(json.dumps(dict(approved), indent=1).encode())

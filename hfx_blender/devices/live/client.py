@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's side of live devices: what it may ask of the output process."""
+"""Client of the output process, for use in Blender."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class LiveClient:
 
     @property
     def pid(self) -> int | None:
-        """Of the output process."""
+        """Process id of the output process, or None."""
         return self._pipe.pid
 
     def start(self) -> None:
@@ -64,7 +64,7 @@ class LiveClient:
         offset_ms: float = 0.0,
         is_armed: bool = True,
     ) -> DeviceState:
-        """Open a device under a name of the caller's; an open one of that name is replaced.
+        """Open a device under a given name; replaces an open one of that name.
 
         Parameters
         ----------
@@ -76,8 +76,8 @@ class LiveClient:
         folder : Path, optional
             Of the user's own configurations.
         script : mapping, optional
-            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of a script that the
-            user has approved.
+            ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's script. If
+            the user has not approved these bytes, it is not run and the device has a fault.
         offset_ms : float
             How long its values are held back.
         is_armed : bool
@@ -114,15 +114,15 @@ class LiveClient:
             self._pipe.tell(Kind.DISCONNECT, known.number)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
-        """A device's values (columns,) now; what was not sent yet is replaced."""
+        """Send a device's values (columns,); replaces unsent ones."""
         self._feed(name, Kind.VALUES, values_to(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
-        """What a device's script is to be told now."""
+        """Send the haptic data for a device's script."""
         self._feed(name, Kind.HAPTICS, haptics)
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
-        """Moments from now on are of this scene, felt by this body; silent until one comes.
+        """Set the scene and the body of later moments; silent until one comes.
 
         They are for the devices that are connected now. What was foreseen of a scene before is
         forgotten.
@@ -137,21 +137,27 @@ class LiveClient:
         self._pipe.tell(Kind.SCENE, body=body)
 
     def show(self, moment: Moment) -> None:
-        """What is felt now, for every device; what was not sent yet is replaced.
+        """Send the current samples for every device; replaces what was not sent yet.
 
         It is handed over as it is: nothing of it may be changed any more. A device that is muted
         by it is silent at once.
         """
-        for number, gain in moment.gains.items():
+        self.set_gains(moment.gains)
+        self._pipe.replace(EVERY_DEVICE, moment)
+
+    def set_gains(self, gains: Mapping[int, float]) -> None:
+        """Turn devices down, by their numbers, in moments from now on; 0 is mute, and silence at
+        once. What was not sent yet is void where one is muted: show it anew.
+        """
+        for number, gain in gains.items():
             if not gain and self._gains.get(number, 1.0):
                 self._pipe.void(EVERY_DEVICE)
                 self._pipe.void(number)
                 self._pipe.tell(Kind.PAUSE, number)
-        self._gains = moment.gains
-        self._pipe.replace(EVERY_DEVICE, moment)
+        self._gains = gains
 
     def foresee(self, body: bytes, *, is_scene: bool) -> None:
-        """What comes in the scene, for actuators that answer late.
+        """Send upcoming state of the scene, for actuators with latency.
 
         Parameters
         ----------
@@ -163,7 +169,7 @@ class LiveClient:
         self._pipe.tell(Kind.FUTURE_SCENE if is_scene else Kind.FUTURE_BLOCK, body=body)
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Let one actuator be felt for a moment, softly."""
+        """Play one actuator for a moment, softly."""
         if name in self.devices:
             self._pipe.tell(Kind.PULSE, self.devices[name].number, json_to({"actuator": actuator}))
 
@@ -178,14 +184,14 @@ class LiveClient:
         self._pipe.watch()
 
     def pause(self) -> None:
-        """Before work of several 100 ms: devices are silent until the next values, and no sign
-        of life is missed meanwhile.
+        """Announce work of several 100 ms: devices are silent until the next values, and no
+        heartbeat is missed.
         """
         self._pipe.void()
         self._pipe.tell(Kind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
-        """Play again, from silence; all devices, or one."""
+        """Resume playing, from silence; all devices, or one."""
         self._command(Kind.ARM, name)
 
     def stop(self, name: str) -> None:
@@ -195,18 +201,18 @@ class LiveClient:
         self._command(Kind.STOP, name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
-        """Silence now, whatever else waits. If it is not confirmed, :meth:`heartbeat` ends
-        the output process.
+        """Silence all devices now, before anything that waits. If it is not confirmed,
+        :meth:`heartbeat` ends the output process.
         """
         self._pipe.stop(reason)
 
     def close(self) -> None:
-        """Stop everything and end the output process; at most a moment, and at any time."""
+        """Stop everything and end the output process, in at most a moment."""
         if self._pipe.close():
             self.devices.clear()
 
     def events(self) -> list[Event]:
-        """What has been told since the last call; brings :attr:`devices` up to date."""
+        """Events since the last call; brings :attr:`devices` up to date."""
         found = list(self._pipe.events())
         for event in found:
             for state in self.devices.values():

@@ -10,13 +10,13 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What tells the time, and waits."""
+    """Interface of a clock that waits."""
 
     def now(self) -> float:
-        """Seconds since some moment; never goes back, and counts while the computer sleeps."""
+        """Seconds since some moment; monotonic, and counts while the computer sleeps."""
 
     def wait(self, condition: threading.Condition, seconds: float) -> None:
-        """Wait until a condition, which is held, is notified; at most so long."""
+        """Wait for the notification of a condition, which is held, up to a time limit."""
 
 
 class SystemClock:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of a connected device, and what the output process tells of it."""
+"""State of a connected device, and events of the output process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Event:
-    """Something that the output process tells."""
+    """Event from the output process."""
 
     event: str  # ready connected armed stopped silent fault lost closed levels log gone
     device: int
@@ -19,7 +19,7 @@ class Event:
 
 @dataclass(eq=False)
 class DeviceState:
-    """What is known of a connected device."""
+    """State of a connected device."""
 
     number: int
     name: str
@@ -54,7 +54,7 @@ class DeviceState:
 
 
 def event_of(line: bytes) -> Event | None:
-    """The event of a line; None if it is none."""
+    """Parse the event of a line; None if it is none."""
     try:
         found = json.loads(line)
         return Event(

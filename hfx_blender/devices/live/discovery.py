@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is there to be connected: serial ports by USB ids, programs that answer on the network."""
+"""Discovers devices: serial ports by USB ids, programs that answer on the network."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def serial_ports() -> list[FoundPort]:
 
 @dataclass(frozen=True)
 class Found:
-    """A device that can be connected now."""
+    """Device that can be connected now."""
 
     device: str
     port: str  # serial port; empty: as its configuration has it
@@ -57,7 +57,7 @@ class Found:
 
 
 def answers(host: str, port: int) -> bool:
-    """Whether a program takes connections there; nothing is sent to it."""
+    """Test that a program takes connections at an address; nothing is sent to it."""
     if not is_local(host):
         return False
     with suppress(OSError), socket.create_connection((host, port), ANSWER_S):
@@ -70,7 +70,7 @@ def found_devices(
     ports: Iterable[FoundPort],
     answering: Callable[[str, int], bool] = answers,
 ) -> list[Found]:
-    """Devices that are there: on a port with their USB ids, or behind a program that answers.
+    """Devices that are present: on a port with their USB ids, or behind a program that answers.
 
     Datagrams get no answer, so that what is driven by them cannot be looked for.
     """
@@ -98,7 +98,7 @@ def _is_on(device: DeviceConfig, port: FoundPort) -> bool:
 
 
 def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
-    """The one port whose USB ids are the device's, and its serial number if one is asked for.
+    """Find the only port with the device's USB ids, and its serial number if one is given.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From values to bytes: scaling by each control's range, rounding, framing; and stop bytes.
+"""Encodes values into bytes: scaling by each control's range, rounding, framing; and stop bytes.
 
 A channel is a control that can be set (its range is more than one value), in the order of the
 device's columns. Values have passed the guard before; they are limited here once more, because
@@ -27,7 +27,7 @@ _NUMPY_TYPES: Final = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
 
 
 class Channels:
-    """What of a device's columns is sent.
+    """Columns of a device that are sent, as channels.
 
     Parameters
     ----------
@@ -118,12 +118,12 @@ class FrameEncoder:
         self._channels = Channels(device)
 
     def frame(self, columns: F64) -> bytes:
-        """One frame for a device's values (columns,)."""
+        """Encode one frame of a device's values (columns,)."""
         return self._framed(self._channels.values(columns))
 
     @property
     def stop(self) -> bytes:
-        """What silences the device: the configured bytes, else the frame of neutral values."""
+        """Bytes that silence the device: the configured ones, else the frame of neutral values."""
         how = self._how
         if how.stop is None:
             return self._framed(self._channels.neutral)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What late actuators are to be given while an animation plays: what is felt when they answer.
+"""Latency compensation: evaluates samples ahead of the playhead.
 
 A keyed scene is evaluated ahead of the playhead, in a thread beside whoever renders. Of other
 scenes it is remembered what was felt at each frame: from the second time on that playback comes
@@ -31,10 +31,10 @@ _MOST_KNOWN: Final = 4000
 
 _PLAYING_S: Final = 0.5
 _STANDING_S: Final = 0.1
-"""So far ahead of what is wanted now it is evaluated; Play may be pressed at any time."""
+"""Time ahead that is evaluated while nothing plays, seconds: Play may be pressed at any time."""
 
 _NEAR: Final = 0.5
-"""Frames; what was felt that near to a frame stands for it."""
+"""Largest distance, frames, at which known samples stand for those of a frame."""
 
 _PARTS: Final = 1000  # of a frame that are told apart
 
@@ -42,7 +42,7 @@ Runs = Sequence[SampleRun]
 
 
 class Foresight:
-    """What is felt at frames of one scene.
+    """Lookahead cache and scheduler: samples at other frames of one scene.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Foresight:
         self._thread: threading.Thread | None = None
 
     def take(self, body: bytes) -> None:
-        """A :class:`FutureScene` or a :class:`FutureBlock`; it is looked at in the thread."""
+        """Take a :class:`FutureScene` or a :class:`FutureBlock`; the thread will process it."""
         if not self._latencies_ms:
             return
         with self._wake:
@@ -77,14 +77,16 @@ class Foresight:
             self._wake.notify()
 
     def close(self) -> None:
-        """Another scene has its own."""
+        """End the thread; another scene has its own."""
         with self._wake:
             self._is_closed = True
             self._wake.notify()
 
     @contextmanager
     def answering(self, moment: Moment) -> Iterator[Mapping[float, Runs]]:
-        """What is felt later, by latency, as far as it is known; nothing else begins meanwhile."""
+        """Context with the known later samples, by latency; the thread begins nothing else
+        meanwhile.
+        """
         with self._wake:
             self._is_answering = True
         try:
@@ -110,7 +112,7 @@ class Foresight:
         return {ms: runs for ms, runs in found.items() if runs is not None}
 
     def _begin(self, edition: int) -> None:
-        """Something was edited: nothing of before holds any more."""
+        """Start anew after an edit: nothing of before is valid."""
         self._edition, self._scene, self._engine = edition, None, None
         self._blocks.clear()
         self._known.clear()
@@ -125,7 +127,7 @@ class Foresight:
         self._known[part] = runs
 
     def _nearest(self, frame: float, latency_ms: float) -> Runs | None:
-        """What is felt at a frame, or so near to it that it is nearer than what is felt now."""
+        """Samples at a frame, or at a known one that is nearer to it than the present frame."""
         part = _part(frame)
         if part in self._known:
             return self._known[part]
@@ -186,7 +188,7 @@ class Foresight:
                         self._blocks[_part(frame)] = found, row
 
     def _wanted(self) -> int | None:
-        """The next part of a frame that is to be evaluated."""
+        """Next part of a frame to evaluate."""
         playhead = self._playhead
         if playhead is None or self._is_answering or not self._blocks:
             return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What comes in a scene that is keyed: plain data of the engine, to be evaluated elsewhere."""
+"""Upcoming state of a keyed scene: plain data of the engine, to be evaluated elsewhere."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FutureScene:
-    """What does not change over time.
+    """Constant part of a keyed scene.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class FutureScene:
 
 @dataclass(frozen=True, eq=False)
 class FutureBlock:
-    """What is where at some frames of it.
+    """Animated state at some frames of a keyed scene.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class FutureBlock:
     channels: tuple[F64, ...]
 
     def at(self, row: int, scene: FutureScene) -> AnimationBlock:
-        """One of its frames, for the engine."""
+        """Block of a single frame, for the engine."""
         part = slice(row, row + 1)
         effects = tuple(
             _row(effect, part, shape)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The guard: what any value must pass before it is made into bytes.
+"""Guard: limits that any value must pass before it is made into bytes.
 
 Order: a real number, finite (else the actuator is silent), range, slew (rises only), time on.
 Whatever a script or an engine asks for, nothing else reaches an actuator.
@@ -21,11 +21,11 @@ from .time_on import Account, TimeOn
 F64 = npt.NDArray[np.float64]
 
 LONGEST_RISE_S: Final = 0.05
-"""A rise is for so long at most: after a stall nothing jumps to where it would be by now."""
+"""Longest time that one rise is counted for, seconds: after a stall, values must not jump."""
 
 
 class Guard:
-    """Limits of one device in time; it keeps what each actuator was given last.
+    """Guard of one device; it remembers the last values of each actuator.
 
     Parameters
     ----------
@@ -43,11 +43,11 @@ class Guard:
 
     @property
     def has_time_limit(self) -> bool:
-        """Whether any actuator may be on for so long only."""
+        """Test for any actuator whose time on is limited."""
         return self._time_on.is_limited
 
     def share(self, accounts: Sequence[Account]) -> None:
-        """Count time on in accounts that outlive this connection; before anything is played."""
+        """Use accounts of time on that outlive this connection; call before anything is played."""
         self._time_on = TimeOn(self._kinds, accounts)
 
     def reset(self) -> None:
@@ -56,11 +56,11 @@ class Guard:
         self._time_on.begin()
 
     def fell_silent(self, played_s: float, now_s: float) -> None:
-        """Nothing is played from now on; what was given last was played ``played_s`` longer."""
+        """Record silence from now on; the last values were played ``played_s`` longer."""
         self._time_on.end(played_s, now_s)
 
     def rested(self, now_s: float) -> None:
-        """Before it begins again: time since the device fell silent was rest."""
+        """Record rest since the device fell silent, before it begins again."""
         self._time_on.rested(now_s)
 
     def passed(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
@@ -87,7 +87,7 @@ class Guard:
 
 
 def _as_numbers(wanted: Sequence[float] | F64 | None, count: int) -> F64:
-    """Values (count,); not a number wherever something else was handed over."""
+    """Convert to values (count,); NaN wherever the input is not a number."""
     values = as_row(wanted)
     return values if values.shape == (count,) else np.full(count, np.nan)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a device script is told: the haptic data of one moment, and the device's layout.
+"""Input of a device script: the haptic data of one moment, and the device's layout.
 
 ``docs/device-scripts.md`` describes it for those who write scripts.
 """
@@ -26,7 +26,7 @@ API_VERSION: Final = 1
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """One effect that is felt now by the wearer."""
+    """Effect that is felt now by the wearer."""
 
     name: str  # the effect's id
     modality: str
@@ -43,7 +43,7 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Haptics:
-    """Everything of one moment.
+    """Haptic data of one moment.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Haptics:
         return np.array([c.neutral for a in self.device.actuators for c in a.type.controls])
 
     def strongest(self, modality: str) -> Effect | None:
-        """The strongest effect of a modality that is felt; None: there is none."""
+        """Strongest effect of a modality; None without any."""
         found = [each for each in self.felt if each.modality == modality]
         return max(found, key=_strength, default=None)
 
@@ -126,7 +126,7 @@ def packed(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) ->
 
 
 def unpacked(body: bytes, device: DeviceConfig) -> Haptics:
-    """What :func:`packed` put together.
+    """Restore haptic data from :func:`packed` bytes.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process: it owns every port, and falls silent when anybody fails.
+"""Output process: it owns every port, and falls silent when anybody fails.
 
 Run as ``python -m hfx_blender.devices.live.host``: messages come over standard input, events
 go out as JSON lines over standard output. It needs neither Blender nor a window.
@@ -31,7 +31,7 @@ from ...errors import InputError
 from ..configuration import load_device
 from .clock import SYSTEM, Clock
 from .kept_accounts import KeptAccounts, identities
-from .lane import FREEZE_S, MAX_OFFSET_S, Lane
+from .lane import FREEZE_S, Lane
 from .messages import (
     EVERY_DEVICE,
     Kind,
@@ -46,12 +46,13 @@ from .outputs import open_output
 from .render_process import Questions, RenderProcess
 from .script_process import ScriptProcess
 from .time_on import Account
+from .waiting import MAX_OFFSET_S
 
 HEARTBEAT_S: Final = 0.25
-"""Without a message for so long, Blender is taken to be frozen."""
+"""Longest time between messages, seconds; beyond it Blender counts as frozen."""
 
 PAUSE_S: Final = 10.0
-"""So long Blender may work after it has said so; every device is silent meanwhile."""
+"""Longest announced pause of Blender, seconds; every device is silent meanwhile."""
 
 MAX_DEVICES: Final = 64
 _WATCH_S: Final = 0.02
@@ -90,7 +91,7 @@ class Reporter:
 
 
 class Host:
-    """All devices, and what they are told."""
+    """All devices, and the dispatch of messages to them."""
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
@@ -100,12 +101,12 @@ class Host:
         self._end = ""
         self._patience_s = HEARTBEAT_S
         self._is_frozen = False
-        self._accounts = KeptAccounts(resources.time_on())
+        self._accounts = KeptAccounts(resources.time_on(), clock)
         threading.Thread(target=self._accounts.keep_on, name="time on", daemon=True).start()
         self._rendering = RenderProcess(self._rendered, self._cannot_render, clock)
 
     def read(self, stream: BinaryIO) -> None:
-        """Take messages until there are no more; ends the process's work then."""
+        """Read messages to the end of the stream, then end the process's work."""
         end = "Blender has gone"
         try:
             while True:
@@ -125,7 +126,7 @@ class Host:
             lane.stop(end)
 
     def hear(self, message: Message) -> None:
-        """A message that was read just now, and so a sign of life."""
+        """Take a message that was read just now, which is also a sign of life."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         is_work = message.kind is Kind.PAUSE and message.device == EVERY_DEVICE
@@ -136,7 +137,7 @@ class Host:
             lane.sign(now)
 
     def take(self, message: Message, read_s: float) -> None:
-        """Do what a message says that was read at a time."""
+        """Execute a message that was read at a given time."""
         kind = message.kind
         if kind is Kind.CONNECT:
             self._connect(message.device, json_from(message.body))
@@ -182,7 +183,7 @@ class Host:
             self._rendering.revive()
 
     def _rendered(self, answer: Message, questions: Questions) -> None:
-        """What a device is to play now, or its script is to be told."""
+        """Forward rendered values to a device, or haptic data to its script."""
         if answer.device == EVERY_DEVICE:
             self._cannot_render(answer.body.decode(errors="replace"))
             return
@@ -255,7 +256,7 @@ class Host:
         )
 
     def watch(self) -> None:
-        """Wait for the end, and stop who does not answer."""
+        """Wait for the end, and stop whatever does not answer in time."""
         self._last_turn_s = self._clock.now()
         while True:
             with self._wake:
@@ -267,7 +268,7 @@ class Host:
             self.look()
 
     def look(self) -> None:
-        """Stop who does not answer."""
+        """Stop everything that does not answer."""
         now = self._clock.now()
         self._stop_after_standstill(now)
         self._last_turn_s = now
@@ -284,7 +285,7 @@ class Host:
                 lane.fault("its output does not answer")
 
     def _stop_after_standstill(self, now: float) -> None:
-        """If this process stood still: what it knows, and what waits to be read, is old.
+        """Stop all devices if this process stood still: its state and unread messages are old.
 
         Whichever thread is up first finds it, before anything else is done.
         """
@@ -294,7 +295,7 @@ class Host:
                 lane.stop(f"the computer slept or stood still for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
-        """The end: every device stops and gives its port back."""
+        """Stop every device and give back its port, at the end."""
         lanes = list(self._lanes.values())
         for lane in lanes:
             lane.stop(reason)
@@ -318,7 +319,7 @@ def _terminated(_signal: int, _frame: FrameType | None) -> None:
 
 
 def main() -> None:
-    """Serve one Blender until it goes."""
+    """Serve one Blender until it ends."""
     logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):

@@ -24,11 +24,12 @@ _MAX_EVENTS: Final = 1000
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
-"""If a stop is not confirmed by then, the output process is ended: its ports close with it."""
+"""Time limit for the confirmation of a stop, seconds; then the output process is ended, and its
+ports close with it."""
 
 
 class HostPipe:
-    """One output process after another. Only its threads wait for it."""
+    """Output processes, one after another. Only its threads wait for them."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -44,7 +45,7 @@ class HostPipe:
 
     @property
     def is_open(self) -> bool:
-        """Whether a process was started and not ended by us; cheaper than asking if it runs."""
+        """Test that a process was started and not ended by us; cheaper than asking if it runs."""
         return self._process is not None
 
     @property
@@ -56,7 +57,7 @@ class HostPipe:
         return self._process.pid if self._process is not None else None
 
     def start(self) -> None:
-        """Start the output process, which does not run.
+        """Start the output process.
 
         Raises
         ------
@@ -89,14 +90,14 @@ class HostPipe:
         self._nudge()
 
     def replace(self, device: int, newest: bytes | Moment) -> None:
-        """What a device is to play now, in place of what was not sent yet."""
+        """Set what a device is to play now, in place of what was not sent yet."""
         if self._process is None:
             return
         self._newest[device] = newest
         self._nudge()
 
     def void(self, device: int | None = None) -> None:
-        """Nothing that was to be played and was not sent is sent any more."""
+        """Discard everything that was to be played and was not sent."""
         if device is None:
             self._newest.clear()
         else:
@@ -104,7 +105,7 @@ class HostPipe:
         self._silences += 1
 
     def stop(self, reason: str) -> None:
-        """Silence now, whatever else waits."""
+        """Silence all devices now, before anything that waits."""
         if not self.is_running:
             return
         self.void()
@@ -141,11 +142,11 @@ class HostPipe:
         return True
 
     def events(self) -> Iterator[Event]:
-        """What has been told since it was asked last."""
+        """Events since the last call."""
         return _taken(self._events.popleft)
 
     def _nudge(self) -> None:
-        """There is something to write; who has been told so already is not told again."""
+        """Wake the writer, unless it has been woken already."""
         if self._wake.empty():
             self._wake.put(None)
 
@@ -209,7 +210,7 @@ class HostPipe:
 
 
 def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:
-    """What can be taken until nothing is left; others may add to it meanwhile."""
+    """Yield items until none is left; other threads may add some meanwhile."""
     with suppress(IndexError, KeyError):
         while True:
             yield take()

@@ -24,13 +24,13 @@ from ...atomic_files import atomic_file
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.device_output import BhapticsEncoder, ButtplugEncoder
 from ...errors import HfxError
-from .clock import SYSTEM
+from .clock import SYSTEM, Clock
 from .discovery import FoundPort, serial_ports
 from .opening import kind_of
 from .time_on import Account
 
 KEEP_S: Final = 1.0
-"""So often what changed is written."""
+"""Interval of saving changed accounts, seconds."""
 
 _UNKNOWN_S: Final = 2.0 * KEEP_S
 _MOST_BYTES: Final = 1 << 20
@@ -43,7 +43,7 @@ def identities(
     target: Mapping[str, Any],
     ports: Callable[[], Iterable[FoundPort]] = serial_ports,
 ) -> tuple[str, ...]:
-    """Names of the physical device that a target leads to; two that share one share accounts.
+    """Identities of the physical device behind a target; targets that share one share accounts.
 
     A serial number where there is one. A port without counts by its path and by the
     configuration, a network address together with the device there. What has no address is known
@@ -77,7 +77,7 @@ def identities(
 
 @dataclass(eq=False)
 class _Kept:
-    """An account, and what was written of it last."""
+    """Account with its last saved state."""
 
     account: Account
     path: Path
@@ -85,41 +85,43 @@ class _Kept:
 
 
 class KeptAccounts:
-    """Every account that this process has used.
+    """Accounts that this process has used.
 
     Parameters
     ----------
     folder : Path
         Of their files; it need not exist.
+    clock : Clock
+        The one that those who play go by.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, clock: Clock = SYSTEM) -> None:
+        self._folder, self._clock = folder, clock
         self._kept: dict[str, _Kept] = {}
         self._lock = threading.Lock()
         self._is_told = False
         self._changed = threading.Event()
 
     def of(self, identity: str) -> Account:
-        """The account of a physical device, with what other processes left of it."""
+        """Account of a physical device, with the state that other processes left."""
         with self._lock:
             known = self._kept.get(identity)
             if known is None:
                 name = hashlib.sha256(identity.encode()).hexdigest()[:32] + ".json"
                 path = self._folder / name
-                known = self._kept[identity] = _Kept(_read(path), path)
+                known = self._kept[identity] = _Kept(_read(path, self._clock.now()), path)
                 known.account.on_begin = self._changed.set
             return known.account
 
     def keep(self) -> None:
-        """Write what changed; a folder that cannot be written is told once."""
+        """Save changed accounts; an unwritable folder is reported once."""
         with self._lock:
             for identity, each in self._kept.items():
                 state = _state(each.account)
                 if state == each.written:
                     continue
                 try:
-                    _write(each.path, identity, state)
+                    _write(each.path, identity, state, self._clock.now())
                 except (HfxError, OSError) as error:
                     if not self._is_told:
                         self._is_told = True
@@ -128,7 +130,7 @@ class KeptAccounts:
                     each.written = state
 
     def keep_on(self) -> None:
-        """Write what changes, for ever and at once when somebody begins; in a thread."""
+        """Save changes for ever, and at once when a device begins; runs in a thread."""
         while True:
             self._changed.wait(KEEP_S)
             self._changed.clear()
@@ -136,7 +138,7 @@ class KeptAccounts:
 
 
 def _state(account: Account) -> tuple[Any, ...]:
-    """How full, whether it rests, whether somebody plays, since when nobody does."""
+    """State of an account: how full, resting, playing, idle since."""
     with account.lock:
         return (
             tuple(account.filled.tolist()),
@@ -146,9 +148,8 @@ def _state(account: Account) -> tuple[Any, ...]:
         )
 
 
-def _write(path: Path, identity: str, state: tuple[Any, ...]) -> None:
+def _write(path: Path, identity: str, state: tuple[Any, ...], now_s: float) -> None:
     filled, is_resting, is_open, idle_since_s = state
-    now_s = SYSTEM.now()
     idle_s = max(now_s - idle_since_s, 0.0) if math.isfinite(idle_since_s) else 0.0
     content = {
         "device": identity,
@@ -163,8 +164,7 @@ def _write(path: Path, identity: str, state: tuple[Any, ...]) -> None:
         file.write(json.dumps(content).encode())
 
 
-def _read(path: Path) -> Account:
-    now_s = SYSTEM.now()
+def _read(path: Path, now_s: float) -> Account:
     try:
         with open(path, "rb") as file:
             found = json.loads(file.read(_MOST_BYTES))

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One device in the output process: a thread of its own, so that its faults are its own."""
+"""Thread of one device in the output process: its faults are its own."""
 
 from __future__ import annotations
 
 import logging
 import math
 import threading
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple, Protocol
@@ -21,28 +20,26 @@ from .output import Output, OutputLostError, SoundingOutput
 from .pacing import Pace, Ramp, tick_s
 from .time_on import Account
 from .tones import Sounding
+from .waiting import Waiting
 
 F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
-"""How often stop bytes are sent: one that is lost or garbled must not matter."""
+"""Number of times that stop bytes are sent: one that is lost or garbled must not matter."""
 
 PATIENCE_S: Final = 0.1
 """An output that takes longer to hand over values does not answer."""
 
 PULSE_S: Final = 0.3
 PULSE_SHARE: Final = 0.3
-"""A test pulse is soft: this share of what the actuator may get at most."""
+"""Strength of a test pulse, as a share of the actuator's limit: it is soft."""
 
 FREEZE_S: Final = 0.28
-"""Without a sign that what is played still holds, a lane is silent; so it is after 300 ms."""
-
-MAX_OFFSET_S: Final = 1.0
+"""Time without a sign that the last values still hold, after which a lane is silent, seconds; the
+limit is 0.3."""
 
 _LEVELS_S: Final = 0.1
 _IDLE_S: Final = 1.0
-_LEAST_APART_S: Final = 0.001
-"""Frames that come closer are one, so that those that wait for an offset have a bound."""
 
 _log = logging.getLogger(__name__)
 
@@ -50,7 +47,7 @@ Report = Callable[..., None]
 
 
 class Question(NamedTuple):
-    """What a lane's device is to play was asked for; its answer may come late.
+    """Request for the values of a lane's device; its answer may come late.
 
     Attributes
     ----------
@@ -68,7 +65,7 @@ class Question(NamedTuple):
 
 
 class Script(Protocol):
-    """What a lane needs of a device's script."""
+    """Interface of a device's script."""
 
     def start(self) -> None: ...
 
@@ -80,7 +77,7 @@ class Script(Protocol):
 
 
 class Lane:
-    """From a device's newest values to its output.
+    """Thread that carries a device's newest values to its output.
 
     Parameters
     ----------
@@ -127,7 +124,7 @@ class Lane:
         self._output: Output | None = None
         self._wake = threading.Condition()
         self._port = threading.Lock()  # held while values are handed over
-        self._waiting: deque[tuple[float, F64]] = deque()  # when they came, values
+        self._waiting = Waiting(device, self._tick_s, FREEZE_S)
         self._generation = 0  # raised by whatever voids all that was asked before
         self._sign_s = -math.inf  # when what is played, or waits, was last known to hold
         self._asked = self._answered = 0  # numbers of the newest questions
@@ -152,19 +149,19 @@ class Lane:
 
     @property
     def is_armed(self) -> bool:
-        """Whether it plays."""
+        """Test that the device plays."""
         return self._is_armed
 
     # What the reader calls: none of these waits for hardware longer than a moment.
 
     def question(self, asked_s: float) -> Question:
-        """Something is asked for this device; :meth:`feed` takes its answer."""
+        """Register a request for this device; :meth:`feed` takes its answer."""
         with self._wake:
             self._asked += 1
             return Question(self._generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
-        """The newest frame; older ones that are due do not matter any more.
+        """Take the newest frame; older ones that are due are dropped.
 
         Parameters
         ----------
@@ -187,29 +184,27 @@ class Lane:
             if not fault:
                 self._answered = question.number
                 self._sign_s = max(self._sign_s, question.asked_s)
-                if self._waiting and now - self._waiting[-1][0] < _LEAST_APART_S:
-                    now = self._waiting.pop()[0]
-                self._waiting.append((now, values))
-                while self._waiting[0][0] < now - MAX_OFFSET_S - FREEZE_S:
-                    self._waiting.popleft()  # nobody took it, and it would not be played any more
+                self._waiting.add(values, now)
                 self._wake.notify()
         if fault:
             self.fault(fault)
 
     def sign(self, now_s: float) -> None:
-        """Blender lives: what was asked last still holds, unless an answer is awaited."""
+        """Take a sign of life from Blender: the last values still hold, unless an answer is
+        awaited.
+        """
         with self._wake:
             if self._is_armed and self._answered == self._asked:
                 self._sign_s = max(self._sign_s, now_s)
 
     def set_offset(self, offset_s: float) -> None:
-        """Hold back by so long from now on, also what waits already."""
+        """Change the delay of values, also of those that wait already."""
         with self._wake:
             self._offset_s = offset_s
             self._wake.notify()
 
     def pause(self) -> None:
-        """Silence until a frame that is asked for from now on, without a stop.
+        """Silence the device until a frame that is requested from now on, without a stop.
 
         What waits for its offset is not played any more.
         """
@@ -220,14 +215,14 @@ class Lane:
                 self._wake.notify()
 
     def _void(self) -> None:
-        """Nothing that was asked before is played."""
+        """Discard everything that was asked before."""
         self._generation += 1
         self._waiting.clear()
         self._pulse = None
         self._answered = self._asked
 
     def pulse(self, actuator: int) -> None:
-        """Let one actuator be felt for a moment, softly."""
+        """Play one actuator for a moment, softly."""
         with self._wake:
             if self._is_armed and 0 <= actuator < len(self.device.actuators):
                 self._pulse = actuator, self._clock.now()
@@ -253,7 +248,7 @@ class Lane:
         self._report("armed", self.number)
 
     def stop(self, reason: str, event: str = "stopped") -> None:
-        """Silence now, whatever waits; also when it is silent already."""
+        """Silence the device now; also when it is silent already."""
         with self._wake:
             was_armed, self._is_armed, self._is_wanted = self._is_armed, False, False
             self._void()
@@ -264,7 +259,7 @@ class Lane:
             self.script.close()
 
     def freeze(self, reason: str) -> None:
-        """Stop because nobody answers; what is still being opened plays when it is open.
+        """Stop because Blender does not answer; a device that is still opening plays later.
 
         It is silent until then, and after it until values come.
         """
@@ -274,7 +269,7 @@ class Lane:
             self.stop(reason)
 
     def fault(self, text: str) -> None:
-        """Stop because something is wrong."""
+        """Stop after a fault."""
         self.stop(text, "fault")
 
     def close(self, reason: str) -> None:
@@ -293,18 +288,18 @@ class Lane:
         self._thread.join(PATIENCE_S)
 
     def is_stuck(self, now_s: float) -> bool:
-        """Whether its output does not answer; then its own thread cannot tell."""
+        """Test for an output that does not answer; its own thread cannot tell."""
         return now_s - self._sending_since > PATIENCE_S
 
     def _silence(self) -> None:
-        """Have stop bytes sent, before anything that is sent; nobody waits for them."""
+        """Request stop bytes, before anything else that is sent; without waiting."""
         self._is_quiet.clear()
         self._hush.set()
         if self._has_ended:  # and has stopped
             self._is_quiet.set()
 
     def _run_stops(self) -> None:
-        """The stop lane: a thread of its own, as a port that stalls may stall a stop as well."""
+        """Run the stop thread: separate, as a stalled port may stall a stop as well."""
         while True:
             self._hush.wait()
             self._hush.clear()
@@ -378,7 +373,7 @@ class Lane:
             self.turn()
 
     def due_in_s(self) -> float:
-        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0: it is."""
+        """Seconds until :meth:`turn` is due, unless something comes meanwhile; 0 if it is due."""
         with self._wake:
             if not self._is_armed:
                 return _IDLE_S
@@ -389,18 +384,18 @@ class Lane:
             return -math.inf
         due = self._due_s
         if self._waiting:  # a frame goes out as soon as the device can take it
-            came_s = self._waiting[0][0]
-            due = min(due, max(came_s + self._offset_s, self._changed_s + self._tick_s))
+            asked_s = self._waiting.due_s(self._offset_s)
+            due = min(due, max(asked_s, self._changed_s + self._tick_s))
         if self._ramp.is_going:
             due = min(due, self._holds_until_s())
         return due
 
     def _holds_until_s(self) -> float:
-        """Nobody knows whether what is played still holds from then on."""
+        """Time from which on it is unknown whether the last values still hold."""
         return self._sign_s + self._offset_s + FREEZE_S
 
     def turn(self) -> None:
-        """Send what is due now."""
+        """Send the values that are due now."""
         with self._wake:
             now = self._clock.now()
             due = self._next_s()
@@ -418,8 +413,10 @@ class Lane:
                 self._waiting.clear()
             generation, is_cut, newest = self._generation, self._is_cut, None
             self._is_cut = False
-            while self._waiting and self._waiting[0][0] + self._offset_s <= now:
-                newest = self._waiting.popleft()[1]
+            if self._ramp.share < 1.0 and self._waiting.due_s(self._offset_s) <= now:
+                self._ramp.complete()  # what was asked for is played before what comes next
+            else:
+                newest = self._waiting.taken(now, self._offset_s)
         if self.script is not None and self.script.is_overdue(now):
             self.fault(f"its script did not answer within {PATIENCE_S * 1000:.0f} ms")
             return
@@ -441,7 +438,7 @@ class Lane:
         self._due_s = self._ramp.next_s(due, now)
 
     def _step(self, now: float, step_s: float, newest: F64 | None, generation: int) -> bool:
-        """Send what is due; whether it is anything else than before."""
+        """Send the values that are due; returns True if they differ from the last."""
         if newest is not None:
             self._ramp.aim(self._sounding.split(newest), now)
         asked = self._ramp.at(now)
@@ -492,7 +489,7 @@ class Lane:
         return wanted
 
     def _tell_levels(self, values: F64, now: float) -> None:
-        """How strongly each actuator plays, 0..1, for who watches; a few times a second."""
+        """Report the level of each actuator, 0..1, a few times a second."""
         if now < self._levels_at + _LEVELS_S:
             return
         levels = []

@@ -17,7 +17,7 @@ from typing import Final
 from .output import OutputLostError
 
 MOST_BYTES: Final = 1 << 28
-"""A larger file is no log of ours, which begin anew long before."""
+"""Largest log, bytes; our own logs begin anew long before."""
 
 _FLAGS: Final = (
     getattr(os, "O_NONBLOCK", 0)

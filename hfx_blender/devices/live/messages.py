@@ -23,7 +23,7 @@ F64 = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
 MAX_BODY: Final = 1 << 24
-"""More than this is not one of ours: 16 MiB."""
+"""Largest body of a message: 16 MiB."""
 
 EVERY_DEVICE: Final = 0xFFFF
 
@@ -33,7 +33,7 @@ _DTYPES: Final = ("<f8", "<f4", "<i4", "<i8")
 
 
 class Kind(IntEnum):
-    """What a message is about."""
+    """Kind of a message."""
 
     # Blender to the output process
     HEARTBEAT = 0
@@ -58,7 +58,7 @@ class Kind(IntEnum):
 
 
 class Message(NamedTuple):
-    """One message as it was read."""
+    """Message as it was read."""
 
     kind: Kind
     device: int
@@ -66,7 +66,7 @@ class Message(NamedTuple):
 
 
 class MessageError(Exception):
-    """The other side does not speak as it should."""
+    """Raised for input that breaks the protocol."""
 
 
 def message(kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
@@ -83,7 +83,7 @@ def message(kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
 
 
 def read_message(stream: IO[bytes]) -> Message | None:
-    """The next message of a blocking stream; None at its end, also in the middle of one.
+    """Read the next message of a blocking stream; None at its end, also in the middle of one.
 
     Raises
     ------
@@ -105,12 +105,12 @@ def read_message(stream: IO[bytes]) -> Message | None:
 
 
 def values_to(values: npt.ArrayLike) -> bytes:
-    """Values (columns,) as a body; what is no row of numbers is no value, which is a fault."""
+    """Encode values (columns,); anything but a row of numbers becomes an empty body, a fault."""
     return as_row(values).astype("<f8").tobytes()
 
 
 def as_row(values: Any) -> F64:
-    """A row of numbers; empty if it is anything else, such as texts, truths or a table."""
+    """Row of numbers; empty for anything else, such as text, booleans or tables."""
     try:
         found = np.asarray(values)
         is_row = found.ndim == 1 and found.dtype.kind in "fiu"
@@ -120,7 +120,7 @@ def as_row(values: Any) -> F64:
 
 
 def values_from(body: bytes) -> F64:
-    """Values (columns,) of a body; bytes that are none are no values, which the guard refuses."""
+    """Decode values (columns,); an invalid body gives no values, which the guard rejects."""
     return np.frombuffer(body, "<f8") if len(body) % 8 == 0 else np.zeros(0)
 
 
@@ -146,7 +146,7 @@ def json_from(body: bytes) -> dict[str, Any]:
 
 
 def pack(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
-    """A JSON object and named arrays in one body."""
+    """Pack a JSON object and named arrays into one body."""
     parts = [np.ascontiguousarray(each, _dtype(each)) for each in arrays.values()]
     shapes = [
         [name, each.dtype.str, list(each.shape)] for name, each in zip(arrays, parts, strict=True)
@@ -156,7 +156,7 @@ def pack(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
 
 
 def unpack(body: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
-    """What :func:`pack` put together.
+    """Unpack a body made by :func:`pack`.
 
     Raises
     ------

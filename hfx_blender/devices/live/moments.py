@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene and its moments on their way to the process that renders them for all devices.
+"""Serialization of a scene and its moments for the process that renders them.
 
 What Blender's frame has evaluated is handed over as it is; it is made into bytes in a thread.
 A moment holds a few arrays, whatever the number of its effects, and is bounded as any message.
@@ -29,7 +29,7 @@ _PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.val
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What is felt now.
+    """Current samples and settings of the open scene.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Worn:
-    """A device that is rendered."""
+    """Device that is rendered."""
 
     number: int
     configuration: str
@@ -67,7 +67,7 @@ class Worn:
 
 @dataclass(frozen=True, eq=False)
 class SceneMessage:
-    """What is to be known before moments can be rendered."""
+    """Scene data that is needed before moments can be rendered."""
 
     header: TrackHeader
     body_id: str

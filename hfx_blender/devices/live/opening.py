@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Opening a device: its encoder by its configuration, its port by whoever connects it."""
+"""Opening of a device: its encoder by its configuration, its port by the caller."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
 
 def kind_of(device: DeviceConfig) -> str | None:
-    """What kind of target a device needs; None: nothing drives it live."""
+    """Kind of target that a device needs; None if nothing drives it live."""
     if device.output is None:
         return None
     if isinstance(device.output.transport, SerialTransport):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An open device: what the output process needs of it, whatever it is connected by."""
+"""Interface of an open device for the output process, for any kind of connection."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ F64 = npt.NDArray[np.float64]
 
 
 class OutputLostError(Exception):
-    """The device cannot be reached any more: unplugged, refused, gone."""
+    """Raised when the device cannot be reached any more: unplugged, refused, gone."""
 
 
 class Output(Protocol):
     """Encoder and transport of one device together. No method ever waits for the hardware."""
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,) that have passed the guard; only the newest ones count.
+        """Hand over values (columns,) from the guard; only the newest ones count.
 
         Raises
         ------
@@ -29,7 +29,7 @@ class Output(Protocol):
         """
 
     def stop(self) -> None:
-        """Send the stop bytes, before anything that still waits; never raises."""
+        """Send the stop bytes, before anything that waits; never raises."""
 
     def close(self) -> None:
         """Give the port back; never raises. The device has been stopped before."""
@@ -37,10 +37,10 @@ class Output(Protocol):
 
 @runtime_checkable
 class SoundingOutput(Output, Protocol):
-    """An output that plays sums of sines at the actuators that take a waveform."""
+    """Output that plays sums of sines at the actuators that take a waveform."""
 
     def send_tones(self, values: F64, tones: Tones) -> None:
-        """Hand over values, and what those actuators play instead of theirs.
+        """Hand over values, and the tones that replace them at these actuators.
 
         Raises
         ------

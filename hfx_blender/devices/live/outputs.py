@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Outputs that a device may be connected to: the simulator, or what really drives it."""
+"""Outputs of a device: the simulator, or a real connection."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIMULATOR: Final = "simulator"
 
 
 def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
-    """The open output that ``target`` names.
+    """Open the output that ``target`` names.
 
     Parameters
     ----------

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Between Blender's frames: strengths ramp, and no actuator is updated more often than it can."""
+"""Pacing between Blender's frames: strengths ramp, and no actuator is updated more often than it
+can.
+"""
 
 from __future__ import annotations
 
@@ -13,31 +15,32 @@ from ...engine.rendering.device import DeviceConfig
 F64 = npt.NDArray[np.float64]
 
 LONGEST_RAMP_S: Final = 0.05
-"""The most that ramping delays a value; frames that come faster than this delay it by less."""
+"""Longest delay by ramping, seconds; frames that come faster are delayed by less."""
 
 _ROUNDING: Final = 0.05
-"""Of a tick: clocks and sleeps are not exact."""
+"""Tolerance of times as a share of a tick: clocks and sleeps are not exact."""
 
 FASTEST_S: Final = 0.005
 SLOWEST_S: Final = 0.05
-"""A device hears from us at least so often, so that its dead-man knows that we live."""
+"""Longest interval between values, seconds, so that a device's dead-man switch knows
+that we live."""
 
 
 def tick_s(device: DeviceConfig) -> float:
-    """How often a device is sent values: as its quickest actuator can take them."""
+    """Interval of a device's values, seconds, by its quickest actuator."""
     fastest = min((a.type.update_interval_ms for a in device.actuators), default=20.0) / 1000.0
     return min(max(fastest, FASTEST_S), SLOWEST_S)
 
 
 class Ramp:
-    """Goes from one frame's values to the next while that one lasts.
+    """Ramp from one frame's values to the next over a frame's duration.
 
     Only strengths ramp; a frequency between two frequencies would be one that nobody asked
     for. Silence is not ramped to: it is there at once. The time to the next frame is not known:
     it is taken to be that since the last one, at most :data:`LONGEST_RAMP_S`. A change is under
     way with the first values that are sent after its frame and complete with the last before
-    the next frame; that is the delay. Where a device is sent values only once a frame, there is
-    no ramp and no delay.
+    the next frame; that is the delay. An actuator that takes values only once a frame, or less
+    often, is given the frame's at once: there is no ramp and no delay.
 
     Parameters
     ----------
@@ -52,6 +55,8 @@ class Ramp:
         counts = [len(actuator.type.controls) for actuator in device.actuators]
         self._is_strength = np.zeros(len(controls), np.bool_)
         self._is_strength[np.cumsum([0, *counts[:-1]])] = True
+        intervals_s = [max(a.type.update_interval_ms / 1000.0, tick) for a in device.actuators]
+        self._intervals_s = np.repeat(np.array(intervals_s, np.float64), counts)
         self._tick = tick
         self.reset()
 
@@ -60,11 +65,10 @@ class Ramp:
         self._from, self._to = self._neutral.copy(), self._neutral.copy()
         self._here = self._neutral.copy()  # what was given last
         self._began_s, self._lasts_s = -np.inf, self._tick
-        self._steps = 1
         self.share = 1.0  # of the way to the newest frame, at what was given last
 
     def aim(self, values: F64, now_s: float) -> None:
-        """A new frame: go to its values (columns,) from where we are now.
+        """Start the ramp to a new frame's values (columns,), from the present ones.
 
         Raises
         ------
@@ -81,24 +85,34 @@ class Ramp:
         self._to = np.asarray(values, np.float64)
         since_s = now_s - self._began_s
         self._lasts_s = since_s if self._tick <= since_s <= LONGEST_RAMP_S else self._tick
-        self._steps = max(1, int(self._lasts_s / self._tick + _ROUNDING))
-        self._began_s = now_s
+        self._began_s, self.share = now_s, 0.0
+
+    def complete(self) -> None:
+        """Be at the newest frame with the next values: the frame after it has come early."""
+        self._lasts_s = self._tick
 
     def at(self, now_s: float) -> F64:
         """Values (columns,) to send now; what is not finite stays so, for the guard to see."""
-        step = int((now_s - self._began_s) / self._tick + _ROUNDING) + 1 if self.is_going else 1
-        self.share = min(step / self._steps, 1.0)
-        if step >= self._steps:
+        since_s = now_s - self._began_s
+        self.share = float(self._share(since_s, np.array(self._tick)))
+        if self.share >= 1.0:
             self._here = self._to.copy()
         else:
+            shares = self._share(since_s, self._intervals_s)
             with np.errstate(invalid="ignore", over="ignore"):
-                between = self._from + step / self._steps * (self._to - self._from)
-            is_going = self._is_strength & (self._to != self._neutral)
+                between = self._from + shares * (self._to - self._from)
+            is_going = self._is_strength & (self._to != self._neutral) & (shares < 1.0)
             self._here = np.where(is_going, between, self._to)
         return self._here.copy()
 
+    def _share(self, since_s: float, intervals_s: F64) -> F64:
+        """Of the way to the newest frame, where values are taken so often."""
+        steps = np.maximum(np.floor(self._lasts_s / intervals_s + _ROUNDING), 1.0)
+        step = np.floor(since_s / intervals_s + _ROUNDING) + 1.0
+        return np.asarray(np.minimum(step / steps, 1.0))
+
     def next_s(self, due_s: float, now_s: float) -> float:
-        """When to send next: what is due shortly before a frame waits for the frame.
+        """Time of the next send: one that is due shortly before a frame waits for the frame.
 
         It would keep the frame waiting, as the device takes values only so often.
         """
@@ -111,12 +125,12 @@ class Ramp:
 
     @property
     def is_going(self) -> bool:
-        """Whether there was a frame since it began from silence."""
+        """Test for a frame since the start from silence."""
         return bool(np.isfinite(self._began_s))
 
 
 class Pace:
-    """Lets each actuator change only as often as it can.
+    """Limits each actuator to its own update rate.
 
     In between it keeps its values, and then gets the strongest that was asked for meanwhile,
     as an export does; but silence passes at once.
@@ -141,7 +155,7 @@ class Pace:
         self._next_s = [-np.inf] * len(self._slow)
 
     def paced(self, wanted: F64, now_s: float) -> F64:
-        """What of the wanted values (columns,) may be sent now."""
+        """Wanted values (columns,) as far as they may be sent now."""
         given = np.array(wanted, np.float64)
         for k, (columns, interval_s) in enumerate(self._slow):
             first = columns.start

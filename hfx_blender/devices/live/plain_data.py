@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dataclasses of the engine as bytes and back: what a scene is, for another process of ours.
+"""Pickle-free serialization of engine dataclasses for helper processes.
 
 Only numbers, text, arrays and dataclasses and enumerations of the engine are known; nothing in
 the bytes is ever run, and nothing else is ever made of them.

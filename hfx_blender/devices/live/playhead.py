@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where an animation is, where it goes, and so what is shown when a late actuator answers."""
+"""Playhead of an animation, and the frames that are shown when late actuators answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Final
 from ...engine.rendering.device import DeviceConfig
 
 LEAST_MS: Final = 5.0
-"""What answers sooner is not compensated: a picture itself is shown later than that."""
+"""Shortest latency that is compensated, ms: a picture itself is shown later than that."""
 
 _NEAR_SHARE: Final = 0.05
 """A latency is compensated to within so much of it, or to :data:`LEAST_MS`, whichever is more."""
@@ -24,7 +24,7 @@ def latencies_ms(device: DeviceConfig) -> tuple[float, ...]:
 
 
 def frames_ahead(latency_ms: float, fps: float) -> float:
-    """How many frames pass until a late actuator answers.
+    """Number of frames until a late actuator answers.
 
     On as coarse a grid as does not matter, so that frames are met again and known by then.
     """
@@ -33,13 +33,13 @@ def frames_ahead(latency_ms: float, fps: float) -> float:
 
 
 def parts_between(latencies_ms: Sequence[float], fps: float, step: int = 1) -> tuple[float, ...]:
-    """By which parts of a frame what is looked at differs from whole frames, ascending."""
+    """Fractions of a frame by which lookahead frames differ from whole ones, ascending."""
     return tuple(sorted({round(step * frames_ahead(ms, fps) % 1.0, 6) for ms in latencies_ms}))
 
 
 @dataclass(frozen=True)
 class Playhead:
-    """The frame that is shown, and which come next.
+    """Frame that is shown, and the direction of playback.
 
     Attributes
     ----------
@@ -61,15 +61,17 @@ class Playhead:
     step: int = 1
 
     def after(self, latency_ms: float) -> float:
-        """The frame that is shown when a value given now is felt."""
+        """Frame that is shown when a value sent now is felt."""
         return self._wrapped(self.frame + self.step * frames_ahead(latency_ms, self.fps))
 
     def next(self, frames: int) -> Playhead:
-        """Some frames later."""
+        """Playhead some frames later."""
         return replace(self, frame=self._wrapped(self.frame + self.step * frames))
 
     def _wrapped(self, frame: float) -> float:
-        """As playback goes: after its last frame it is at its first; in reverse, the opposite."""
+        """Wrap a frame as playback does: after the last comes the first; in reverse, the
+        opposite.
+        """
         count = self.last + 1 - self.first
         if self.step > 0 and frame >= self.last + 1 and self.frame <= self.last:
             return self.first + (frame - self.last - 1) % count

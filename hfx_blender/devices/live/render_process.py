@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process's side of rendering: starts its worker, asks it, ends it.
+"""Parent side of the render worker: starts it, asks it, ends it.
 
 One question at a time; of moments that wait, only the newest. Its answers are handed on with what
 was asked, so that who gets them sees whether they still matter. A worker that does not answer in
@@ -20,18 +20,19 @@ from .lane import Question
 from .messages import Kind, Message, MessageError, message, read_message
 
 SCENE_S: Final = 60.0
-"""So long a scene may take: body models are loaded, and distances on skin are worked out."""
+"""Time limit of preparing a scene, seconds: body models are loaded, and distances on skin are
+computed."""
 
 MOMENT_S: Final = 0.25
-"""As long as Blender itself may be silent."""
+"""Time limit of rendering a moment, seconds, as for Blender's own silence."""
 
 
 Questions = Mapping[int, Question]
-"""What was asked of each device, by its number."""
+"""Requests to the lanes, by the device's number."""
 
 
 class RenderProcess:
-    """Whoever renders moments for devices.
+    """Process that renders moments for devices.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ class RenderProcess:
         self._deadline_s: float | None = None  # while it is busy
 
     def describe(self, scene: bytes) -> None:
-        """Another scene: moments that come from now on are of it."""
+        """Set another scene: later moments belong to it."""
         with self._wake:
             self._known = self._scene = scene
             self._future, self._told = [], 0
@@ -69,13 +70,13 @@ class RenderProcess:
             self._wake.notify()
 
     def show(self, moment: bytes, questions: Questions) -> None:
-        """The newest moment, and what is asked of each device with it."""
+        """Set the newest moment, with the requests of each device."""
         with self._wake:
             self._moment = moment, questions
             self._wake.notify()
 
     def foresee(self, kind: Kind, body: bytes) -> None:
-        """What comes, of the scene that was described last: a new beginning, or more of it."""
+        """Add upcoming state of the last scene: a new beginning, or more of it."""
         with self._wake:
             if kind is Kind.FUTURE_SCENE:
                 self._future, self._told = [], 0
@@ -83,7 +84,7 @@ class RenderProcess:
             self._wake.notify()
 
     def forget(self) -> None:
-        """A moment that waits does not matter any more."""
+        """Discard a moment that waits."""
         with self._wake:
             self._moment = None
 
@@ -96,7 +97,7 @@ class RenderProcess:
                 self._future = future
 
     def is_overdue(self, now_s: float) -> bool:
-        """Whether an answer is late; then it has been ended."""
+        """Test for a late answer; then the process is ended."""
         with self._wake:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
         if is_late:
@@ -104,7 +105,7 @@ class RenderProcess:
         return is_late
 
     def close(self) -> None:
-        """End the worker at once, whatever it does."""
+        """End the worker at once."""
         with self._wake:
             process, self._process = self._process, None
             self._deadline_s, self._moment, self._questions = None, None, {}
@@ -126,7 +127,7 @@ class RenderProcess:
             threading.Thread(target=target, args=(process,), daemon=True).start()
 
     def _write(self, process: subprocess.Popen[bytes]) -> None:
-        """A pipe may make it wait; nobody else does."""
+        """Write to the worker's pipe, which may block; only this thread waits."""
         stream = process.stdin
         assert stream is not None
         with suppress(OSError, ValueError):  # the listener tells

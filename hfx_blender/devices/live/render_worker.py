@@ -49,7 +49,7 @@ _FUTURE: Final = (Kind.FUTURE_SCENE, Kind.FUTURE_BLOCK)
 
 @dataclass(eq=False)
 class _Rendered:
-    """A device, and who renders for it."""
+    """Device with its renderer."""
 
     worn: Worn
     device: DeviceConfig
@@ -58,7 +58,7 @@ class _Rendered:
     width: int  # actuators that take a waveform
 
     def answer(self, moment: Moment, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
-        """What its lane is told, or its script."""
+        """Message for the device's lane, or for its script."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, later)
@@ -73,7 +73,7 @@ class _Rendered:
 
 
 def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
-    """Values (columns,) with every strength's way from silence times ``gain``."""
+    """Scale the strengths in values (columns,) by ``gain``, relative to silence."""
     if gain == 1.0:
         return values
     values = values.copy()
@@ -86,7 +86,7 @@ def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
 
 
 class Renderers:
-    """All devices that follow one scene.
+    """Renderers of all devices that follow one scene.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _fault(number: int, error: Exception) -> bytes:
 
 
 def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None, list[bytes]]:
-    """Do what is asked; who renders from now on, and what is answered.
+    """Execute a message; returns the current renderers, and the answers.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The output process's side of a device script: starts its worker, asks it, ends it.
+"""Parent side of a script worker: starts it, asks it, ends it.
 
 One question at a time; of those that wait, only the newest. Each has a number, which its answer
 brings back. What does not answer in time, ends or talks nonsense has a fault; after three faults
@@ -31,7 +31,7 @@ from .messages import Kind, MessageError, json_to, message, read_message, values
 F64 = npt.NDArray[np.float64]
 
 READY_S: Final = 10.0
-"""A script has so long to start: it may import what it needs."""
+"""Time limit of a script's start, seconds: it may import what it needs."""
 
 FAULTS: Final = 3
 FAULTS_WITHIN_S: Final = 60.0
@@ -111,7 +111,7 @@ class ScriptProcess:
             self._send(message(Kind.HEARTBEAT, 0, json_to(self._wish)))
 
     def ask(self, haptics: bytes, answer: Answer) -> None:
-        """Tell it the newest haptic data, when it has answered what it was asked before.
+        """Send the newest haptic data, as soon as the last have been answered.
 
         ``answer`` gets what it says to these, from a thread; nobody does if newer ones come first.
         """
@@ -120,7 +120,7 @@ class ScriptProcess:
             self._ask_next()
 
     def is_overdue(self, now_s: float) -> bool:
-        """Whether its answer, or its start, is late."""
+        """Test for a late answer, or a late start."""
         with self._lock:
             is_late = self._deadline_s is not None and now_s > self._deadline_s
             if is_late:
@@ -129,7 +129,7 @@ class ScriptProcess:
             return is_late
 
     def close(self) -> None:
-        """End the worker at once, whatever it does."""
+        """End the worker at once."""
         with self._lock:
             process, self._process = self._process, None
             self._deadline_s = self._next = self._answer = None
@@ -159,7 +159,7 @@ class ScriptProcess:
             self._send(message(Kind.HAPTICS, self._number, body))
 
     def _send(self, data: bytes) -> None:
-        """In a thread: a worker that does not read must not make the reader wait."""
+        """Send data in a thread: a worker that does not read must not block the reader."""
         process = self._process
         if process is None or process.stdin is None:
             return
@@ -218,11 +218,11 @@ class ScriptProcess:
 
 
 _PIPE: Final = 4096
-"""So much a pipe takes at once on every system."""
+"""Bytes that a pipe takes at once on every system."""
 
 
 def end_group(process: subprocess.Popen[bytes]) -> None:
-    """End a script's worker at once, with all that it has started."""
+    """End a script's worker at once, with all processes that it has started."""
     with suppress(OSError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)

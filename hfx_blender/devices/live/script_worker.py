@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Runs one device script in a process of its own: haptic data in, values out.
 
-Started by the output process, and by exports. The
-script is read once, compared with what the user approved, and these very bytes are run. The
-process isolates from faults; it is no sandbox.
+Started by the output process, and by exports. The script is read once, and these very bytes are
+run if the user has approved them: this is the one door, which trusts nobody who asks. The process
+isolates from faults; it is no sandbox.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, Final
 
 from ...engine.rendering.device import DeviceConfig
 from ..configuration import load_device
-from .approval import fingerprint_of
+from .approval import fingerprint_of, how_to_approve, may_run
 from .haptics import as_values, unpacked
 from .messages import Kind, Message, json_from, message, read_message, values_to
 from .worker_input import messages_of_owner
@@ -31,7 +31,7 @@ _LONGEST_TEXT: Final = 500
 
 
 class _Outlet:
-    """The pipe back; a script's own printing goes through it, a few lines a second."""
+    """Output pipe of a worker; a script's prints are sent as messages, a few lines a second."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -90,9 +90,12 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
     wish = json_from(first.body)
     path, configuration = Path(wish["path"]), Path(wish["configuration"])
     source = path.read_bytes()
-    if fingerprint_of(source, configuration.read_bytes()) != wish["fingerprint"]:
-        raise PermissionError(f"{path.name} has changed since it was approved")
     name, folder = wish["device"], wish.get("folder")
+    mark = fingerprint_of(source, configuration.read_bytes())
+    if mark != wish["fingerprint"]:
+        raise PermissionError(f"{path.name} has changed since it was approved")
+    if not may_run(path, mark):
+        raise PermissionError(f"{path.name} is not approved; {how_to_approve(name)}")
     device = load_device(name, None if folder is None else Path(folder))
     builtins.print = outlet.printed
     names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
@@ -104,7 +107,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
 
 
 def _restrain() -> None:
-    """Memory has an end, and others go first; where the system can."""
+    """Limit the process's memory and priority, where the system can."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -115,7 +118,7 @@ def _restrain() -> None:
 
 
 def _told(error: BaseException) -> str:
-    """One line: what, and where in the script."""
+    """Describe an error in one line: type, text, and its place in the script."""
     frames = traceback.extract_tb(sys.exc_info()[2])
     where = ""
     if frames and frames[-1].filename != __file__:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device without hardware: writes down what a real one would do, a JSON line each time."""
+"""Simulated device: logs what a real one would do, one JSON line each time."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .output import OutputLostError
 F64 = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 64 << 20
-"""At this size the file begins anew: half an hour of a large device."""
+"""Size at which the log begins anew, bytes: half an hour of a large device."""
 
 
 class Simulator:
-    """An output whose hardware is a file, or nothing at all.
+    """Output to a log file, or to nothing.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Simulator:
 
 
 def _is_log(content: bytes) -> bool:
-    """Whether a simulator wrote all lines of a file; the last may have been cut off."""
+    """Test that a simulator wrote all lines of a file; the last may have been cut off."""
     *lines, rest = content.split(b"\n")
     return bool(lines) and all(map(_is_line, lines)) and _START.startswith(rest[: len(_START)])
 

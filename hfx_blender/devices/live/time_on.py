@@ -31,7 +31,7 @@ _ROUNDING: Final = 1e-9
 
 
 class Account:
-    """The accounts of one physical device, which outlive its connections.
+    """Accounts of one physical device, which outlive its connections.
 
     Parameters
     ----------
@@ -66,14 +66,14 @@ class Account:
         self.players: dict[TimeOn, Bool] = {}  # who plays, and what each has on
 
     def fit(self, count: int) -> None:
-        """Have an account for each of so many actuators."""
+        """Resize to the number of actuators."""
         more = count - len(self.filled)
         if more > 0:
             self.filled = np.append(self.filled, np.full(more, self._others))
             self.is_resting = np.append(self.is_resting, np.full(more, self._others >= 1.0))
 
     def is_on_for_others(self, player: TimeOn, count: int) -> Bool:
-        """Actuators (count,) that somebody else has on."""
+        """Mask (count,) of actuators that another player has on."""
         found = np.zeros(count, np.bool_)
         for other, is_on in self.players.items():
             if other is not player:
@@ -83,7 +83,7 @@ class Account:
 
 
 class TimeOn:
-    """One connection's use of its device's accounts.
+    """Use of a device's accounts by one connection.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class TimeOn:
         self._paid_s = np.zeros(self._count)  # ahead, for what is on now
 
     def rested(self, now_s: float) -> None:
-        """Time until ``now_s`` was rest, since the last one who played fell silent."""
+        """Record the time until ``now_s`` as rest, since the last player fell silent."""
         with self._lock:
             for account in self._accounts:
                 with account.lock:
@@ -131,7 +131,7 @@ class TimeOn:
                 account.on_begin()
 
     def end(self, played_s: float, now_s: float) -> None:
-        """It is silent from now on, after ``played_s`` more of what was given last."""
+        """Record silence from now on, after ``played_s`` more of the last values."""
         with self._lock:
             for account in self._accounts:
                 with account.lock:
@@ -198,4 +198,4 @@ class TimeOn:
 
 
 def _nothing() -> None:
-    """Nobody wants to know."""
+    """Do nothing: the default of callbacks."""

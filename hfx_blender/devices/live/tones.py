@@ -22,7 +22,7 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 MAX_TONES: Final = 16
-"""So many different frequencies sound at once; of more, the strongest."""
+"""Largest number of different frequencies at once; of more, the strongest are kept."""
 
 LONE: Final = -1
 """Number of the one tone of values that come without tones: a script's, a test pulse."""
@@ -45,7 +45,7 @@ class Tones:
 
 
 def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: int) -> Tones:
-    """The tones of one moment: those of equal frequency are one.
+    """Tones of one moment; partials of equal frequency are merged.
 
     Parameters
     ----------
@@ -80,13 +80,13 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
 
 
 def frame_of(values: F64, tones: Tones) -> F64:
-    """Values (columns,) and tones as one frame."""
+    """Frame of values (columns,) and tones."""
     rows = np.column_stack((tones.numbers, tones.amplitudes, tones.frequencies_hz))
     return np.concatenate([values, rows.ravel()])
 
 
 class Sounding:
-    """The W actuators of a device that take a waveform: what they play, within their limits.
+    """Actuators of a device that take a waveform, and their tones within their limits.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Sounding:
         self._from = self._to = self._here = Tones.none(len(self))
 
     def fault_of(self, frame: F64) -> str:
-        """Why it is not a frame of this device; empty: it is one."""
+        """Fault of a frame for this device; empty if it has none."""
         columns, width = self._column_count, 1 + 2 * len(self)
         more = np.size(frame) - columns if np.ndim(frame) == 1 else -1
         is_of_tones = len(self) and 0 < more <= MAX_TONES * width and more % width == 0
@@ -122,7 +122,7 @@ class Sounding:
         return f"it was sent {np.size(frame)} values and takes {columns}"
 
     def split(self, frame: F64) -> F64:
-        """Take a new frame's tones as what to go to; its values (columns,).
+        """Take a new frame's tones as the target; returns its values (columns,).
 
         Raises
         ------
@@ -158,7 +158,7 @@ class Sounding:
         return found
 
     def at(self, share: float, wanted: F64, passed: F64) -> Tones:
-        """What is played at a share of the way to the newest frame.
+        """Tones at a share of the way to the newest frame.
 
         Parameters
         ----------
@@ -197,14 +197,14 @@ class Sounding:
         )
 
     def _lone(self, values: F64) -> Tones:
-        """Values as one tone."""
+        """Tone of plain values, one for each actuator."""
         return Tones(
             np.array([LONE], np.int64), values[None, self.columns], values[None, self.columns + 1]
         )
 
 
 def _between(one: Tones, other: Tones, share: float) -> Tones:
-    """Strengths between, frequencies of the one that is gone to."""
+    """Tones between two sets: interpolated strengths, frequencies of the target."""
     if share >= 1.0:
         return other
     numbers = list(dict.fromkeys([*one.numbers.tolist(), *other.numbers.tolist()]))

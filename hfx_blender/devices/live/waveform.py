@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Waveforms for actuators that are driven as sound: phase-continuous, alike at any block size."""
+"""Waveforms for actuators driven as sound: phase-continuous, equal for any block size."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from .tones import Tones
 F64 = npt.NDArray[np.float64]
 
 RAMP_S: Final = 0.005
-"""Amplitude and frequency go to new values within so long: no clicks, and no delay to speak of."""
+"""Duration of ramps to new amplitudes and frequencies, seconds: no clicks, and hardly any delay."""
 
 
 class Oscillators:
-    """One oscillator for each of C channels.
+    """Oscillators, one for each of C channels.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class Oscillators:
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing sounds any more."""
+        """Test for complete silence."""
         return self._done >= self._steps and not self._to[0].any()
 
     def aim(self, amplitudes: F64, frequencies_hz: F64) -> None:
-        """Go to these from where we are now; what is no number is silence.
+        """Set the target amplitudes and frequencies; non-finite ones are silent.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class Oscillators:
 
 
 class SumOfTones:
-    """Channels that play several tones at once, each with oscillators of its own.
+    """Bank of tones: channels that play several at once, each with oscillators of its own.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class SumOfTones:
         self._sounding: dict[int, Oscillators] = {}
 
     def aim(self, tones: Tones) -> None:
-        """Go to these, of amplitudes 0..1 of full scale; a tone that is not there any more ends."""
+        """Set the target tones, amplitudes 0..1 of full scale; missing tones end."""
         nothing = np.zeros(self._channels)
         numbers = tones.numbers.tolist()
         for number, each in self._sounding.items():

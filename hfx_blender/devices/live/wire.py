@@ -16,11 +16,11 @@ from typing import Final
 
 VERSION: Final = 1
 DEAD_MAN_MS: Final = 250
-"""Without valid values for so long, the board is silent until it is configured anew."""
+"""Time without valid values after which the board is silent until it is configured anew, ms."""
 
 MAX_CHANNELS: Final = 32
 MAX_FRAME: Final = 96
-"""Bytes of a frame as sent; what is longer is no frame."""
+"""Longest frame as sent, bytes."""
 
 FULL_SCALE: Final = 0xFFFF
 
@@ -34,7 +34,7 @@ _STOPPED: Final = struct.Struct("<B")
 
 
 class Kind(IntEnum):
-    """What a frame says; replies have the highest bit."""
+    """Kind of a frame; replies have the highest bit."""
 
     CONFIGURE = 0x01
     VALUES = 0x02
@@ -44,7 +44,7 @@ class Kind(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a board fell silent."""
+    """Reason why a board fell silent."""
 
     ASKED = 0
     NO_VALUES = 1
@@ -53,7 +53,7 @@ class Reason(IntEnum):
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that arrived whole."""
+    """Frame that arrived whole."""
 
     kind: int
     sequence: int
@@ -61,7 +61,7 @@ class Frame:
 
 
 def cobs(content: bytes) -> bytes:
-    """Content without zero bytes, at most one byte in 254 longer."""
+    """Encode content without zero bytes (COBS), at most one byte in 254 longer."""
     found = bytearray()
     for piece in content.split(b"\0"):
         while len(piece) >= 254:  # a full block stands for no zero
@@ -74,7 +74,7 @@ def cobs(content: bytes) -> bytes:
 
 
 def uncobs(content: bytes) -> bytes | None:
-    """What :func:`cobs` was given; None: it is not of its making."""
+    """Decode :func:`cobs` content; None if it is not valid."""
     found = bytearray()
     at = 0
     while at < len(content):
@@ -92,13 +92,13 @@ def uncobs(content: bytes) -> bytes | None:
 
 
 def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
-    """A frame as it is sent. The zero in front ends whatever was cut off before it."""
+    """Encode a frame. The zero in front ends whatever was cut off before it."""
     content = _HEAD.pack(VERSION, kind, sequence & 0xFFFF) + payload
     return b"\0" + cobs(content + _CRC.pack(zlib.crc32(content))) + b"\0"
 
 
 def configuration(session: int, channels: int, maximum_on_ms: int, rest_ms: int = 0) -> bytes:
-    """Payload of CONFIGURE; its CRC-32 is what values are valid for.
+    """Payload of CONFIGURE; values refer to its CRC-32.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class Receiver:
         self._is_skipping = False
 
     def take(self, content: bytes) -> list[Frame]:
-        """The frames that ``content`` completes."""
+        """Frames that ``content`` completes."""
         found = []
         for byte in content:
             if byte == 0:
@@ -159,7 +159,7 @@ class Receiver:
 
 
 def parsed(content: bytes) -> Frame | None:
-    """A frame without its zeros; None: not one of this version, or damaged."""
+    """Parse a frame without its zeros; None for other versions and damaged ones."""
     plain = uncobs(content)
     if plain is None or len(plain) < _HEAD.size + _CRC.size:
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a worker of the output process is asked; a worker ends with its owner."""
+"""Input of a worker of the output process; a worker ends with its owner."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .messages import Message, MessageError, read_message
 
 
 def messages_of_owner(source: BinaryIO) -> SimpleQueue[Message]:
-    """Messages as they come; at their end the process ends at once, whatever it does."""
+    """Queue of messages from the owner; at their end the process ends at once."""
     waiting: SimpleQueue[Message] = SimpleQueue()
     threading.Thread(target=_read, args=(source, waiting), daemon=True).start()
     return waiting

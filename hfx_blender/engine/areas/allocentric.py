@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Allocentric areas: what a body feels of the volumes and surfaces around it."""
+"""Allocentric areas: samples of the volumes and surfaces around a body."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class AllocentricAreas:
         block: AnimationBlock,
         reach: BlockBroadPhase,
     ) -> Callable[[], SampleRun | None]:
-        """Begin with a volume's contacts with a body; what is returned waits for them."""
+        """Begin the contacts of a volume with a body; the returned function finishes them."""
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
         rows = with_pose(of_read(rows, pose), posed, body, self._builder.counters)
@@ -97,7 +97,7 @@ class AllocentricAreas:
         skin: BodySkin,
         hits: contacts.Contacts,
     ) -> SampleRun | None:
-        """What contacts feel like."""
+        """Make a run of samples from contacts."""
         if not len(hits.rows):
             return None
         positions, velocities = self._builder.motion(
@@ -138,7 +138,7 @@ class AllocentricAreas:
         block: AnimationBlock,
         reach: BlockBroadPhase,
     ) -> SampleRun | None:
-        """What a body feels of a surface that it moves over."""
+        """Evaluate a surface that a body moves over."""
         pose = block.poses[self._builder.body_index[body.id]]
         rows = with_pose(of_read(rows, pose), reach.posed(body), body, self._builder.counters)
         if not len(rows):
@@ -177,7 +177,7 @@ class AllocentricAreas:
         reach: BlockBroadPhase,
         run: SampleRun | None,
     ) -> SampleRun | None:
-        """What a volume's response makes of its contacts with a body."""
+        """Evaluate the response of a volume to its contacts with a body."""
         pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
         rows = rows[np.isin(rows, posed)]

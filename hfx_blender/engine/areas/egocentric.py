@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Egocentric areas: what is felt is on the body itself, whatever stands around it."""
+"""Egocentric areas: samples of effects on the body itself."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class EgocentricAreas:
         rows: I64,
         block: AnimationBlock,
     ) -> SampleRun | None:
-        """A point that moves on the skin."""
+        """Evaluate a point that moves on the skin."""
         rows, focus = spot.focus_of(effect.name, area, animated, rows, self._builder.counters)
         k = self._builder.body_index[area.body_id]
         body, pose = self._builder.scene.bodies[k], block.poses[k]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What samples carry only if they are asked to: motion, depth, surface, how a contact began."""
+"""Optional contents of samples: motion, depth, surface, impacts."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
 ON_DEMAND: Final = frozenset({"positions", "velocities", "depth"})
-"""What samples carry only if they are asked to, and a track can hold."""
+"""Optional contents of samples that a track can hold."""
 
 ON_DEMAND_HERE: Final = frozenset({"surface", "impact"})
-"""What samples carry only if they are asked to, and no track holds."""
+"""Optional contents of samples that no track holds."""
 
 
 def motion(
@@ -62,7 +62,7 @@ def motion(
 
 
 def _by_row(animated: EffectBlock, hits: Contacts) -> Iterator[tuple[slice, Shape, F64, Details]]:
-    """Where each row's contacts are, with the volume's shape and matrix."""
+    """Contacts of each row, with the volume's shape and matrix."""
     assert animated.matrices is not None and hits.details is not None
     for k, row in enumerate(hits.rows):
         part = slice(int(hits.offsets[k]), int(hits.offsets[k + 1]))
@@ -89,7 +89,7 @@ def surface(animated: EffectBlock, hits: Contacts) -> tuple[F32, F32]:
 
 
 def impact(animated: EffectBlock, hits: Contacts, indices: I64, time: TimeBase) -> Impact:
-    """How contacts began since the sample before."""
+    """Impacts: contacts that began since the sample before."""
     count = len(hits.vertices)
     times, speeds = np.full(count, np.nan), np.full(count, np.nan, np.float32)
     normals = np.full((count, 3), np.nan, np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Making samples: what the runs of all kinds of areas share."""
+"""Sample runs: their construction, shared by all kinds of areas."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ I64 = npt.NDArray[np.int64]
 
 
 class SampleRunBuilder:
-    """Makes runs of one scene's samples.
+    """Builder of one scene's sample runs.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class SampleRunBuilder:
 
     @property
     def wants_motion(self) -> bool:
-        """Whether samples carry positions or velocities."""
+        """Test for recorded positions or velocities."""
         return bool(self.record & {"positions", "velocities"})
 
     def run(

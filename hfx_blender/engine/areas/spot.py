@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A spot: a disc on the skin that may move along a path, whatever the pose.
+"""Spot: a disc on the skin that may move along a path, independent of the pose.
 
 Mango's tactile animation object (Schneider et al., UIST 2015) on a body: position, radius,
 intensity, and a position of 0..1 along an optional path. Places are in the rest space of the
@@ -26,16 +26,16 @@ I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
 _LEAST: Final = 1e-3
-"""Weights up to this are nothing: below half of what a track's 8 bits can hold."""
+"""Weights up to this are dropped: below half of the resolution of a track's 8 bits."""
 
 
 def lengths_along(path: F64) -> F64:
-    """Way from the first of a path's points (n, 3) to each of them, (n,) metres."""
+    """Lengths from the first of a path's points (n, 3) to each of them, (n,) metres."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
 def places_on(path: F64, shares: F64) -> F64:
-    """Places (T, 3) at shares (T,) of a path's length; equal steps are equal ways on the skin.
+    """Places (T, 3) at shares (T,) of a path's length; equal steps are equal lengths on the skin.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def places_on(path: F64, shares: F64) -> F64:
 
 
 def half_radius_m(radius_m: float, falloff: Falloff) -> float:
-    """Where the strength of a disc is half of its full strength, or ends."""
+    """Radius at which the strength of a disc is half of its full strength, or ends."""
     return radius_m if falloff.is_flat else radius_m * (1.0 - 0.5 * falloff.share)
 
 
@@ -65,7 +65,7 @@ class SpotSets:
 
 
 class SpotSkin:
-    """Which vertices of one perceptual model a disc on the skin covers.
+    """Coverage of one perceptual model's vertices by a disc on the skin.
 
     A vertex stands for its cell of skin: what covers half of the way to the neighbours counts
     half. A disc smaller than the cells is felt between the nearest vertices, as strong as ever.
@@ -110,7 +110,8 @@ class SpotSkin:
         return vertices[kept].astype(np.int32), weights[kept].astype(np.float32)
 
     def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
-        """Vertex sets for T focus places; one that stays is there once, unless each has its own.
+        """Vertex sets for T focus places; equal successive ones are stored once, unless each has
+        its own.
 
         Parameters
         ----------
@@ -141,7 +142,7 @@ class SpotSkin:
 def focus_of(
     name: str, area: SpotArea, animated: EffectBlock, rows: I64, counters: Counters
 ) -> tuple[I64, F32]:
-    """Those of some rows of a block at which a spot is somewhere, and where it is, (n, 4)."""
+    """Rows at which a spot is somewhere, and its focus there, (n, 4)."""
     assert animated.place is not None
     along, radii = animated.place[rows].T
     is_known = np.isfinite(along) & np.isfinite(radii)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vector sensations: curves for single actuators of one device, past all rendering schemes.
+"""Vector sensations: curves for single actuators of one device, without rendering schemes.
 
 Schneider et al., UIST 2015: full control where someone wants it, one parameter curve for each
 actuator. Other effects add to it on the device, and the device's limits come after.
@@ -23,7 +23,7 @@ I64 = npt.NDArray[np.int64]
 def driven(
     name: str, area: ActuatorArea, animated: EffectBlock, rows: I64, counters: Counters
 ) -> tuple[I64, Drive]:
-    """Those of some rows of a block at which any actuator is driven, and how strongly."""
+    """Rows of a block at which any actuator is driven, and their drive."""
     assert animated.drive is not None
     values = animated.drive[rows]
     is_known = np.isfinite(values).all(axis=1)
@@ -38,7 +38,7 @@ def driven(
 
 
 def gains_of(drive: Drive, device_id: str, actuators: Sequence[str]) -> F64:
-    """How strongly A actuators of a device are driven, (n, A); 0 for any other device."""
+    """Gains of A actuators of a device, (n, A); 0 for any other device."""
     gains = np.zeros((len(drive.values), len(actuators)))
     if drive.device_id == device_id:
         place = {actuator: k for k, actuator in enumerate(drive.actuators)}

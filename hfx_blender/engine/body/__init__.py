@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptual models of the body: their parts, skin paths and files, and the rigs they fit."""
+"""Body: perceptual models, their parts, their skinning, and how they are built."""

@@ -26,7 +26,7 @@ _CLOSEST: Final = 3  # vertices that one between them takes its weight from
 
 @lru_cache(maxsize=8)
 def _links(model: PerceptualModel) -> tuple[I64, I64]:
-    """Each edge once in each direction: from, to."""
+    """Directed edges of a model's mesh: from and to, (2 E,) each, both directions of every edge."""
     triangles = model.triangles.astype(np.int64)
     ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     ends = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
@@ -34,7 +34,7 @@ def _links(model: PerceptualModel) -> tuple[I64, I64]:
 
 
 def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Each vertex takes the strongest weight among itself and its neighbours, ``steps`` times."""
+    """Dilate an area: each vertex takes the largest weight around it, ``steps`` times."""
     one, other = _links(model)
     for _ in range(steps):
         grown = weights.copy()
@@ -44,12 +44,12 @@ def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def shrink(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Each vertex takes the weakest weight among itself and its neighbours, ``steps`` times."""
+    """Erode an area: each vertex takes the smallest weight around it, ``steps`` times."""
     return 1.0 - grow(model, 1.0 - weights, steps)
 
 
 def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Each vertex moves half way to the mean of its neighbours, ``steps`` times."""
+    """Smooth an area: each vertex moves half way to the mean of its neighbours, ``steps`` times."""
     one, other = _links(model)
     count = np.maximum(np.bincount(one, minlength=len(weights)), 1)
     for _ in range(steps):
@@ -59,13 +59,13 @@ def smooth(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def mirrored(model: PerceptualModel, weights: F64) -> F64:
-    """The area on the other side of the body."""
+    """Mirror an area to the other side of the body."""
     found: F64 = weights[model.mirror]
     return found
 
 
 def symmetric(model: PerceptualModel, weights: F64, source_side: int) -> F64:
-    """The side ``source_side`` (index into ``parts.SIDES``) copied to the other one."""
+    """Copy the side ``source_side`` (index into ``parts.SIDES``) of an area to the other one."""
     found = weights.copy()
     others = model.side[model.mirror] == source_side
     others &= model.side != source_side
@@ -87,7 +87,7 @@ def blended(weights: F64, other: F64, blend: Blend) -> F64:
 
 
 def transferred(source: PerceptualModel, weights: F64, target: PerceptualModel) -> F64:
-    """An area of one modality's model on the model of another.
+    """Transfer an area from one modality's model to another.
 
     A vertex of a coarser model takes the mean over the skin that lies nearest to it, one of
     a finer model a weight between those of the nearest vertices, always of its own body part.

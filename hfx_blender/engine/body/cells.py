@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells of skin: which patch a vertex of the temperature model stands for.
+"""Cells of skin: the patch that each vertex of the temperature model represents.
 
 150 mm do not fit around a limb, so there a temperature vertex stands for a piece of skin that
 is measured along the surface. The skin is sampled by the vertices of the pressure model.
@@ -26,7 +26,7 @@ CELLS_FILE: Final = "cells.npz"
 
 
 def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
-    """The geodesic cell that each place of the skin lies in.
+    """Geodesic cell that contains each place of the skin.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def cell_of_skin(model: PerceptualModel) -> tuple[str, I32]:
 
 @lru_cache(maxsize=4)
 def _read(path: Path) -> tuple[tuple[str, str], str, I32]:
-    """Id and hash of the model, id of the finer one, owners."""
+    """Read the id and hash of the model, the id of the finer one, and the owners."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             owner = stored["owner"].astype(np.int32)

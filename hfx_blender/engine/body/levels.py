@@ -25,7 +25,7 @@ LEVELS_FILE: Final = "{modality}-levels.npz"
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Which vertices of a model stay, and which of them stands for each of all."""
+    """Vertices kept of a model, and the kept vertex that stands for each of its vertices."""
 
     vertices: I32  # (C,) ascending ids of the model
     triangles: I32  # (F, 3) of the level's own ids
@@ -33,7 +33,7 @@ class Level:
 
 
 def load_level(model_id: str, level: int) -> tuple[PerceptualModel, I32]:
-    """A model with fewer vertices, and the way from its own ids to them.
+    """Load a model with fewer vertices, and the mapping from its own ids to them.
 
     Nothing may refer to the ids of a level: effects, tracks and devices speak the model's own.
 
@@ -58,7 +58,7 @@ def load_level(model_id: str, level: int) -> tuple[PerceptualModel, I32]:
 
 
 def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
-    """:func:`load_level` of a model at hand, for instance as it was fitted to an avatar."""
+    """Apply :func:`load_level` to a given model, for instance one fitted to an avatar."""
     if level == 0:
         return model, np.arange(len(model), dtype=np.int32)
     levels = _levels_of(model)
@@ -86,7 +86,7 @@ def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
 
 
 def level_count(model: PerceptualModel) -> int:
-    """How many coarser levels a model has; none if it is coarse enough by itself."""
+    """Number of coarser levels of a model; 0 if it is coarse enough by itself."""
     return len(_levels_of(model))
 
 

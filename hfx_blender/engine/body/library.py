@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which body models there are: the shipped ones, and those that a user has built and installed.
+"""Index of body models: the shipped ones, and those that a user has built and installed.
 
 A set is a folder with a ``manifest.json``, as ``hfx body build`` writes it. The shipped set is
 looked in first; the user's sets, the folders in :func:`~hfx_blender.resources.user_body_models`,
@@ -33,7 +33,7 @@ class Entry:
 
     @property
     def path(self) -> Path:
-        """Its file."""
+        """File of the entry."""
         return self.folder / str(self.facts["file"])
 
     @property
@@ -79,12 +79,12 @@ def _entries(folder: Path, index: Mapping[str, Any], is_shipped: bool) -> list[E
 
 
 def shipped() -> list[Entry]:
-    """What comes with the product."""
+    """Entries that come with the product."""
     return _entries(resources.body_models(), manifest(), is_shipped=True)
 
 
 def installed() -> tuple[list[Entry], list[str]]:
-    """What the user has installed, by folder, without what the product ships itself.
+    """Entries that the user has installed, by folder, without those that the product ships.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def _two_of_one_id(one: Entry, other: Entry) -> str:
 
 
 def find(identity: str, kind: str = "model") -> Entry:
-    """Where a model or an avatar is, by its id.
+    """Find a model or an avatar by its id.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def find(identity: str, kind: str = "model") -> Entry:
 
 
 def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:
-    """The model that gives a model's vertex ids their meaning: itself, or what it varies.
+    """Model that defines a model's vertex ids: itself, or the one that it is a variant of.
 
     Parameters
     ----------

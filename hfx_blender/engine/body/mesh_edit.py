@@ -32,7 +32,7 @@ class Edges:
         return self.triangle[:, 1] < 0
 
     def exists(self, one: I64, other: I64) -> Bool:
-        """Whether pairs of vertices are joined by an edge."""
+        """Test pairs of vertices for a common edge, (N,)."""
         wanted = key(one, other, self.count)
         place = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
         found: Bool = self.keys[place] == wanted
@@ -40,7 +40,7 @@ class Edges:
 
 
 def key(one: I64, other: I64, count: int) -> I64:
-    """One number for an unordered pair of vertices."""
+    """Unique number of an unordered pair of vertices."""
     found: I64 = np.minimum(one, other) * count + np.maximum(one, other)
     return found
 
@@ -75,7 +75,7 @@ def neighbours(edges: Edges) -> tuple[I64, I64]:
 
 
 def expand(offsets: I64, rows: I64) -> tuple[I64, I64]:
-    """Positions of all entries of the given sparse rows, and which of ``rows`` each is of."""
+    """Indices of all entries of the given sparse rows, and the position in ``rows`` of each."""
     lengths = offsets[rows + 1] - offsets[rows]
     owner = np.repeat(np.arange(len(rows)), lengths)
     start = np.repeat(offsets[rows] - (np.cumsum(lengths) - lengths), lengths)
@@ -88,7 +88,7 @@ def scatter_ranks(count: int, seed: int) -> I64:
 
 
 def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
-    """Which of the candidate edges have the lowest rank of all within one step around them."""
+    """Candidate edges with the lowest rank of all within one step around them, as a mask."""
     worst = np.iinfo(np.int64).max
     own = np.full(edges.count, worst)
     np.minimum.at(own, one, rank)
@@ -110,7 +110,7 @@ def triangle_normals(points: F64, triangles: I64) -> F64:
 def collapsible(
     points: F64, normals: F64, triangles: I64, edges: Edges, gone: I64, kept: I64, fold: float
 ) -> Bool:
-    """Whether ``gone[i]`` can be merged into ``kept[i]`` without a fold or a pinch.
+    """Test edges for a collapse of ``gone[i]`` into ``kept[i]`` without a fold or a pinch.
 
     The two may share exactly the neighbours across their edge (the link condition, Dey et al.
     1999), and no triangle may turn from the skin by more than ``arccos(fold)``.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptual models and the shipped avatar: what they hold, and how they are stored.
+"""Perceptual models and the shipped avatar: their content and storage.
 
 All coordinates are *rest space*: the space of the canonical armature in its rest pose, metres,
 Z up, the body facing -Y, its left at +X, the soles at Z = 0.
@@ -47,10 +47,10 @@ _DAMAGE: Final = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What numpy, zipfile and zlib raise for damaged archives, as found by changing bytes."""
+"""Exceptions of numpy, zipfile and zlib for damaged archives, as found by changing bytes."""
 
 AVATAR_ID = "hfx-avatar-1"
-"""The shipped avatar, whose skeleton is the canonical one."""
+"""Id of the shipped avatar, whose skeleton is the canonical one."""
 
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
@@ -94,7 +94,7 @@ class PerceptualModel:
 
     @cached_property
     def content_hash(self) -> str:
-        """SHA-256 over everything that gives a vertex id its meaning, as hex."""
+        """SHA-256 over everything that defines the meaning of vertex ids, as hex."""
         return _content_hash(self)
 
     def __len__(self) -> int:
@@ -133,7 +133,7 @@ class Avatar:
 
 @dataclass(frozen=True, eq=False)
 class WalkCycle:
-    """One cycle of walking in place for the canonical skeleton, to be repeated."""
+    """Cycle of walking in place for the canonical skeleton, to be repeated."""
 
     rate_hz: float
     stride_m: float  # way covered in one cycle
@@ -237,7 +237,7 @@ _FACTS: Final = {"id": str, "modality": str, "bone_names": list, "provenance": d
 
 
 def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Refuse what is no perceptual model by the names, kinds and sizes of what it holds.
+    """Reject content that is no perceptual model, by names, kinds and sizes.
 
     Raises
     ------
@@ -282,7 +282,7 @@ def _refuse_strange(path: Path, meta: dict[str, Any], arrays: dict[str, Any]) ->
 
 
 def _taken(arrays: dict[str, Any], part: str) -> dict[str, Any]:
-    """The arrays of a part, which are no longer among the others."""
+    """Remove the arrays of a part from the others, and return them."""
     mine = [name for name in arrays if name.startswith(f"{part}.")]
     return {name.partition(".")[2]: arrays.pop(name) for name in mine}
 
@@ -292,7 +292,7 @@ def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
 
 
 def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
-    """Facts and arrays of a file, of these only those of a part; see :func:`load`."""
+    """Read facts and arrays of a file, or only those of a part; see :func:`load`."""
     try:
         arrays = _stored_arrays(path, part)
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
@@ -354,7 +354,7 @@ def load_model(model_id: str) -> PerceptualModel:
 
 @lru_cache(maxsize=4)
 def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
-    """The shipped avatar, or that of an installed variant.
+    """Load the shipped avatar, or that of an installed variant.
 
     Raises
     ------
@@ -366,7 +366,7 @@ def load_avatar(avatar_id: str = AVATAR_ID) -> Avatar:
 
 @lru_cache(maxsize=1)
 def load_skeleton() -> Skeleton:
-    """The canonical skeleton: that of the shipped avatar, of which nothing else is read."""
+    """Load the canonical skeleton: that of the shipped avatar, of which nothing else is read."""
     meta, arrays = _read(Avatar, library.find(AVATAR_ID, "avatar").path, "skeleton.")
     return _skeleton(meta, _taken(arrays, "skeleton"))
 

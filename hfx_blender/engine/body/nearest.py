@@ -10,7 +10,7 @@ import numpy as np
 from .mesh_edit import F64, I64, expand, triangle_normals
 
 _CANDIDATES: Final = 8
-"""Enough for any mesh without slivers."""
+"""Number of candidate triangles, enough for any mesh without slivers."""
 
 
 def locate(

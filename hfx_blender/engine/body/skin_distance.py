@@ -25,7 +25,7 @@ _FEWEST_ROUNDS: Final = 8
 _ROUNDS_PER_RING: Final = 2.0
 """A round settles at least one more ring of vertices; the rest is for detours."""
 _MARGIN_M: Final = 0.06
-"""How much more skin is made ready than is asked for, so that a moving place stays on it."""
+"""Additional radius of prepared skin, metres, so that a moving place stays on it."""
 
 _NEAR_CORNERS: Final = 8
 """Vertices whose triangles are tried for the nearest place: enough for a mesh without slivers."""
@@ -42,7 +42,7 @@ class SkinPlace:
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """The part of a mesh round a centre, with everything that its triangles need.
+    """Part of a mesh around a centre, with the data of its triangles.
 
     Each triangle has three entries, one for each corner as its apex, sorted by apex.
     """
@@ -63,7 +63,7 @@ class _Patch:
     above_m: F64  # (3 T,) ... and beside it
 
     def taken(self, entries: I64) -> _Patch:
-        """The same with some of its entries only."""
+        """Copy of the patch with only some of its entries."""
         return replace(
             self,
             apex=self.apex[entries],
@@ -91,7 +91,7 @@ class SkinDistances:
         self._patch: _Patch | None = None
 
     def nearest(self, point: F64) -> SkinPlace:
-        """The place of the surface that is nearest to a point (3,)."""
+        """Find the place of the surface that is nearest to a point (3,)."""
         point = np.asarray(point, np.float64)
         patch = self._around(point, 0.0)
         offsets = patch.points - point
@@ -123,7 +123,7 @@ class SkinDistances:
         return patch.ids[within], distances[within]
 
     def _around(self, point: F64, reach_m: float) -> _Patch:
-        """A patch that holds all skin within reach; kept as long as the point stays in it."""
+        """Patch that holds all skin within reach; cached as long as the point stays in it."""
         known = self._patch
         if known is not None:
             moved = float(np.linalg.norm(point - known.centre))
@@ -169,7 +169,7 @@ def _patch(points: F64, triangles: I64, centre: F64, nearest_m: float, radius_m:
 
 
 def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
-    """Distances of a patch's vertices along the skin, those beyond reach too far."""
+    """Distances of a patch's vertices along the skin; upper bounds beyond reach."""
     straight = np.linalg.norm(patch.points - point, axis=1)
     distances = np.full(len(straight), _FAR)
     distances[source] = straight[source]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Paths drawn on the skin: shortest ways, curves through places, what a hand has traced."""
+"""Paths drawn on the skin: shortest paths, curves through places, traced lines."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 STEP_M: Final = 0.004
-"""Between the points of a finished path: less than any two-point threshold but a fingertip's."""
+"""Spacing of a finished path's points, metres: less than any two-point threshold but a
+fingertip's."""
 
 OFF_SKIN_M: Final = 0.05
-"""A place that is farther from the skin than this is not on the body."""
+"""Largest distance from the skin at which a place counts as on the body, metres."""
 
 _COARSE_M: Final = 0.04
 _TIGHT_M: Final = 0.012
@@ -31,7 +32,7 @@ _SAME_PLACE_M: Final = 1e-7
 
 
 class SkinPaths:
-    """Draws on one triangle mesh.
+    """Path tool for one triangle mesh.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ class SkinPaths:
         return found
 
     def straight(self, knots: F64, closed: bool = False) -> F64:
-        """The shortest way along the skin from each place to the next, (n, 3)."""
+        """Shortest path along the skin through the places in order, (n, 3)."""
         parts = [self._shortest(a, b) for a, b in _pairs(knots, closed)]
         return _joined(parts, knots)
 
@@ -95,7 +96,7 @@ class SkinPaths:
         return self._projected(np.concatenate([smooth[0][:1], *(part[1:] for part in smooth)]))
 
     def traced(self, places: F64) -> tuple[F64, F64]:
-        """What a hand has traced, and at which share of its length each place (n,) is."""
+        """Path traced by hand, and the fraction of its length at each place, (n,)."""
         path, where = [places[0]], [0]
         for a, b in _pairs(places, closed=False):
             length = float(np.linalg.norm(b - a))
@@ -128,7 +129,7 @@ class SkinPaths:
         return found
 
     def _shortest(self, a: F64, b: F64) -> F64:
-        """From one place on the skin to another: over edges first, then pulled tight."""
+        """Find the shortest path between two places on the skin: over edges, then tightened."""
         if np.linalg.norm(b - a) <= _SAME_PLACE_M:
             return np.stack([a, b])
         path = self._over_edges(a, b)
@@ -145,7 +146,7 @@ class SkinPaths:
 
     @staticmethod
     def _tightened(path: F64, near: SurfaceLocator) -> F64:
-        """Each point but the ends in the middle of its neighbours, on the skin."""
+        """Tighten a path: move each point to the middle of its neighbours until it settles."""
         path = path.copy()
         path[1:-1] = near.locate(path[1:-1])[2]
         for _ in range(_MOST_ROUNDS):
@@ -206,7 +207,7 @@ def _length(path: F64) -> float:
 
 
 def _distinct(knots: F64) -> F64:
-    """Without places that come twice in a row."""
+    """Drop places that repeat the one before."""
     kept = np.concatenate([[True], _steps(knots) > _SAME_PLACE_M])
     found: F64 = knots[kept]
     return found

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nearest places on a triangle mesh that is asked again and again."""
+"""Nearest places on a triangle mesh, prepared for repeated queries."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TRIES: Final = 4
 
 
 class SurfaceLocator:
-    """The same as :func:`~hfx_blender.engine.body.nearest.locate`, made ready once.
+    """Prepared search of :func:`~hfx_blender.engine.body.nearest.locate` on one mesh.
 
     Parameters
     ----------

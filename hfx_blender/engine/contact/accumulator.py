@@ -36,7 +36,7 @@ _AT_ONCE: Final = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class ContactAccumulator:
-    """What has been found so far, at rows and vertices of all clusters that are needed."""
+    """Contact accumulator: results so far, at rows and vertices of all clusters that are needed."""
 
     broad: VolumeBroadPhase
     counters: Counters
@@ -50,7 +50,7 @@ class ContactAccumulator:
     def empty(
         cls, broad: VolumeBroadPhase, needed: Bool, counters: Counters, with_details: bool
     ) -> ContactAccumulator:
-        """Nothing, of the rows and clusters ``needed`` (n, clusters)."""
+        """Empty accumulator for the rows and clusters ``needed`` (n, clusters)."""
         is_column = needed.any(axis=0)[broad.skin.cluster_of]
         columns = np.flatnonzero(is_column).astype(np.int32)
         shape = len(broad.rows), len(columns)
@@ -89,8 +89,8 @@ class ContactAccumulator:
             self.weights[row, self.column_of[vertex]] = found
 
     def look_at_skin(self, wide: Bool, followed: Bool) -> None:
-        """Weights of cells, of rows and clusters ``wide`` (n, clusters), and of what passed
-        before the rows of those ``followed``."""
+        """Add weights of cells, at rows and clusters ``wide`` (n, clusters), and of passages before
+        the rows of those ``followed``."""
         broad, surface = self.broad, self.broad.skin.surface
         needed = wide | followed
         needed[:-1] |= followed[1:]
@@ -121,7 +121,7 @@ class ContactAccumulator:
             self._follow(skin, followed[row, pair])
 
     def _look_natively(self, pairs: compiled_broad_phase.Pairs, some: I64) -> None:
-        """The same by the library."""
+        """:meth:`look_at_skin` by the library."""
         broad, table = self.broad, self.broad.skin.skin.table
         surface, target = broad.skin.surface, broad.target
         posed = surface.posed(some, broad.pose, broad.rows, broad.to_shape)
@@ -150,7 +150,7 @@ class ContactAccumulator:
         )
 
     def _allowed_m(self, some: I64, clusters: I64, rows: I64) -> F64:
-        """How far skin of pairs of ``some`` clusters may be from its samples, metres (pairs,)."""
+        """Accepted distance of the skin of cluster-row pairs from its samples, metres (pairs,)."""
         broad, distance_m = self.broad, self.broad.skin.skin.tolerance.distance_m
         if not math.isfinite(distance_m):
             return np.full(len(clusters), distance_m)
@@ -174,7 +174,7 @@ class ContactAccumulator:
         self.weights[self._places(skin, felt)] = found[felt]
 
     def _follow(self, skin: PosedSkin, later: Bool) -> None:
-        """Cells that were passed since the row before; at the row before they were not felt."""
+        """Add cells that were passed since the row before, without contact at that row."""
         if not later.any():
             return
         broad, target = self.broad, self.broad.target
@@ -197,7 +197,7 @@ class ContactAccumulator:
             self.weights[places] = np.maximum(self.weights[places], weights)
 
     def place_all(self, needed: Bool) -> None:
-        """Tell where contacts are: at the vertex if that is inside, else at the deepest."""
+        """Set the places of contacts: the vertex if that is inside, else the deepest sample."""
         broad, vertices = self.broad, self.broad.skin.vertices
         target = broad.target
         assert self.details is not None and self.inside is not None
@@ -219,7 +219,7 @@ class ContactAccumulator:
 
 
 def _batches(clusters: I64, sizes: I64) -> Iterator[slice]:
-    """Pairs of ascending clusters, those of each together, as many at a time as have few points."""
+    """Cut pairs of ascending clusters into batches with few points, each cluster whole."""
     total = np.cumsum(sizes[clusters])
     if total[-1] <= _AT_ONCE:
         yield slice(0, len(clusters))

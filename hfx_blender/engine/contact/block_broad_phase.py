@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of a block can touch at all: known before any cluster of skin is looked at.
+"""Per-block broad phase on whole-body and whole-volume boxes.
 
 A volume whose box, over all times of a block, keeps clear of a body's box costs a few numbers;
 clusters are bounded only where some volume comes near.
@@ -28,13 +28,13 @@ _FEWEST: Final = 32
 """Volumes times rows from which looking at whole boxes first pays."""
 
 _UPRIGHT: Final = 0.05
-"""Determinant over the product of the columns' lengths: far above what counts as flattened."""
+"""Determinant over the product of the columns' lengths: far above that of flattened matrices."""
 
 _ROUNDING: Final = 1e-12
 
 
 class BlockBroadPhase:
-    """What is known of a block's volumes and bodies, each found out once.
+    """Broad-phase data of a block's volumes and bodies, each computed once.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class BlockBroadPhase:
         return self._bounds[key]
 
     def is_clear(self, animated: EffectBlock, body: BodyDescription, model_id: str) -> bool:
-        """Whether a volume surely touches no skin of a model on a body, at any time of the block.
+        """Test that a volume surely touches no skin of a model on a body, at any time of the block.
 
         A volume that is flattened or not a number is never clear: it is to be told of.
         """
@@ -87,7 +87,7 @@ class BlockBroadPhase:
         return not self._near[key][number]
 
     def _largest_turn(self, body: BodyDescription) -> float:
-        """By how much a body turns at most from a row to the next, radians."""
+        """Largest rotation of a body from one row to the next, radians."""
         if body.id not in self._turns:
             pose, rows = self._block.poses[self._number[body.id]], self.posed(body)
             angles = turned_by(pose.to_world[rows[:-1]], pose.to_world[rows[1:]])
@@ -110,7 +110,7 @@ class BlockBroadPhase:
 
 
 class _VolumeBoxes:
-    """Of each volume of a block a world box around all that it is and moves through."""
+    """World boxes of a block's volumes, each around all that the volume moves through."""
 
     def __init__(self, block: AnimationBlock) -> None:
         volumes = [each for each in block.effects if each.matrices is not None and each.shapes]
@@ -127,7 +127,7 @@ class _VolumeBoxes:
         )
 
     def meet(self, low: F64, high: F64) -> list[bool]:
-        """Which volumes may meet a box, (number of volumes,)."""
+        """Volumes that may meet a box, (number of volumes,) bool."""
         meets = ((self._low <= high) & (self._high >= low)).all(axis=1)
         found: list[bool] = (meets | ~self._sure).tolist()
         return found

@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Broad phase: which clusters of a body's skin a volume can reach, at which rows, and between."""
+"""Broad phase: clusters of a body's skin that a volume can reach, at rows and between them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ..kinematics.motion import turns_since_before
+from ..kinematics.motion import Motion, turns_since_before
 from ..native.skin import PosedBones
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
+from ..volume.mesh import MeshVolume
 from ..volume.placement import world_bounds
 from ..volume.shape import Falloff, Shape
 from . import continuous_collision
@@ -23,6 +26,9 @@ from .target import Target
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
+
+
+_PARTS: Final = 8  # of the way of a turning mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +43,12 @@ class ReachableBounds:
 
     @property
     def boxes(self) -> tuple[F64, F64, F64, F64]:
-        """All but the rows."""
+        """Boxes without the rows."""
         return self.low, self.high, self.of_rows, self.of_clusters
 
     @classmethod
     def around(cls, rows: I64, low: F64, high: F64) -> ReachableBounds:
-        """Of the boxes of clusters."""
+        """Bounds of the skin's clusters, from boxes (n, C, 3) at some rows."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
         # Where a row's is not a number, what the cluster does at the others still counts.
         lowest = np.fmin.reduce(low, axis=0, initial=np.inf)
@@ -107,7 +113,7 @@ class VolumeBroadPhase:
         )
 
     def reached(self, falloff: Falloff) -> tuple[Bool, Bool]:
-        """Which clusters the volume can reach, and in which vertices tell enough, (n, C).
+        """Clusters that the volume can reach, and those where vertices suffice, (n, C) bool each.
 
         They do where all is inside, and where strength hardly changes within a cell.
         """
@@ -125,7 +131,7 @@ class VolumeBroadPhase:
         return reached, simple
 
     def _is_even(self, reached: Bool) -> Bool:
-        """Where strength differs so little within cells that their vertices tell enough, (n, C).
+        """Test clusters for strength so even within cells that their vertices suffice, (n, C) bool.
 
         A cell's mean is no farther from the value at its vertex than the steepest slope times
         the mean distance of its skin, as it is posed. What is not reached is even.
@@ -146,20 +152,17 @@ class VolumeBroadPhase:
         return even
 
     def followed(self, follows: Bool, simple: Bool, *, always: bool) -> Bool:
-        """Which clusters may meet the volume between a row and the one before it, (n, C)."""
+        """Clusters that may meet the volume between a row and the one before it, (n, C) bool."""
         followed = np.zeros(simple.shape, np.bool_)
         edge_m = self.skin.skin.edge_m
         if not follows.any() or not math.isfinite(edge_m):
             return followed
         later = np.flatnonzero(follows)
         earlier = later - 1
-        swing = self._swings(later)
-        low, high = self.boxes[:, 0], self.boxes[:, 1]
-        near = np.minimum(low[later], low[earlier]) - swing[:, None]
-        far = np.maximum(high[later], high[earlier]) + swing[:, None]
+        low, high = self._swept_boxes(later)
         meets = (
-            (np.minimum(self.low[later], self.low[earlier]) <= far[:, None])
-            & (np.maximum(self.high[later], self.high[earlier]) >= near[:, None])
+            (np.minimum(self.low[later], self.low[earlier]) <= high[:, None])
+            & (np.maximum(self.high[later], self.high[earlier]) >= low[:, None])
         ).all(axis=2)
         if self.target.falloff.is_flat:
             # From wholly inside nothing enters; to there it is felt anyway.
@@ -175,7 +178,7 @@ class VolumeBroadPhase:
         return followed
 
     def _unseen_m(self, later: I64, edge_m: float) -> F64:
-        """How far skin may move before some rows without being followed, metres (n,)."""
+        """Largest untracked motion of skin before some rows, metres (n,)."""
         limits = np.zeros(len(later))
         which = self.target.which[later]
         for k in np.unique(which).tolist():
@@ -189,13 +192,43 @@ class VolumeBroadPhase:
             )
         return limits
 
-    def _swings(self, later: I64) -> F64:
-        """How far turning may take anything out of both ends' boxes, metres (n,)."""
+    def _swept_boxes(self, later: I64) -> tuple[F64, F64]:
+        """World boxes of what the volume may meet since the rows before some, (n, 3) each.
+
+        A mesh that turns is looked at in parts of its way: there its skin costs most, and the
+        ends of half a turn do not show how little a blade passes through.
+        """
+        earlier = later - 1
+        low = np.minimum(self.boxes[later, 0], self.boxes[earlier, 0])
+        high = np.maximum(self.boxes[later, 1], self.boxes[earlier, 1])
+        is_turning = self._turns[0, later] > 0.0
+        parts = np.ones(len(later))
+        for shape, mine in self._meshes:
+            some = np.flatnonzero(is_turning & mine[later])
+            rows, parts[some] = later[some], _PARTS
+            motion = Motion.between(self.matrices[rows - 1], self.matrices[rows])
+            for share in np.arange(1, _PARTS) / _PARTS:
+                boxes = world_bounds(shape, motion.at(share))
+                low[some] = np.minimum(low[some], boxes[:, 0])
+                high[some] = np.maximum(high[some], boxes[:, 1])
+        swing = self._swings(later, parts)[:, None]
+        return low - swing, high + swing
+
+    @property
+    def _meshes(self) -> Iterator[tuple[Shape, Bool]]:
+        """Meshes that occur, and whether a row has them, (n,)."""
+        for k in np.unique(self.target.which).tolist():
+            if isinstance(self.target.shapes[k], MeshVolume):
+                yield self.target.shapes[k], self.target.which == k
+
+    def _swings(self, later: I64, parts: F64) -> F64:
+        """How far turning may take anything out of the boxes of ``parts`` (n,) of the volume's
+        way, and of both ends of the skin's, metres (n,)."""
         swing = np.zeros(len(later))
-        own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1]
-        skin = self.pose.to_world[self.rows], self.low, self.high
-        for turns, (matrices, low, high) in zip(self._turns, (own, skin), strict=True):
-            angles = turns[later]
+        own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1], parts
+        skin = self.pose.to_world[self.rows], self.low, self.high, 1.0
+        for turns, (matrices, low, high, share) in zip(self._turns, (own, skin), strict=True):
+            angles = turns[later] / share
             if angles.any():
                 lowest, highest = low.min(axis=1), high.max(axis=1)
                 origins = matrices[:, :3, 3]
@@ -206,7 +239,7 @@ class VolumeBroadPhase:
         return swing
 
     def _moves(self, clusters: I64, earlier: I64, later: I64) -> F64:
-        """How far clusters can have moved against the volume, metres (n, k)."""
+        """Upper bound of the displacement of clusters relative to the volume, metres (n, k)."""
         surface = self.skin.surface
         if self.bones is not None and isinstance(surface, SkinnedModel):
             linear = self.matrices[later, :3, :3]
@@ -221,7 +254,9 @@ class VolumeBroadPhase:
         )
 
     def followed_in_steps(self, later: Bool, clusters: I64, rows: I64) -> I64:
-        """Straight steps that follow pairs of a cluster and a row, (pairs,); 0 where not later."""
+        """Number of straight steps that track pairs of a cluster and a row, (pairs,); 0 where not
+        later.
+        """
         steps = later.astype(np.int64)
         turns = self._turns.sum(axis=0)
         turning = np.flatnonzero(later & (turns[rows] > 0.0))
@@ -234,7 +269,7 @@ class VolumeBroadPhase:
         return steps
 
     def drift(self, steps: int) -> continuous_collision.Drift:
-        """How skin drifts in the intervals that end at the rows from the second on."""
+        """Relative motion of skin in the intervals that end at the rows from the second on."""
         if steps not in self._drifts:
             to_world = self.pose.to_world[self.rows]
             self._drifts[steps] = continuous_collision.Drift.of(
@@ -244,7 +279,9 @@ class VolumeBroadPhase:
 
     @cached_property
     def bones(self) -> PosedBones | None:
-        """What bones do to the skin, rest to shape space; None where the library is not there."""
+        """Matrices of the bones that move the skin, rest to shape space; None without the
+        library.
+        """
         return self.skin.posed_bones(self.pose, self.rows, self.to_shape)
 
     @cached_property
@@ -253,12 +290,12 @@ class VolumeBroadPhase:
 
     @cached_property
     def _turns(self) -> F64:
-        """By how much the volume, and the body, turns since the row before, radians (2, n)."""
+        """Angles by which the volume, and the body, turns since the row before, radians (2, n)."""
         return turns_since_before(self.matrices, self.pose.to_world[self.rows])
 
 
 def _enclosed(shape: Shape, inverses: F64, low: F64, high: F64, candidates: Bool) -> Bool:
-    """Which cluster boxes, world space (n, C, 3), lie wholly inside a convex shape, (n, C)."""
+    """Cluster boxes, world space (n, C, 3), that lie wholly inside a convex shape, (n, C) bool."""
     row, cluster = np.nonzero(candidates)
     if not len(row):
         return np.zeros_like(candidates)

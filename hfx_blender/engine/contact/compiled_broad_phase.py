@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which clusters of skin a volume can reach; ``reach.c``."""
+"""Broad phase of contact: clusters of skin that a volume can reach; ``reach.c``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NOT: Final = 0
 COVERED: Final = 1
 BY_VERTEX: Final = 2
 WHOLE: Final = 3
-"""How the cells of a pair are looked at."""
+"""Kind of test for the cells of a pair."""
 
 _Pairs = structure(
     "hfx_pairs",
@@ -64,7 +64,7 @@ def _library() -> ctypes.CDLL:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Clusters, ascending, each at some rows, ascending, and what is wanted of them.
+    """Cluster-row pairs, ascending, with the kind of test for each.
 
     Where a pair is followed, the one before it is the same cluster at the row before.
     """
@@ -88,7 +88,7 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """What is looked at."""
+    """Result of the broad phase: cluster-row pairs for the narrow phase."""
 
     pairs: Pairs
     clusters: I64  # each of them once
@@ -99,7 +99,7 @@ class Reached:
 
 
 class CompiledBroadPhase:
-    """Which clusters a volume can reach, at which rows, and between.
+    """Broad phase of one volume and one body: clusters that can be reached, row by row.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class CompiledBroadPhase:
         return met[:count]
 
     def reach(self, posed: F64, used: UsedBones, own: Outline | None, groups: Any) -> Reached:
-        """What is looked at; to be called once.
+        """Finish the broad phase; to be called once.
 
         Parameters
         ----------

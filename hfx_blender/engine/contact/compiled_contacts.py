@@ -29,12 +29,12 @@ FoundContacts = tuple[I64, I64, I64, I32, gathering.Weights]
 
 
 def is_possible(query: ContactQuery) -> bool:
-    """Whether the library is there and knows this volume and what moves the body."""
+    """Test that the library is there and supports this volume and this body's binding."""
     return isinstance(query.skin.surface, SkinnedModel) and is_known(query.effect.shapes)
 
 
 def begin(query: ContactQuery) -> Callable[[], FoundContacts] | None:
-    """Begin to find vertices whose skin is inside; None where a row has no usable volume.
+    """Begin the contacts of a body with a volume; None where the volume is unusable at some row.
 
     As :func:`.contacts.begin`; rows are places among those of the query.
     """
@@ -94,7 +94,7 @@ def begin(query: ContactQuery) -> Callable[[], FoundContacts] | None:
 
 
 def _posing(skin: BodySkin, reached: compiled_broad_phase.Reached) -> native.Posing:
-    """How places come about; skin that is covered or followed is filled in."""
+    """Source of positions for the library; fills in skin that is covered or followed."""
     assert isinstance(skin.surface, SkinnedModel)
     if len(reached.wide):
         skin.skin.table.need(reached.wide)

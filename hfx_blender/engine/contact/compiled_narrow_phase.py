@@ -53,7 +53,7 @@ def _library() -> ctypes.CDLL:
 
 @dataclass(frozen=True, eq=False)
 class Posing:
-    """How the places of pairs come about: by the matrices of bones, or they are known."""
+    """Source of the positions of cluster-row pairs: matrices of bones, or known positions."""
 
     clusters: Clusters | None = None
     own: Clusters | None = None  # of vertices of cells, where these are not units of the surface
@@ -72,7 +72,7 @@ def look_at_skin(
     column_of: I64,
     threads: Threads | None = None,
 ) -> Callable[[], int]:
-    """Contact weights of cells, of what is inside and of what passed; see ``ContactAccumulator``.
+    """Compute contact weights of cells inside and of passages; see ``ContactAccumulator``.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ much longer than the rest."""
 
 
 def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
-    """The pairs in parts of about as many places each, clusters kept whole."""
+    """Split pairs into parts with similar numbers of points, clusters kept whole."""
     total = np.cumsum(table.place_counts[pairs.clusters])
     count = int(total[-1]) // _WORTH
     if count < 2:
@@ -146,7 +146,7 @@ def _parts(pairs: Pairs, table: Table) -> list[Pairs]:
 
 
 class _Look:
-    """One call for some pairs, with all that it needs."""
+    """One call of the library for some pairs, with its arguments."""
 
     def __init__(
         self,
@@ -184,7 +184,7 @@ class _Look:
         )
 
     def take(self) -> int:
-        """Do it, while other threads of Python may run; how many places were posed."""
+        """Run the call without the interpreter lock; returns the number of positions posed."""
         _library().hfx_look_at_skin(*self._arguments)
         count: int = self._found.posed
         return count

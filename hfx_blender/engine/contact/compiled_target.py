@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes that have a formula, and where they and a body are; ``placing.c``, ``broad.h``."""
+"""Volumes that have a formula, and their placement relative to a body; ``placing.c``,
+``broad.h``.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_known(shapes: Sequence[Shape]) -> bool:
-    """Whether the library is there and knows all of some volumes."""
+    """Test that the library is there and knows the formulas of all given volumes."""
     return all(type(shape) in _KINDS for shape in shapes) and _calls() is not None
 
 
@@ -103,13 +105,13 @@ _ROW: Final[dict[str, tuple[int, ...]]] = {
     "boxes": (2, 3),
     "turns": (2,),
 }
-"""What ``hfx_target`` has of each row, in this order: shapes of arrays."""
+"""Fields of ``hfx_target`` for each row, in this order: shapes of arrays."""
 
 _ENDS: Final = np.cumsum([0, *(np.prod(shape, dtype=int) for shape in _ROW.values())]).tolist()
 
 
 class PlacedTarget(Target):
-    """A volume and a body where they are at some rows of a block.
+    """Volume and body, placed at some rows of a block.
 
     Parameters
     ----------

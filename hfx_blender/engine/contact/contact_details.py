@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where contacts are and how they began, for samples that are asked for it."""
+"""Place and beginning of contacts, for samples that record them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """More about each contact, in shape space.
+    """Details of each contact, in shape space.
 
     The *place* of a contact is the vertex where that is inside, else the deepest sample of its
     skin; of a contact that is over when the sample is taken, the deepest halfway through.
@@ -40,7 +40,7 @@ class Details:
         )
 
     def of(self, rows: I64, columns: I64) -> Details:
-        """Those of some contacts, by their rows and columns."""
+        """Details of some contacts, by their rows and columns."""
         return Details(
             self.places[:, rows, columns],
             self.since[rows, columns],
@@ -57,7 +57,7 @@ def tell_deepest(
     shapes: Sequence[Shape],
     matrices: F64,
 ) -> None:
-    """Place contacts whose vertex is outside at the deepest of their samples.
+    """Place contacts whose vertex is outside at their deepest sample.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bodies against volumes: whose skin is inside, and how much of it.
+"""Contact of bodies with volumes: vertices whose skin is inside, and the share of it.
 
 Broad phase: boxes of vertex clusters against boxes of volumes, in the world. Narrow phase:
 only the clusters that a volume can reach are posed, straight into the volume's shape space,
@@ -37,7 +37,7 @@ Weights = npt.NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Vertices whose skin is inside a volume over some times; a set that stays is held once."""
+    """Contacts of a body with a volume over some times; equal successive sets are stored once."""
 
     rows: I64  # (n,) rows of the block at which anything is inside, ascending
     sets: I64  # (n,) which vertex set each has, from 0, rising by 0 or 1
@@ -73,7 +73,7 @@ def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
 
 
 def begin(query: ContactQuery) -> Callable[[], Contacts]:
-    """Begin to find the vertices of a body whose skin is inside a volume at some rows.
+    """Begin the contacts of a body with a volume at some rows of a block.
 
     Returns
     -------

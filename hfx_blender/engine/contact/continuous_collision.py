@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contacts between two samples: what passes too fast for either to see.
+"""Continuous collision detection: contacts between two samples, too fast for either to see.
 
 Samples of skin move straight in the volume's own space, in as many steps as its turning asks
 for, and each step is tested exactly, so that no wall is too thin. Slow motion is not looked at:
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -22,6 +21,7 @@ from ..tolerance import Tolerance
 from ..volume.mesh import MeshVolume
 from ..volume.placement import inverse_placement
 from ..volume.shape import Falloff, Shape
+from ..volume.ways import Ways
 from .contact_details import Details
 from .narrow_phase import WHOLE, Inside, sampled, steps_of, vertex_sample_suffices
 from .target import Target, steepest
@@ -41,7 +41,8 @@ _ALONG: Final = 5  # places of a passage at which falloff is looked up
 def max_untracked_motion_m(
     shape: Shape, inverses: F64, falloff: Falloff, tolerance: Tolerance, edge_m: float
 ) -> F64:
-    """How far skin may move against a volume between two samples without being followed, metres.
+    """Largest motion of skin relative to a volume between two samples that needs no tracking,
+    metres.
 
     Half of the volume's least width, so that nothing passes through it, and no more than can
     hide a contact of depth ``edge_m``, or one that falloff keeps weaker than the tolerance.
@@ -59,7 +60,9 @@ def max_untracked_motion_m(
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How points that rest in a body's frame move in a volume's space, in ``n`` intervals."""
+    """Relative motion, in a volume's space, of points that rest in a body's frame, in ``n``
+    intervals.
+    """
 
     steps: int
     from_before: F64  # (steps + 1, n, 4, 4) shape space at the start to the frame's later place
@@ -67,7 +70,7 @@ class Drift:
 
     @classmethod
     def of(cls, volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> Drift:
-        """From placing matrices (n, 4, 4) before and after; ``steps`` of even length."""
+        """Interpolate placing matrices (n, 4, 4) before and after, in ``steps`` of even length."""
         if steps == 1:
             return cls(1, np.zeros((0, 0, 4, 4)), np.zeros((0, 0, 4, 4)))
         volumes, bodies = Motion.between(*volume), Motion.between(*body)
@@ -79,26 +82,9 @@ class Drift:
         back = [inverse_placement(matrices)[0] @ volume[k] for k, matrices in enumerate(body)]
         return cls(steps, path @ back[0], path @ back[1])
 
-    def path(self, before: F64, after: F64, rows: I64) -> F64:
-        """Places of points (3, N) in intervals that end at ``rows`` (N,): (steps + 1, 3, N)."""
-        if self.steps == 1:
-            return np.stack([before, after])
-        places = np.zeros((self.steps + 1, *before.shape))
-        intervals = rows - 1
-        for k in range(self.steps + 1):
-            share = k / self.steps
-            if share < 1.0:
-                places[k] += (1.0 - share) * _moved(self.from_before[k], before, intervals)
-            if share > 0.0:
-                places[k] += share * _moved(self.from_after[k], after, intervals)
-        places[0], places[-1] = before, after
-        return places
-
-
-def _moved(matrices: F64, points: F64, rows: I64) -> F64:
-    moved: F64 = np.einsum("nij,jn->in", matrices[rows, :3, :3], points)
-    moved += matrices[rows, :3, 3].T
-    return moved
+    def ways(self, before: F64, after: F64, rows: I64) -> Ways:
+        """Ways of points (3, N) in intervals that end at ``rows`` (N,)."""
+        return Ways(before, after, rows - 1, self.from_before, self.from_after)
 
 
 def steps_for(angles: F64, moves_m: F64, edge_m: float) -> I64:
@@ -121,12 +107,10 @@ class Crossings:
     first: F64  # (N,) shares of the interval
     last: F64  # (N,)
     shares: F64  # (N,) contact weight times share of the cell's area
-    entries: F64  # (3, N) where they entered, shape space
-    ways: F64  # (3, N) how they moved then in a whole interval, shape space
-    middles: F64  # (3, N) halfway through
+    ways: Ways  # shape space
 
     def peaks(self, count: int) -> F64:
-        """The most that was inside of each contact's cell at one moment, (count,)."""
+        """Largest share of each contact's cell inside at one moment, (count,)."""
         key = np.concatenate([self.contacts] * 2)
         when = np.concatenate([self.first, self.last])
         is_exit = np.repeat([False, True], len(self.contacts))
@@ -146,20 +130,22 @@ class Crossings:
         """Fill in how contacts began; ``places`` gives rows and columns of some contacts."""
         order = np.lexsort((self.first, self.contacts))
         order = order[np.flatnonzero(np.diff(self.contacts[order], prepend=-1))]
-        at = places(self.contacts[order])
-        details.since[at] = self.first[order]
-        details.entries[:, *at] = self.entries[:, order]
-        details.ways[:, *at] = self.ways[:, order]
+        at, first = places(self.contacts[order]), self.first[order]
+        path = self.ways.taken(order).path()
+        step, which = _steps_at(path, first), np.arange(len(order))
+        details.since[at] = first
+        details.entries[:, *at] = _along(path, first)
+        moves = path[step + 1, :, which] - path[step, :, which]
+        details.ways[:, *at] = moves.T * self.ways.steps
 
     def inside(self, posed: PosedSkin) -> Inside:
-        """Where they were halfway through."""
+        """Samples inside, at the middle of their passage."""
         rows, cells = posed.cells_of(self.contacts)
-        return Inside(rows, cells, self.middles)
+        return Inside(rows, cells, _along(self.ways.path(), 0.5 * (self.first + self.last)))
 
 
 def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool) -> I64:
-    """Slots of pairs ``later`` (pairs,), each followed from the pair before it, whose skin may
-    have met the volume on the way.
+    """Slots of pairs ``later`` (pairs,) whose skin may have met the volume since the pair before.
 
     The clearance of a point changes by no more than it moves: on a straight way of length l
     between clearances a and b it is nowhere less than (a + b - l) / 2.
@@ -180,7 +166,7 @@ def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool)
 
 
 def _slots_before(posed: PosedSkin, slots: I64) -> I64:
-    """The same units in the pairs before those of some slots."""
+    """Slots of the same units in the pairs before."""
     before: I64 = slots - posed.table.unit_counts[posed.clusters[posed.pairs[slots]]]
     return before
 
@@ -193,7 +179,7 @@ def _places_before(posed: PosedSkin, slots: I64) -> I64:
 
 
 def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Crossings:
-    """Which samples of skin enter a volume in between.
+    """Find the samples of skin that enter a volume in between.
 
     Parameters
     ----------
@@ -209,15 +195,15 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
     earlier = _slots_before(posed, slots)
     reaches = np.maximum(posed.reaches[slots], posed.reaches[earlier])
     before = posed.points.take(_places_before(posed, slots), axis=1)
-    path = drift.path(before, posed.points.take(posed.at[slots], axis=1), rows)
-    near = _may_meet(path, reaches, rows, target)
-    slots, pairs, unit, path = slots[near], pairs[near], unit[near], path[:, :, near]
+    ways = drift.ways(before, posed.points.take(posed.at[slots], axis=1), rows)
+    near = np.flatnonzero(target.comes_near(ways, reaches, rows))
+    slots, pairs, unit, ways = slots[near], pairs[near], unit[near], ways.taken(near)
     earlier = earlier[near]
     told = vertex_sample_suffices(posed, slots, target) & vertex_sample_suffices(
         posed, earlier, target
     )
     shares = np.where(told, table.unit_shares[unit], table.vertex_shares[unit])
-    found = [_entered(posed, path, slots, shares, target)]
+    found = [_entered(posed, ways, slots, shares, target)]
     split = np.flatnonzero(~told & table.is_split)
     owner, quad = table.quads_of(unit[split])
     slots, pairs = slots[split][owner], pairs[split][owner]
@@ -232,74 +218,45 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
     paths = (sampled(posed, slots, quad, corners, steps, target) for corners in rings)
     for start, end in zip(*paths, strict=True):
         rows = posed.rows_of(start.slots)
-        path = drift.path(start.points, end.points, rows)
-        found.append(_entered(posed, path, start.slots, start.shares, target))
+        ways = drift.ways(start.points, end.points, rows)
+        found.append(_entered(posed, ways, start.slots, start.shares, target))
     return _joined(found)
 
 
 def _stays_outside(
     posed: PosedSkin, rings: list[tuple[I64, I64, I64]], slots: I64, target: Target
 ) -> Bool:
-    """Which quads of slots move straight on one side of a plane beside the volume, all the way."""
+    """Test quads for straight motion on one side of a plane beside the volume, all the way."""
     rows, clusters = posed.rows_of(slots), posed.clusters[posed.pairs[slots]]
     stretches = np.maximum(target.stretches[rows - 1], target.stretches[rows])
     corners = [posed.points.take(corner, axis=1) for ring in rings for corner in ring]
     return target.parted(corners, rows, posed.table.bulge_m[clusters] * stretches)
 
 
-def _may_meet(path: F64, reaches: F64, rows: I64, target: Target) -> I64:
-    """Which balls of radii ``reaches`` (N,) on paths (steps + 1, 3, N) may meet the volume.
-
-    Every convex shape here holds the unit ball, so that within a factor 1 + r of it is all that
-    is nearer than r.
-    """
-    size = 1.0 + reaches
-    meets = np.zeros(len(rows), np.bool_)
-    for start, end in pairwise(path):
-        first, _ = target.passages_of_hull(start, end, size, rows)
-        meets |= np.isfinite(first)
-    return np.flatnonzero(meets)
-
-
-def _entered(posed: PosedSkin, path: F64, slots: I64, shares: F64, target: Target) -> Crossings:
-    """Samples that are inside somewhere on their path, (steps + 1, 3, N)."""
-    steps, rows = len(path) - 1, posed.rows_of(slots)
-    first = np.full(len(rows), np.inf)
-    last = -first
-    entries, ways = np.zeros((3, len(rows))), np.zeros((3, len(rows)))
-    for k in range(steps):
-        enter, leave = target.passages(path[k], path[k + 1], rows)
-        came = np.flatnonzero(np.isinf(first) & np.isfinite(enter))
-        first[came] = (k + enter[came]) / steps
-        way = path[k + 1][:, came] - path[k][:, came]
-        entries[:, came] = path[k][:, came] + enter[came] * way
-        ways[:, came] = way * steps
-        inside = np.isfinite(leave)
-        last[inside] = (k + leave[inside]) / steps
+def _entered(posed: PosedSkin, ways: Ways, slots: I64, shares: F64, target: Target) -> Crossings:
+    """Samples that are inside somewhere on their ways."""
+    first, last = target.passages(ways, posed.rows_of(slots))
     kept = np.flatnonzero(np.isfinite(first))
-    first, last, rows, slots = first[kept], last[kept], rows[kept], slots[kept]
-    path = path[:, :, kept]
+    first, last, slots, ways = first[kept], last[kept], slots[kept], ways.taken(kept)
     strength = np.ones(len(kept))
     if not target.falloff.is_flat:
-        strength = np.zeros(len(kept))
+        rows, path, strength = posed.rows_of(slots), ways.path(), np.zeros(len(kept))
         for share in np.linspace(0.0, 1.0, _ALONG):
             at = _along(path, first + share * (last - first))
             np.maximum(strength, target.weights(at, rows), out=strength)
-    return Crossings(
-        posed.contacts_of(slots),
-        first,
-        last,
-        shares[kept] * strength,
-        entries[:, kept],
-        ways[:, kept],
-        _along(path, 0.5 * (first + last)),
-    )
+    return Crossings(posed.contacts_of(slots), first, last, shares[kept] * strength, ways)
+
+
+def _steps_at(path: F64, share: F64) -> I64:
+    """Which steps of polylines (steps + 1, 3, N) shares (N,) of their time are in."""
+    steps = len(path) - 1
+    found: I64 = np.clip((share * steps).astype(np.int64), 0, steps - 1)
+    return found
 
 
 def _along(path: F64, share: F64) -> F64:
     """Places on polylines (steps + 1, 3, N) at shares (N,) of their time, (3, N)."""
-    steps = len(path) - 1
-    step = np.clip((share * steps).astype(np.int64), 0, steps - 1)
+    steps, step = len(path) - 1, _steps_at(path, share)
     which = np.arange(path.shape[2])
     start, end = path[step, :, which].T, path[step + 1, :, which].T
     places: F64 = start + (share * steps - step) * (end - start)
@@ -307,16 +264,11 @@ def _along(path: F64, share: F64) -> F64:
 
 
 def _joined(parts: list[Crossings]) -> Crossings:
-    none = np.zeros(0)
-    empty = np.zeros((3, 0))
-    start = Crossings(none.astype(np.int64), none, none, none, empty, empty, empty)
-    parts = [start, *parts]
+    """All of them; their ways are of the same intervals."""
     return Crossings(
         np.concatenate([part.contacts for part in parts]),
         np.concatenate([part.first for part in parts]),
         np.concatenate([part.last for part in parts]),
         np.concatenate([part.shares for part in parts]),
-        np.concatenate([part.entries for part in parts], axis=1),
-        np.concatenate([part.ways for part in parts], axis=1),
-        np.concatenate([part.middles for part in parts], axis=1),
+        Ways.joined([part.ways for part in parts]),
     )

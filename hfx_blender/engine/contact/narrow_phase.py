@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Narrow phase: how much of each cell of skin is inside a volume.
+"""Narrow phase: the share of each cell of skin that is inside a volume.
 
 Only units of skin that the boundary may cut are sampled: one whose vertex is farther from the
 boundary than its skin reaches is wholly on one side. Where strength falls off so slowly that it
@@ -24,7 +24,7 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 WHOLE: Final = 1.0 - 1e-9
-"""A sum of shares that is rounding away from 1."""
+"""Sum of shares that counts as 1 despite rounding."""
 
 _AT_ONCE: Final = 1 << 15
 """Samples that are looked at together: their places stay in the processor's cache."""
@@ -32,7 +32,7 @@ _AT_ONCE: Final = 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class Inside:
-    """Samples of skin that are inside, for what is asked for on demand."""
+    """Samples of skin inside a volume, for optional details."""
 
     rows: I64  # (N,)
     cells: I64  # (N,) as the skin's table counts them
@@ -103,7 +103,7 @@ def coverage_weights(
 
 
 def vertex_sample_suffices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
-    """Which of some slots need no samples: strength at the vertices of units is close enough.
+    """Test slots for vertices that suffice: strength at the units' vertices is close enough.
 
     The mean over a unit's skin differs from its vertex by no more than the steepest change of
     strength times the mean distance from the vertex, wherever it is; a cell differs by the mean
@@ -136,7 +136,9 @@ def _inside(posed: PosedSkin, slots: I64, points: F64) -> Inside:
 
 
 def _sides(posed: PosedSkin, slot: I64, quad: I64, target: Target) -> tuple[Bool, Bool]:
-    """Which quads, each of a slot, are wholly inside, and which may be cut by the boundary."""
+    """Classify quads, each of a slot: wholly inside, and possibly cut by the boundary, two bool
+    (k,).
+    """
     table, clear, pairs = posed.table, posed.clear, posed.pairs[slot]
     corners = posed.corners(pairs, quad)
     rows = posed.rows[pairs]
@@ -164,7 +166,7 @@ class Samples:
         return np.repeat(self.owners, len(self.shares) // max(len(self.owners), 1))
 
     def summed(self, weights: F64) -> F64:
-        """What weights of samples (N,) are of the cell's area, of each quad (Q,)."""
+        """Weighted share of the cell's area, of each quad (Q,), from weights of samples (N,)."""
         by_quad = (each.reshape(len(self.owners), -1) for each in (weights, self.shares))
         sums: F64 = np.einsum("qs,qs->q", *by_quad)
         return sums
@@ -173,7 +175,7 @@ class Samples:
 def steps_of(
     posed: PosedSkin, pairs: I64, quads: I64, corners: tuple[I64, I64, I64], target: Target
 ) -> I64:
-    """How many samples quads of pairs need both ways, as they are posed, (P,).
+    """Number of samples along each side of the quads of pairs, as they are posed, (P,).
 
     As many as at rest, until a pose takes skin farther from its samples than is accepted; and
     no more than the finest, which tell how much is covered however far the skin is stretched.
@@ -208,7 +210,7 @@ def sampled(
     steps: I64,
     target: Target,
 ) -> Iterator[Samples]:
-    """Where the skin of quads is: (P,) quads of slots, with the points of their corners."""
+    """Sample the skin of quads: (P,) quads of slots, with the points of their corners."""
     table = posed.table
     for number in np.flatnonzero(np.bincount(steps)).tolist():
         mine = np.flatnonzero(steps == number)

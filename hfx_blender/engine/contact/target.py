@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A volume at some rows, as points of its shape space are tested against it."""
+"""Contact tests of points in shape space against a volume at some rows."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,8 @@ from ..volume.analytic import Cuboid
 from ..volume.mesh import MeshVolume
 from ..volume.parting import parted
 from ..volume.shape import Falloff, FalloffKind, Shape
-from ..volume.sweep import clearance, passage
+from ..volume.sweep import clearance, passage, passage_along
+from ..volume.ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -28,7 +30,7 @@ _LAST: Final = np.array([2, 0, 1])
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A volume at some rows, as points of its shape space are tested against it."""
+    """Volume at some rows, for tests of points in its shape space."""
 
     shapes: tuple[Shape, ...]
     which: I64  # (n,) the shape of each row
@@ -40,7 +42,7 @@ class Target:
 
     @cached_property
     def places(self) -> list[tuple[Shape, slice | I64]]:
-        """Each shape that occurs, and its rows."""
+        """Shapes that occur, each with its rows."""
         if len(self.shapes) == 1:
             return [(self.shapes[0], slice(None))]
         found = np.unique(self.which).tolist()
@@ -51,7 +53,7 @@ class Target:
         return all(shape.is_convex for shape in self.shapes)
 
     def slopes_of(self, rows: I64) -> F64:
-        """Largest change of weight for a way of 1 in shape space, at some rows (k,)."""
+        """Largest change of weight for a distance of 1 in shape space, at some rows (k,)."""
         slopes = np.zeros(len(rows))
         which = self.which[rows]
         for k in np.unique(which).tolist():  # of a mesh it takes a search: only of what occurs
@@ -60,7 +62,7 @@ class Target:
 
     @cached_property
     def stretches(self) -> F64:
-        """No less than what the world is stretched by into shape space, (n,)."""
+        """Upper bound of the stretch from the world into shape space, (n,)."""
         gram = self.to_shape @ self.to_shape.transpose(0, 2, 1)
         stretches: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
         return stretches
@@ -97,36 +99,37 @@ class Target:
             np.maximum(clear, 0.0, out=clear)
         return clear
 
-    def passages(self, starts: F64, ends: F64, rows: I64) -> tuple[F64, F64]:
-        """See :func:`passage`, (N,) each."""
+    def passages(self, ways: Ways, rows: I64) -> tuple[F64, F64]:
+        """See :func:`passage_along`, (N,) each."""
         if len(self.shapes) == 1:
-            return passage(self.shapes[0], starts, ends)
-        first = np.full(starts.shape[1], np.inf)
+            return passage_along(self.shapes[0], ways)
+        first = np.full(len(rows), np.inf)
         last = -first
         which = self.which[rows]
         for k in np.unique(which):
             mine = np.flatnonzero(which == k)
-            first[mine], last[mine] = passage(self.shapes[k], starts[:, mine], ends[:, mine])
+            first[mine], last[mine] = passage_along(self.shapes[k], ways.taken(mine))
         return first, last
 
-    def passages_of_hull(self, starts: F64, ends: F64, size: F64, rows: I64) -> tuple[F64, F64]:
-        """As :meth:`passages`, of convex hulls that are larger by factors ``size`` (N,)."""
-        first = np.full(starts.shape[1], np.inf)
-        last = -first
+    def comes_near(self, ways: Ways, reaches: F64, rows: I64) -> Bool:
+        """Which balls of radii ``reaches`` (N,) may meet the volume on their ways, or be in it.
+
+        Every convex shape here holds the unit ball, so that within a factor 1 + r of it is all
+        that is nearer than r.
+        """
+        meets = np.zeros(len(rows), np.bool_)
         which = self.which[rows]
         for k in np.unique(which):
             mine = np.flatnonzero(which == k)
-            shape = self.shapes[k]
-            one, other = starts[:, mine], ends[:, mine]
-            if not shape.is_convex:
-                low, high = shape.bounds
-                middle, half = 0.5 * (low + high)[:, None], 0.5 * (high - low)
-                shape, half = Cuboid(), half[:, None] + (size[mine] - 1.0)
-                one, other = (one - middle) / half, (other - middle) / half
+            shape, some, reach = self.shapes[k], ways.taken(mine), reaches[mine]
+            near = shape.comes_near(some, reach) if isinstance(shape, MeshVolume) else None
+            if near is None:
+                near = _meets_hull(shape, some, reach)
             else:
-                one, other = one / size[mine], other / size[mine]
-            first[mine], last[mine] = passage(shape, one, other)
-        return first, last
+                assert isinstance(shape, MeshVolume)
+                near |= shape.contains(some.before)
+            meets[mine] = near
+        return meets
 
     def outwards(self, along: F64, across: F64, rows: I64) -> F64:
         """Normals of triangles with these two edges (3, N), each at one of the rows (N,).
@@ -158,7 +161,7 @@ class Target:
 
     @cached_property
     def _turns(self) -> tuple[F64, F64]:
-        """Of cross products in shape space: to their vectors in the world, and these back."""
+        """Linear maps of cross products between shape space and the world, forth and back."""
         matrices = self.to_shape
         with np.errstate(all="ignore"):
             # A matrix A turns cross products by det(A) times its inverse transposed.
@@ -170,6 +173,19 @@ class Target:
             np.ascontiguousarray(to_world.transpose(1, 2, 0)),
             np.ascontiguousarray(forth.transpose(1, 2, 0)),
         )
+
+
+def _meets_hull(shape: Shape, ways: Ways, reaches: F64) -> Bool:
+    """Which balls may meet a shape, or the box around one that is not convex."""
+    middle, half = np.zeros((3, 1)), 1.0 + reaches
+    if not shape.is_convex:
+        low, high = shape.bounds
+        middle, half = 0.5 * (low + high)[:, None], 0.5 * (high - low)[:, None] + reaches
+        shape = Cuboid()
+    meets = np.zeros(len(reaches), np.bool_)
+    for start, end in pairwise((ways.path() - middle) / half):
+        meets |= np.isfinite(passage(shape, start, end)[0])
+    return meets
 
 
 def _weights(shape: Shape, points: F64, falloff: Falloff) -> F64:

@@ -63,7 +63,7 @@ def from_eulers(angles: F64, order: str) -> F64:
 
 
 def from_axis_angles(values: F64) -> F64:
-    """Rotation matrices (..., 3, 3) of (angle, x, y, z); without an axis there is no turn."""
+    """Rotation matrices (..., 3, 3) of (angle, x, y, z); identity without an axis."""
     half = values[..., :1] / 2
     lengths = np.linalg.norm(values[..., 1:], axis=-1, keepdims=True)
     axis = values[..., 1:] / np.where(lengths > 0.0, lengths, 1.0)

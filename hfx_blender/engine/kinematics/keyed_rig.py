@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An armature whose bones follow their keyed channels and their parents, and nothing else."""
+"""Armature whose bones follow only their keyed channels and their parents."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
-"""By rotation mode; those that are left out are orders of Euler angles."""
+"""Channels by rotation mode; the other modes are orders of Euler angles."""
 
 
 def rotation_channel(mode: str) -> str:
-    """The channel that turns a bone or an object in one of Blender's rotation modes."""
+    """Name of the rotation channel of a bone or an object in one of Blender's rotation modes."""
     return ROTATION_CHANNELS.get(mode, "rotation_euler")
 
 
 @dataclass(frozen=True, eq=False)
 class KeyedRig:
-    """What does not change over time about B bones, as plain data.
+    """Constant data of B bones that follow their keyed channels.
 
     Attributes
     ----------

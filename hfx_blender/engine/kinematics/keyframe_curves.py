@@ -24,7 +24,7 @@ _PRECISION = 1e-10
 
 
 class Interpolation(IntEnum):
-    """How a curve goes from one key to the next."""
+    """Interpolation of a curve between one key and the next."""
 
     CONSTANT = 0
     LINEAR = 1
@@ -109,7 +109,7 @@ def _shortened(x: F64, y: F64, handle: F64, length: F64) -> tuple[F64, F64]:
 
 
 def _parameter_at(x: F64, x1: F64, x2: F64, x3: F64) -> F64:
-    """Where a cubic from 0 to ``x3`` that never runs back is at ``x``: its parameter, 0..1."""
+    """Parameter (0..1) at which a monotonic cubic from 0 to ``x3`` has the value ``x``."""
     a, b, c = 3 * x1, 3 * (x2 - 2 * x1), x3 - 3 * x2 + 3 * x1
     low, high = np.zeros(np.broadcast_shapes(x.shape, a.shape)), np.ones(1)
     high = np.ones_like(low)

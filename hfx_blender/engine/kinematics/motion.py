@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How placements move between two samples, of which nothing but the ends is known.
+"""Interpolation of placements between two samples.
 
 The origin of an object moves straight, its axes turn about it by the shortest way and stretch
 evenly: what keys of location, rotation and scale do between two frames.
@@ -32,7 +32,7 @@ class Motion:
 
     @classmethod
     def between(cls, before: F64, after: F64) -> Motion:
-        """From matrices (n, 4, 4) at both ends."""
+        """Interpolate between matrices (n, 4, 4) at both ends."""
         one, other = _polar(before[:, :3, :3]), _polar(after[:, :3, :3])
         axes, angles = _axis_angle(other[0] @ one[0].transpose(0, 2, 1))
         return cls(
@@ -54,7 +54,7 @@ class Motion:
 
 
 def largest_stretch(matrices: F64) -> F64:
-    """No less than what matrices (n, 3 or 4, 4) stretch any direction by, (n,)."""
+    """Upper bound of the stretch of any direction by matrices (n, 3 or 4, 4), (n,)."""
     linear = matrices[:, :3, :3]
     gram = linear @ linear.transpose(0, 2, 1)
     stretch: F64 = np.sqrt(np.abs(gram).sum(axis=2).max(axis=1))
@@ -62,14 +62,14 @@ def largest_stretch(matrices: F64) -> F64:
 
 
 def longest_axis(linear: F64) -> F64:
-    """What matrices (..., 3, 3) make of the axis that they make most of, (...); they stretch
-    some way by no less."""
+    """Length of the longest axis under matrices (..., 3, 3), (...): a lower bound of their
+    stretch."""
     longest: F64 = np.sqrt(np.square(linear).sum(axis=-2).max(axis=-1))
     return longest
 
 
 def turned_by(before: F64, after: F64) -> F64:
-    """By how much placements (n, 4, 4) turn, radians (n,); exactly 0 where they do not."""
+    """Angles of rotation between placements (n, 4, 4), radians (n,); exactly 0 for no rotation."""
     if native.is_there():
         return native.turns(before, after)
     still = (before[:, :3, :3] == after[:, :3, :3]).all(axis=(1, 2))
@@ -81,7 +81,9 @@ def turned_by(before: F64, after: F64) -> F64:
 
 
 def turns_since_before(*placements: F64) -> F64:
-    """By how much each of some placements (n, 4, 4) turns since the row before, radians (k, n)."""
+    """Angles of rotation since the row before, for each of k sequences (n, 4, 4), radians
+    (k, n).
+    """
     turns = np.zeros((len(placements), len(placements[0])))
     for turn, matrices in zip(turns, placements, strict=True):
         turn[1:] = turned_by(matrices[:-1], matrices[1:])

@@ -37,7 +37,8 @@ def _library() -> ctypes.CDLL:
 
 
 class Outline:
-    """What of a model bones move, cluster by cluster. A pair is a cluster and one of its bones.
+    """Boxes of what each bone moves of a model, cluster by cluster. A pair is a cluster and one of
+    its bones.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known at rest of how large cells can be in a pose; ``cell_groups.c``."""
+"""Upper bounds of the sizes of cells in a pose, from what is known at rest; ``cell_groups.c``."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ class CellGroups:
         self._kept: dict[int, list[npt.NDArray[Any]]] = {}
 
     def lacking(self, clusters: I64) -> I64:
-        """Those that are not filled in, ascending."""
+        """Clusters that are not filled in yet, ascending."""
         return lacking(self._is_known, clusters)
 
     def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
-        """What is filled in of a cluster, in the order of ``hfx_groups``."""
+        """Arrays filled in for a cluster, in the order of ``hfx_groups``."""
         return tuple(self._kept[cluster])
 
     def add(

@@ -28,7 +28,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_there() -> bool:
-    """Whether this can be called."""
+    """Test for the compiled function."""
     return _calls() is not None
 
 
@@ -67,6 +67,6 @@ def split(pieces: list[I32], vertices: F32, load: I64 | None, leaf_size: int) ->
 
 
 def cut(ids: I32, ends: I64) -> list[I32]:
-    """Pieces of an array that end there."""
+    """Split an array into pieces that end at the given places."""
     last = ends.tolist()
     return [ids[first:end] for first, end in zip([0, *last], last, strict=False)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From pairs of clusters and rows to lists of contacts; ``gather.c``."""
+"""Compaction of weights of cluster-row pairs into lists of contacts; ``gather.c``."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ _COLUMNS: WeakKeyDictionary[Table, dict[bytes, tuple[I32, I64]]] = WeakKeyDictio
 
 
 def columns_of(clusters: I64, table: Table) -> tuple[I32, I64]:
-    """Vertices of some clusters, ascending, and where each of the table's cells is among them,
-    which is only told of these clusters. Not to be changed: they are kept."""
+    """Columns of some clusters: their vertices, ascending, and the column of each of the table's
+    cells, valid for these clusters only. Not to be changed: they are kept."""
     known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
     if key not in known:
         if len(known) >= _MOST_COLUMNS:
@@ -69,7 +69,7 @@ def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
 def gathered(
     weights: Weights, columns: I32, reported: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
-    """What is felt, row by row; see :class:`..contact.contacts.Contacts`.
+    """Gather contacts row by row; see :class:`..contact.contacts.Contacts`.
 
     Returns
     -------

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from . import sources
 
-INTERFACE: Final = 4
+INTERFACE: Final = 5
 """That of ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
@@ -36,7 +36,7 @@ DOUBLE: Final[Any] = ctypes.c_double
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """The library, loaded once; None where there is none that fits."""
+    """Library, loaded once; None without a fitting one."""
     return _found()[0]
 
 
@@ -58,7 +58,7 @@ def _found() -> tuple[ctypes.CDLL | None, str]:
 
 
 def _places() -> Iterator[Path]:
-    """Files that are there: beside this one, then in the module that a Blender extension brings.
+    """Existing files: beside this one, then in the module that a Blender extension brings.
 
     That one is named after the sources' digest; nothing of it is imported.
     """
@@ -98,7 +98,7 @@ def _load(path: Path) -> ctypes.CDLL:
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Whether the end of a library for Linux is missing: loading it would end the process."""
+    """Test a library for Linux for a missing end: loading such a file would end the process."""
     with path.open("rb") as file:
         head = file.read(64)
         size = file.seek(0, os.SEEK_END)
@@ -112,7 +112,7 @@ _SECTIONS: Final = ((40, 48), (58, 60), (60, 62))  # where the table at the end 
 
 
 def pointer(array: npt.NDArray[Any] | None) -> int | None:
-    """Where an array begins. It must be contiguous, and live until the call is over."""
+    """Address of an array's data. The array must be contiguous, and live until the call is over."""
     if array is None:
         return None
     memory: Any = array
@@ -127,12 +127,12 @@ _address, _first = ctypes.addressof, ctypes.c_char.from_buffer
 
 
 def f64(array: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """The same as contiguous float64."""
+    """Contiguous float64 copy or view of an array."""
     return np.ascontiguousarray(array, np.float64)
 
 
 def i64(array: npt.ArrayLike) -> npt.NDArray[np.int64]:
-    """The same as contiguous int64."""
+    """Contiguous int64 copy or view of an array."""
     return np.ascontiguousarray(array, np.int64)
 
 

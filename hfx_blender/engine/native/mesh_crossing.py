@@ -1,18 +1,40 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where straight ways cross a mesh's surface, compiled; see ``volume/mesh_crossing.py``."""
+"""Ways of points across a mesh's surface, compiled; see ``volume/mesh_crossing.py``."""
 
 from __future__ import annotations
 
 import ctypes
 from functools import cache
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .library import INTEGER, POINTER, f64, library, pointer
+from .library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
 from .mesh_tree import NativeTree
 
+if TYPE_CHECKING:
+    from ..volume.ways import Ways
+
 F64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+MOST_STEPS: Final = 64  # of a way
+
+_Surface = structure(
+    "hfx_surface",
+    boxes=POINTER,
+    order=POINTER,
+    size=INTEGER,
+    corners=POINTER,
+    slack=DOUBLE,
+    middle=POINTER,
+)
+_Ways = structure(
+    "hfx_ways",
+    **dict.fromkeys(("count", "steps", "all"), INTEGER),
+    **dict.fromkeys(("from_before", "from_after", "interval", "before", "after"), POINTER),
+)
 
 
 @cache
@@ -20,18 +42,36 @@ def _calls() -> ctypes.CDLL:
     """The library, with the arguments of these functions."""
     found = library()
     assert found is not None
-    found.hfx_mesh_crossings.argtypes = (
-        [POINTER] * 2 + [INTEGER, POINTER, ctypes.c_double]
-        + [POINTER] * 3 + [INTEGER] + [POINTER] * 2
-    )  # fmt: skip
-    found.hfx_mesh_crossings.restype = None
+    for each in (found.hfx_mesh_crossings, found.hfx_mesh_nears):
+        each.argtypes, each.restype = [POINTER] * 4, None
     return found
 
 
-def crossings(
-    tree: NativeTree, slack: float, middle: F64, starts: F64, ends: F64
-) -> tuple[F64, F64]:
-    """When points that move straight first and last cross the surface, (N,) each.
+class _Call:
+    """The structures that both functions take; they hold what these point to."""
+
+    def __init__(self, tree: NativeTree, slack: float, middle: F64, ways: Ways) -> None:
+        if ways.steps > MOST_STEPS:
+            raise ValueError(f"ways: expected at most {MOST_STEPS} steps, got {ways.steps}")
+        self._arrays = (
+            *(f64(middle), f64(ways.from_before), f64(ways.from_after)),
+            *(i64(ways.intervals), f64(ways.before), f64(ways.after)),
+        )
+        middle_at, *places = [pointer(each) for each in self._arrays]
+        triangles = pointer(tree.corners)
+        self._surface = _Surface(
+            pointer(tree.boxes), pointer(tree.order), tree.size, triangles, slack, middle_at
+        )
+        all_intervals = ways.from_before.shape[1]
+        self._ways = _Ways(ways.before.shape[1], ways.steps, all_intervals, *places)
+        self.addresses: tuple[Any, Any] = (
+            ctypes.addressof(self._surface),
+            ctypes.addressof(self._ways),
+        )
+
+
+def crossings(tree: NativeTree, slack: float, middle: F64, ways: Ways) -> tuple[F64, F64]:
+    """When points on their ways first and last cross the surface, (N,) each.
 
     Parameters
     ----------
@@ -40,7 +80,7 @@ def crossings(
         How much its boxes are too small.
     middle : (3,) float64
         What the tree is about, in the points' space.
-    starts, ends : (3, N) float64
+    ways : Ways
 
     Returns
     -------
@@ -48,11 +88,15 @@ def crossings(
         From 0 at the start to 1 at the end; infinite, and minus infinity, where nothing is
         crossed and where a place is not finite.
     """
-    middle, starts, ends = f64(middle), f64(starts), f64(ends)
-    first, last = np.empty(starts.shape[1]), np.empty(starts.shape[1])
-    _calls().hfx_mesh_crossings(
-        pointer(tree.boxes), pointer(tree.order), tree.size, pointer(tree.corners), slack,
-        pointer(middle), pointer(starts), pointer(ends), starts.shape[1], pointer(first),
-        pointer(last),
-    )  # fmt: skip
+    first, last = np.empty(len(ways.intervals)), np.empty(len(ways.intervals))
+    call = _Call(tree, slack, middle, ways)
+    _calls().hfx_mesh_crossings(*call.addresses, pointer(first), pointer(last))
     return first, last
+
+
+def comes_near(tree: NativeTree, slack: float, middle: F64, ways: Ways, reaches: F64) -> Bool:
+    """Which ways may come within ``reaches`` (N,) of the surface; see :func:`crossings`."""
+    reaches, near = f64(reaches), np.empty(len(ways.intervals), np.uint8)
+    call = _Call(tree, slack, middle, ways)
+    _calls().hfx_mesh_nears(*call.addresses, pointer(reaches), pointer(near))
+    return near.astype(np.bool_)

@@ -51,8 +51,8 @@ def distances(tree: NativeTree, points: F64) -> F64:
 
 
 def distances_at_least(tree: NativeTree, points: F64, share: float) -> F64:
-    """As :func:`distances`, never more and never less than a ``share`` below 1 of it, in far less
-    time where points that follow each other are near each other."""
+    """Lower bound of :func:`distances`, at least ``share`` (below 1) of each; much faster where
+    consecutive points are near each other."""
     points = f64(points)
     found = np.empty(points.shape[1])
     _calls().hfx_mesh_distances_at_least(
@@ -63,8 +63,8 @@ def distances_at_least(tree: NativeTree, points: F64, share: float) -> F64:
 
 
 def distances_beyond(tree: NativeTree, points: F64, limit: float, slack: float, width: int) -> F64:
-    """As ``TriangleTree.distances_beyond``, of finite points (3, N); ``width`` boxes are
-    followed for a first guess."""
+    """``TriangleTree.distances_beyond`` for finite points (3, N); ``width`` boxes are followed for
+    a first guess."""
     points = f64(points)
     found = np.empty(points.shape[1])
     nodes, away = np.empty(2 * width, np.int64), np.empty(2 * width)

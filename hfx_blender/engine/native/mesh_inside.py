@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which points are inside a closed mesh, compiled; see ``volume/mesh_inside.py``."""
+"""Inside test of a closed mesh, compiled; see ``volume/mesh_inside.py``."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _calls() -> ctypes.CDLL:
 
 
 def bounds_in_columns(corners: F64, listed: I64, columns: I64, cells: I64, margin: float) -> I64:
-    """Where listed triangles are in their columns: eight bounds of each in one number.
+    """Bounds of listed triangles within their columns: eight bounds packed into one number each.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class NativeGrid:
         self._at = [pointer(array) for array in self._arrays]
 
     def contains(self, points: F64) -> Bool:
-        """Whether each point of (3, N) is inside, (N,); NaN is outside."""
+        """Inside test of points (3, N), (N,) bool; NaN is outside."""
         points = f64(points)
         inside = np.empty(points.shape[1], np.bool_)
         _calls().hfx_mesh_inside(pointer(points), points.shape[1], *self._at, pointer(inside))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which actuators what is felt reaches, by ``source/rendering.c``."""
+"""Actuator gains from vertex weights, by ``source/rendering.c``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def strongest(
     factors: F32 | None,
     actuator_count: int,
 ) -> F64 | None:
-    """How strongly each actuator fires, by the largest weight among the vertices it reaches.
+    """Gain of each actuator: the largest weight among the vertices that it reaches.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_there() -> bool:
-    """Whether these functions can be called."""
+    """Test for the compiled functions."""
     return _calls() is not None
 
 
@@ -51,12 +51,14 @@ class BonePointers(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class UsedBones:
-    """Bones that move anything, ascending; one that a pose has not, rests."""
+    """Bones that move anything, ascending; a bone missing in a pose is at rest."""
 
     ids: I64  # (k,)
 
     def slots(self, given: int) -> I64:
-        """Where each bone of a pose of so many, and the one that rests, is among them (B + 1,)."""
+        """Index of each bone of a pose among these, (given + 1,); the last entry is the bone that
+        rests.
+        """
         if given not in self._slots:
             if len(self.ids) and self.ids[-1] > given:
                 raise IndexError(f"bone {self.ids[-1]} of a pose of {given}")
@@ -70,7 +72,7 @@ class UsedBones:
 
 
 class PosedBones:
-    """What bones do to skin at some rows.
+    """Matrices of bones at some rows, from rest to target space, and bounds of their stretch.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ class PosedBones:
         centres: F64,
         halves: F64,
     ) -> F64:
-        """How far anything in some clusters can have moved between rows.
+        """Upper bound of the displacement of clusters between rows.
 
         Parameters
         ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What bones do to the clusters of a model that is bound to them; ``skin_binding.c``."""
+"""Weights of a model bound to bones, cluster by cluster; ``skin_binding.c``."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_there() -> bool:
-    """Whether these functions can be called."""
+    """Test for the compiled functions."""
     return _calls() is not None
 
 
@@ -85,7 +85,7 @@ class BoundClusters:
 
     @cached_property
     def weight_counts(self) -> I64:
-        """How many weights each cluster has, (C,)."""
+        """Number of skin weights of each cluster, (C,)."""
         ends = np.cumsum(np.diff(self._offsets)[self._members])
         counts: I64 = np.diff(ends[self._starts[1:] - 1], prepend=0)
         return counts
@@ -135,7 +135,7 @@ class ClusterPointers(ctypes.Structure):
 
 
 class Clusters:
-    """What bones do to the clusters of one model, where the library finds it.
+    """Per-cluster arrays of one model bound to bones, as the library reads them.
 
     Arrays that it has are never changed: what is learnt of a cluster later has new ones.
 
@@ -165,11 +165,11 @@ class Clusters:
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
     def arrays_of(self, cluster: int) -> tuple[npt.NDArray[Any], ...]:
-        """What is filled in of a cluster, in the order of ClusterPointers."""
+        """Arrays filled in for a cluster, in the order of ClusterPointers."""
         return tuple(self._kept[cluster])
 
     def add(self, clusters: I64, table: Table | None) -> None:
-        """Fill in some clusters; of their skin, if that is filled, what neighbours are like."""
+        """Fill in some clusters, and the neighbours of those whose skin is filled."""
         new = lacking(self._is_known, clusters)
         if len(new):
             self._bind(new)
@@ -232,5 +232,5 @@ class Clusters:
 
 
 def _starts(counts: I64) -> I64:
-    """Where each begins, and where the last ends."""
+    """Start of each run of the given lengths, and the end of the last, (n + 1,)."""
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])

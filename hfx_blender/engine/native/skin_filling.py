@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filling in where the skin of clusters is sampled; ``skin_filling.c``."""
+"""Fills in the sampling of the skin of clusters; ``skin_filling.c``."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_there() -> bool:
-    """Whether these functions can be called."""
+    """Test for the compiled functions."""
     return _calls() is not None
 
 

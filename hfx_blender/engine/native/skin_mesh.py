@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The triangles that are the skin of a model, where the library finds them; ``skin_mesh.h``."""
+"""Triangle mesh of a model's skin as the library reads it; ``skin_mesh.h``."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the skin of clusters lies between; ``skin_outline.c``."""
+"""Outlines of clusters: bounds of the skin between their vertices; ``skin_outline.c``."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_there() -> bool:
-    """Whether these functions can be called."""
+    """Test for the compiled functions."""
     return _calls() is not None
 
 
 def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list[I32], F64]:
-    """Each cluster's units and the corners around them, and how far skin may bulge there.
+    """Outline of each cluster: its units, the corners around them, and the margin of its skin.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The skin of a model where the library finds it; ``skin.h``."""
+"""Skin of a model as the library reads it; ``skin.h``."""
 
 from __future__ import annotations
 
@@ -70,8 +70,7 @@ _TABLES: WeakKeyDictionary[Table, tuple[Any, F64]] = WeakKeyDictionary()
 
 
 def table_of(table: Table) -> Any:
-    """``hfx_table``, which holds on to its arrays; made anew where the table has more samples
-    than before."""
+    """``hfx_table``, which keeps its arrays alive; rebuilt when the table has got more samples."""
     samples = table.samples
     if table not in _TABLES or _TABLES[table][1] is not samples:
         arrays = [getattr(table, name) for name in _TABLE_ARRAYS[:-1]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The C sources that lie beside this file, and their digest; needs nothing but Python's own."""
+"""C sources beside this file, and their digest; uses the standard library only."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Final
 
 FOLDER: Final = Path(__file__).with_name("source")
 MARK: Final = "hfx_native"
-"""The first word of what a library says that it was built of; the digest is the second. The module
-of a wheel is named after both."""
+"""First word of a library's description of its sources; the digest is the second. The module of a
+wheel is named after both."""
 
 
 def files(folder: Path = FOLDER) -> list[Path]:
-    """All that a library is made of, sorted: sources, headers, the compiler's options."""
+    """Files that a library is built from, sorted: sources, headers, the compiler's options."""
     return sorted(path for end in ("*.c", "*.h", "flags.txt") for path in folder.glob(end))
 
 
 def digest(folder: Path = FOLDER) -> str | None:
-    """16 hexadecimal digits of what the sources say; None where there are none."""
+    """Digest of the sources, 16 hexadecimal digits; None without sources."""
     found = hashlib.sha256()
     paths = files(folder)
     for path in paths:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Threads of this process for what compiled code does while Python goes on."""
+"""Thread pool for compiled code that runs while Python goes on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Done = TypeVar("Done")
 
 
 class Threads:
-    """Some threads, and how long they have been at work.
+    """Thread pool that measures its working time.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Threads:
         return self._busy_s
 
     def submit(self, work: Callable[[], Done]) -> Future[Done]:
-        """Have one of them do something, soon."""
+        """Submit a call to one of the threads."""
         return self._executor.submit(self._timed, work)
 
     def _timed(self, work: Callable[[], Done]) -> Done:

@@ -33,7 +33,7 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | None:
-    """Sets as what changes from one to the next; None where there is no library.
+    """Changes from each set to the next; None without the library.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def changes(sizes: I64, vertices: I32, weights: U8) -> tuple[U32, U32, U8] | Non
 
 
 def repeats(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | None:
-    """Whether each of m sets has the vertices and weights of the one before; the first has not.
+    """Sets that repeat the set before, as a mask; the first never does.
 
     Parameters
     ----------

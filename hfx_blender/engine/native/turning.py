@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How placements turn; ``turning.c``."""
+"""Rotation angles between placements; ``turning.c``."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def _calls() -> ctypes.CDLL | None:
 
 
 def is_there() -> bool:
-    """Whether the library is."""
+    """Test for the compiled function."""
     return _calls() is not None
 
 
 def turns(before: F64, after: F64) -> F64:
-    """By how much placements (n, 4, 4) turn, radians (n,); exactly 0 where they do not."""
+    """Angles of rotation between placements (n, 4, 4), radians (n,); exactly 0 for no rotation."""
     calls = _calls()
     assert calls is not None
     before, after = f64(before), f64(after)

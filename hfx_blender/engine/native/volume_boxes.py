@@ -26,7 +26,7 @@ def _calls() -> Any:
 
 
 def is_there() -> bool:
-    """Whether the library is."""
+    """Test for the compiled function."""
     return _calls() is not None
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blocks of time that several processor cores evaluate; what is felt does not depend on it."""
+"""Parallel evaluation of blocks on several processor cores, with identical results."""

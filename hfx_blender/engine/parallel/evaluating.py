@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Evaluating the blocks of a scene on several cores, in processes that help this one.
+"""Evaluates the blocks of a scene on several cores, in helper processes.
 
 This process reads and hands out blocks, evaluates what nobody else has when it would have to
 wait, and gives on what was felt in the order of time. A helper that fails costs what it had
@@ -31,11 +31,12 @@ from .serialization import packed, receive, send, unpacked
 Answer = tuple[list[SampleRun], list[Touches], Counters]
 
 WORTH_S: Final = 2.0
-"""Helpers are started where evaluating what is left would take one core so long: they take
-half a second of a core each to start."""
+"""Remaining time on one core, seconds, from which on helpers are started: each takes half a second
+of a core to start."""
 
 MOST: Final = 8
-"""More processes than that wait for the one that reads the scene and renders its devices."""
+"""Largest number of processes: more would wait for the one that reads the scene and renders its
+devices."""
 
 _AHEAD: Final = 2  # blocks that a helper has at once, so that it never waits
 
@@ -51,7 +52,7 @@ def evaluated(
     processes: int,
     worth_s: float = WORTH_S,
 ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
-    """Blocks, each with what is felt in it, in their order: the same for any ``processes``.
+    """Yield blocks with their samples, in their order: the same for any ``processes``.
 
     Parameters
     ----------
@@ -101,13 +102,13 @@ def evaluated(
 
 
 def _helping(engine: Engine, spent_s: float) -> int:
-    """How many processors threads of the engine take while this one spends so long."""
+    """Number of processors that the engine's threads use while this thread works for a time."""
     busy_s = 0.0 if engine.threads is None else engine.threads.busy_s
     return int(busy_s > _HELP * spent_s)
 
 
 class _Begun:
-    """A block that is being evaluated; it counts when it is ended."""
+    """Block whose evaluation has begun; its counters are added when it ends."""
 
     def __init__(self, engine: Engine, block: AnimationBlock) -> None:
         start_s = time.thread_time()
@@ -119,7 +120,7 @@ class _Begun:
         self.taken_s = time.thread_time() - start_s
 
     def ended(self) -> list[SampleRun]:
-        """What is felt in it."""
+        """Finish the block and return its samples."""
         start_s = time.perf_counter()  # waiting for threads counts
         self._counters.add(self._counted)
         runs = self._end()
@@ -128,7 +129,7 @@ class _Begun:
 
 
 def _may_be_split(engine: Engine) -> bool:
-    """Whether blocks can be evaluated without those before them, but for settling responses."""
+    """Test that blocks can be evaluated independently, except for the settling of responses."""
     areas = [effect.area for effect in engine.scene.effects]
     responds = any(isinstance(area, HapticVolume) and area.response for area in areas)
     on_surfaces = any(isinstance(area, HapticSurface) for area in areas)
@@ -141,7 +142,7 @@ class _Task:
     answer: Future[Answer | None] | None = None  # None: nobody has it yet
 
     def result(self) -> Answer | None:
-        """What a helper answered, None where it could not."""
+        """Answer of a helper; None where it could not evaluate the block."""
         return None if self.answer is None else self.answer.result()
 
 
@@ -197,7 +198,7 @@ def _here(engine: Engine, block: AnimationBlock) -> Answer:
 
 
 def _settled(engine: Engine, answer: Answer) -> list[SampleRun]:
-    """All that is felt in the next block, counted, in the order of effects and bodies."""
+    """Samples of the next block, counted, in the order of effects and bodies."""
     runs, touches, counted = answer
     engine.counters.add(counted)
     if not touches:
@@ -223,7 +224,7 @@ def _helpers(engine: Engine, count: int) -> list[_Helper]:
 
 @dataclass(eq=False)
 class _Meshes:
-    """Which meshes a helper knows: those of the last block that it was given."""
+    """Meshes that a helper knows: those of the last block that it was given."""
 
     numbers: dict[MeshVolume, int] = field(default_factory=dict)
     last: int = 0
@@ -247,7 +248,7 @@ class _Meshes:
 
 
 class _Helper:
-    """A process that evaluates blocks for this one.
+    """Helper process that evaluates blocks for this one.
 
     Raises
     ------
@@ -272,21 +273,21 @@ class _Helper:
 
     @property
     def is_alive(self) -> bool:
-        """Whether it can still be asked."""
+        """State of the helper: False as soon as it can no longer be asked."""
         return self._is_alive
 
     @property
     def pid(self) -> int:
-        """Of its process."""
+        """Process id."""
         return self._process.pid
 
     @property
     def waiting(self) -> int:
-        """How many blocks it has not answered."""
+        """Number of blocks without an answer."""
         return len(self._asked)
 
     def ask(self, block: AnimationBlock) -> Future[Answer | None]:
-        """Hand it a block; None is the answer of one that cannot."""
+        """Hand the helper a block; the answer is None where it cannot evaluate it."""
         answer: Future[Answer | None] = Future()
         with self._lock:
             if not self._is_alive:
@@ -299,7 +300,7 @@ class _Helper:
         return answer
 
     def close(self) -> None:
-        """End it, whatever it does."""
+        """End the process, whatever it is doing."""
         self._process.kill()
         self._process.wait()
         stdin = self._process.stdin

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Working in a thread on what this thread goes on to make: reading and evaluating overlap.
+"""Overlaps work in a thread with the production of its input.
 
 Blender lets other threads run while it steps a scene, and so does compiled code. What is made
 and what is worked out, in which order, does not depend on it.
@@ -21,19 +21,19 @@ _AHEAD: Final = 3
 """Things that wait to be worked on: more would only be held."""
 
 _TURN_S: Final = 1e-4
-"""How long a thread keeps the interpreter while another waits for it. Python's own 5 ms are
-several times what a frame takes to step."""
+"""Time that a thread keeps the interpreter while another waits for it, seconds. Python's own 5 ms
+are several times the time to step a frame."""
 
 _LOOK_S: Final = 0.05
-"""How often one who waits looks whether the other one is still there."""
+"""Interval at which a waiting thread checks that the other is still there, seconds."""
 
 
 class _StoppedError(Exception):
-    """Nobody wants the rest."""
+    """Raised where nobody wants the rest of the work."""
 
 
 class _Worker(Generic[Made, Done]):
-    """The thread, and what goes into it and comes out."""
+    """Worker thread with its input and output queues."""
 
     def __init__(self, work: Callable[[Iterator[Made]], Generator[Done, None, None]]) -> None:
         self._work = work
@@ -68,7 +68,7 @@ class _Worker(Generic[Made, Done]):
             yield item[0]
 
     def give(self, item: tuple[Made] | None) -> None:
-        """Hand something in, None at the end, as soon as there is room for it."""
+        """Put an item into the queue, None at the end, as soon as there is room."""
         while True:
             self._tell_error()
             try:
@@ -77,14 +77,14 @@ class _Worker(Generic[Made, Done]):
                 continue
 
     def taken_out(self) -> list[Done]:
-        """What has been done since this was asked last."""
+        """Results since the last call."""
         found = []
         while not self._done.empty():
             found.append(self._done.get())
         return found
 
     def is_over(self) -> bool:
-        """Whether it has come to its end, after waiting a little."""
+        """Wait a little, and test for the end of the work."""
         self._thread.join(_LOOK_S)
         if self._thread.is_alive():
             return False
@@ -92,7 +92,7 @@ class _Worker(Generic[Made, Done]):
         return True
 
     def stop(self) -> None:
-        """Have it leave what it has not begun."""
+        """Stop the thread before the next item."""
         self._is_stopped = True
         self._thread.join()
 
@@ -108,7 +108,7 @@ class _Worker(Generic[Made, Done]):
 def overlapped(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
-    """What a generator ``work`` gives that takes a source, as lists of what came meanwhile.
+    """Run a generator ``work`` in a thread on what ``source`` yields; yields lists of its results.
 
     ``source`` is asked in this thread, ``work`` runs in another one, a little behind. After each
     thing that the source gave there is a list, perhaps an empty one, and at the end one now and
@@ -132,7 +132,7 @@ def overlapped(
 def in_turn(
     source: Iterator[Made], work: Callable[[Iterator[Made]], Generator[Done, None, None]]
 ) -> Generator[list[Done], None, None]:
-    """:func:`overlapped`, one after the other in this thread: each thing as it is done."""
+    """Sequential version of :func:`overlapped`, in this thread."""
     with closing(work(source)) as done:
         for each in done:
             yield [each]
@@ -140,7 +140,7 @@ def in_turn(
 
 @contextmanager
 def short_turns() -> Iterator[None]:
-    """While threads wait for each other, they take turns more often."""
+    """Context in which threads switch more often, for threads that wait for each other."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _TURN_S))
     try:

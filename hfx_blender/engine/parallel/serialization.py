@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes, blocks and samples on their way between two processes of this program.
+"""Serialization of scenes, blocks and samples between two processes of this program.
 
 They are pickles of the engine's own plain data. Whoever reads one makes nothing but that and
 arrays, whatever is in it; the package may have another name on the other side, as in Blender.
@@ -56,7 +56,7 @@ def packed(value: object, meshes: Mapping[MeshVolume, int] | None = None) -> byt
 
 
 def unpacked(body: bytes, meshes: Mapping[int, MeshVolume] | None = None) -> Any:
-    """The value that bytes are of; meshes by their numbers.
+    """Restore a value from :func:`packed` bytes; meshes by their numbers.
 
     Raises
     ------

@@ -26,7 +26,7 @@ _DENSE_ENTRIES = 1 << 18
 
 
 class ActuatorCells:
-    """Which vertices of one model each of A actuators reaches.
+    """Vertices of one model that each of A actuators reaches.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class ActuatorCells:
         self._slot_of = np.cumsum(self._is_reached) - 1  # where it is reached
 
     def gains(self, offsets: I64, vertices: I32, weights: F32, statistic: Statistic) -> F64:
-        """How strongly each actuator fires for each of n samples.
+        """Gain of each actuator for each of n samples.
 
         ``strongest`` is the largest weight among the shared vertices; ``mean`` is the mean
         over all vertices of the actuator, those that are not shared counting as 0. 0 where
@@ -92,7 +92,7 @@ class ActuatorCells:
 
     @cached_property
     def _by_vertex(self) -> tuple[I64, I32, F32 | None]:
-        """Where each vertex's actuators begin, those actuators, and how strongly it drives them."""
+        """Actuators by vertex: starts (V + 1,), actuator numbers, and factors."""
         every = np.concatenate(self.rows)
         order = np.argsort(every, kind="stable")
         counts = np.bincount(every, minlength=len(self._is_reached))
@@ -131,7 +131,7 @@ class ActuatorCells:
 
 
 def _is_one_set(offsets: I64, vertices: I32) -> bool:
-    """Whether all of n > 0 samples have the same vertices."""
+    """Test that all of n > 0 samples have the same vertices."""
     count = len(offsets) - 1
     size = int(offsets[1] - offsets[0])
     if size == 0 or not (np.diff(offsets) == size).all():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What rendering must know about a haptic device: facts only, as plain data.
+"""Description of a haptic device for rendering: facts only, as plain data.
 
 The content follows HFX Studio's device configuration (Danieau et al., VRST 2018, section 3.3)
 and Mango's hardware configuration file (Schneider et al., UIST 2015).
@@ -28,7 +28,7 @@ SchemeName = Literal[
 
 @dataclass(frozen=True)
 class Control:
-    """One control parameter of an actuator, in the modality's own unit."""
+    """Control parameter of an actuator, in the modality's own unit."""
 
     name: str  # of a parameter of the modality
     minimum: float  # what the hardware takes
@@ -52,13 +52,13 @@ class ActuatorType:
     rest_s: float = 1.0
     takes_waveform: bool = False  # driven as sound: plays the sum of all vibrations
     waveform: Waveform = "sine"  # of each of these
-    resonance_hz: float | None = None
+    resonance_hz: float | None = None  # plays what has no frequency of its own
     drive: tuple[DriveCurve, ...] = ()  # measured, by ascending frequency; none: proportional
     thresholds: tuple[tuple[float, float], ...] = ()  # (Hz, m/s^2) below which it is not felt
 
     @property
     def strength(self) -> Control:
-        """The control that makes the actuator feel stronger or weaker."""
+        """Control that makes the actuator feel stronger or weaker."""
         return self.controls[0]
 
     def unit(self, control: Control) -> str:
@@ -69,7 +69,9 @@ class ActuatorType:
 
 @dataclass(frozen=True)
 class Scheme:
-    """How what is felt on the skin becomes gains of actuators: a name and its options."""
+    """Rendering scheme, from felt intensity on the skin to gains of actuators: a name and its
+    options.
+    """
 
     name: SchemeName = "coverage"
     statistic: Statistic = "strongest"  # coverage
@@ -79,7 +81,7 @@ class Scheme:
 
 @dataclass(frozen=True)
 class Mount:
-    """Where a layout of millimetres lies on the body, in rest space: flat, or bent."""
+    """Mount of a layout of millimetres on the body, in rest space: flat, or bent."""
 
     origin_m: tuple[float, float, float]
     x_axis: tuple[float, float, float]  # unit, orthogonal
@@ -98,7 +100,7 @@ class VertexSet:
 
 @dataclass(frozen=True)
 class VertexPlace:
-    """The vertices that an actuator reaches, named one by one for each model."""
+    """Vertices that an actuator reaches, named one by one for each model."""
 
     sets: tuple[VertexSet, ...]
 
@@ -115,7 +117,7 @@ class BodyPlace:
 
 @dataclass(frozen=True)
 class RoomPlace:
-    """Stands in the room and touches no skin; meant for whole parts of the body.
+    """Place in the room that touches no skin; meant for whole parts of the body.
 
     With a place it reaches what of them is in range and in its cone; without one, all of them.
     """
@@ -132,7 +134,7 @@ Place = VertexPlace | BodyPlace | RoomPlace
 
 @dataclass(frozen=True)
 class Actuator:
-    """One actuator and where it works."""
+    """Actuator with its type and place."""
 
     id: str
     type: ActuatorType
@@ -141,7 +143,7 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Substitution:
-    """One modality shown as another.
+    """Substitution of one modality by another.
 
     ``strength of target = scale * strength of source``, where the strength of temperature is
     its deviation from neutral (its magnitude, unless temperature is shown as temperature).
@@ -155,7 +157,7 @@ class Substitution:
 
 @dataclass(frozen=True)
 class Brand:
-    """Who made the device, and how it is recognised on a bus."""
+    """Brand of the device, and its identification on a bus."""
 
     vendor: str
     model: str
@@ -165,7 +167,7 @@ class Brand:
 
 @dataclass(frozen=True)
 class ScriptFiles:
-    """Where a device's script lies; whether it may run, others decide."""
+    """Files of a device's script; others decide whether it may run."""
 
     script: Path
     configuration: Path
@@ -174,7 +176,7 @@ class ScriptFiles:
 
 @dataclass(frozen=True, eq=False)
 class DeviceConfig:
-    """One haptic device."""
+    """Configuration of one haptic device."""
 
     id: str
     name: str
@@ -196,5 +198,5 @@ class DeviceConfig:
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        """What its actuators can do, without substitutions."""
+        """Modalities of the actuators, without substitutions."""
         return tuple(dict.fromkeys(each.type.modality for each in self.actuators))

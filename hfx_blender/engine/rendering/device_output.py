@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a device is connected and spoken to: facts only, as plain data.
+"""Output of a device, its connection and encoding: facts only, as plain data.
 
 :mod:`hfx_blender.devices.output_reader` reads them; :mod:`hfx_blender.devices.live.opening`
 acts on them. A configuration never names a serial port or a file: who connects a device does.

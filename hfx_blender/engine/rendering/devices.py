@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One track given to several devices, on each body that wears them."""
+"""Renders one track for several devices, on each body that wears them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def renderers_of(
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """A renderer for each device on each body; or on some, of which None is the only one.
+    """Make a renderer for each device on each body; or on chosen ones, where None is the only one.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def renderers_given(
     devices: Sequence[DeviceConfig],
     body_ids: Sequence[str | None] | None = None,
 ) -> list[tuple[DeviceConfig, Renderer]]:
-    """The same, given a whole track, which is read once."""
+    """Renderers of :func:`renderers_of`, given a whole track, which is read once."""
     renderers = renderers_of(track.header, devices, body_ids)
     for block in blocks(track.header, track.runs()) if renderers else ():
         for _, renderer in renderers:

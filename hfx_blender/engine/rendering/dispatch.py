@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dispatch: which of a device's actuators answer to a stream, and how strongly they fire.
+"""Dispatch: the actuators of a device that respond to a stream, and their gains.
 
 Danieau et al., VRST 2018, section 3.3: haptic data goes to a device if the device has the
 modality and shares vertices with it.
@@ -63,14 +63,14 @@ class ActuatorGroup:
         self.highest: F64 = np.array([each.highest for each in strengths], np.float64)
 
     def answers_to(self, modality: str) -> bool:
-        """Whether the actuators show a modality: their own, or one that they substitute."""
+        """Test that the actuators show a modality: their own, or one that they substitute."""
         substitution = self._device.substitutions.get(modality)
         return modality == self.modality or (
             substitution is not None and substitution.target == self.modality
         )
 
     def cells_on(self, model_id: str) -> ActuatorCells:
-        """What the actuators reach on a model; worked out once.
+        """Vertices that the actuators reach on a model; cached.
 
         Raises
         ------
@@ -82,7 +82,7 @@ class ActuatorGroup:
         return self._cells[model_id]
 
     def gains(self, run: SampleRun) -> F64:
-        """How strongly each actuator fires for each sample of a run, (n, A) in 0..1.
+        """Gain of each actuator for each sample of a run, (n, A) in 0..1.
 
         Raises
         ------
@@ -103,7 +103,9 @@ class ActuatorGroup:
         return gains
 
     def _reach(self, run: SampleRun, gains: F64) -> None:
-        """Let actuators that stand in the room play what they reach only."""
+        """Restrict the gains of actuators that stand in the room to the samples within
+        their reach.
+        """
         model = self._models(run.stream.model_id)
         points = self.play_space.local(run)
         for column in self._standing:
@@ -112,14 +114,14 @@ class ActuatorGroup:
             gains[:, column] = room_gains(place, on_parts(place.parts, model), run, points)
 
     def panning_on(self, model_id: str) -> FocusPanning | None:
-        """How the actuators show a spot on a model; None if they do not pan. Worked out once."""
+        """Panning of a spot on a model by the actuators, cached; None if they do not pan."""
         if model_id not in self._focus:
             model = self._models(model_id)
             self._focus[model_id] = focus_panning(self._device, self._actuators, model)
         return self._focus[model_id]
 
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:
-        """Samples (n,) that fire actuators (n, A), but each weaker than is felt by itself.
+        """Mask (n,) of samples that drive actuators (n, A), but each below its threshold.
 
         Only where it is known of all of them what is felt.
         """
@@ -144,7 +146,7 @@ class ActuatorGroup:
         )
 
     def is_off_frequency(self, run: SampleRun, fires: Bool) -> Bool:
-        """Samples (n,) of which an actuator that fires (n, A) cannot play the frequency."""
+        """Mask (n,) of samples whose frequency a driven actuator (n, A) cannot play."""
         if self.modality != "vibration" or run.stream.modality != "vibration":
             return np.zeros(len(run), np.bool_)
         controls = [each.type.controls[1] for each in self._actuators]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an actuator has to be driven with to vibrate as strongly as it is asked to.
+"""Drive of an actuator for a desired strength of vibration.
 
 An actuator's output is seldom proportional to its drive, and differs over frequency. Where that
 was measured, the curves are inverted here; where not, output is taken to be proportional.
@@ -18,14 +18,14 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DriveCurve:
-    """Output over drive at one frequency, as it was measured."""
+    """Measured output over drive at one frequency."""
 
     frequency_hz: float
     points: tuple[tuple[float, float], ...]  # (0..1 of full drive, m/s^2), both rising from 0
 
 
 def drive_of(curves: Sequence[DriveCurve], amplitudes: F64, frequencies_hz: F64) -> F64:
-    """Drive, 0..1, for amplitudes at frequencies; what is out of reach is driven fully.
+    """Drive, 0..1, for amplitudes at frequencies; full drive beyond reach.
 
     Each curve is inverted on straight lines between its points. Between two frequencies the drive
     goes straight from one to the other, beyond them it is that of the nearest.
@@ -63,7 +63,7 @@ def driven(
     full_scale: float,
     totals: F64 | None = None,
 ) -> F64:
-    """Amplitudes of sines, 0..1 of full scale, that make channels vibrate as asked.
+    """Amplitudes of sines, 0..1 of full scale, for the desired vibration of channels.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A spot on a device that pans: it is shown where it is, not at the nearest vertices.
+"""Panning of a spot on a device: it is rendered at its own place, not at the nearest vertices.
 
 Schneider et al., UIST 2015: the virtual actuator's own place is rendered, so that it glides.
 """
@@ -21,7 +21,7 @@ F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]
 
 _RINGS: Final = ((0.5, 6), (1.0, 12))
-"""Where a disc that is larger than the gaps between actuators is looked at: radius, places."""
+"""Sample rings of a disc larger than the gaps between actuators: radius, places."""
 
 
 class FocusPanning:
@@ -47,7 +47,7 @@ class FocusPanning:
         self._side = -1.0 if is_mirrored else 1.0
 
     def gains(self, focus: F32) -> F64:
-        """How strongly each actuator is driven, (n, A) in 0..1.
+        """Gain of each actuator, (n, A) in 0..1.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class FocusPanning:
 def focus_panning(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> FocusPanning | None:
-    """How a device shows a spot between its actuators; None if it does not pan.
+    """Panning of spots between a device's actuators; None if it does not pan.
 
     Raises
     ------

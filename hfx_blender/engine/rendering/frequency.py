@@ -20,9 +20,8 @@ F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
 
 MARGIN: Final = 1.25
-"""How many times as strong another contributor has to be: 2 dB, about a difference that is felt.
-
-The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi
+"""Ratio of strengths at which another contributor takes over: 2 dB, about a difference that is
+felt. The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi
 and Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
 
 _ALIKE_HZ: Final = 1.0
@@ -30,14 +29,14 @@ _ALIKE_HZ: Final = 1.0
 
 
 class StrongestContributor:
-    """Which contributor's frequency each of A actuators plays, from row to row."""
+    """Contributor whose frequency each of A actuators plays, row by row."""
 
     def __init__(self, count: int) -> None:
         self._held = np.full(count, -1, np.int64)
         self._numbers: dict[str, int] = {}
 
     def frequencies(self, names: Sequence[str], amplitudes: F64, frequencies_hz: F64) -> F64:
-        """Frequencies of the next rows, (R, A); 0 where nothing vibrates.
+        """Frequencies of the next rows, (R, A); 0 in silence.
 
         Contributors of the same frequency support each other. A frequency that is none makes
         that of its actuators none.
@@ -68,7 +67,7 @@ class StrongestContributor:
         return np.where(sounds, hz[strongest, rows], 0.0)
 
     def _chosen_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
-        """Row after row whom its actuators are with: (n, R, A) and (n, R) to (R, A)."""
+        """Chosen contributor of each actuator, row by row: (n, R, A) and (n, R) to (R, A)."""
         count, rows, width = amplitudes.shape
         alike = (np.abs(hz[:, None] - hz[None]) <= _ALIKE_HZ).astype(np.float64)
         together = np.einsum("ijr,jra->ira", alike, amplitudes)
@@ -100,7 +99,7 @@ class StrongestContributor:
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """One effect's share of what W actuators play that take a waveform: a sine each."""
+    """Share of one effect in the output of W actuators that take a waveform: a sine each."""
 
     effect_id: str
     first_row: int
@@ -109,7 +108,7 @@ class Partial:
 
 
 class Partials:
-    """Collects the shares of effects as they come, block by block."""
+    """Collector of effects' partials, block by block."""
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -136,7 +135,7 @@ class Partials:
         highest_hz: F64,
         highest: F64,
     ) -> tuple[Partial, ...]:
-        """All shares, within the limits of W actuators; together they never exceed these."""
+        """Collected partials, within the limits of W actuators, which their sum never exceeds."""
         found = [self._one(name, row_count, latency_rows) for name in self._parts]
         found = [each for each in found if len(each.amplitudes)]
         total = np.zeros((row_count, self.count))

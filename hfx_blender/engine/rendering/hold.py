@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An actuator that can be updated only so often holds its value in between."""
+"""Limits of the update rate: an actuator holds its value between updates."""
 
 from __future__ import annotations
 

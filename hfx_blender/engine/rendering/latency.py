@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An actuator that answers late is given its values earlier: it is felt when it is meant."""
+"""Latency compensation: values are sent earlier by an actuator's latency."""
 
 from __future__ import annotations
 

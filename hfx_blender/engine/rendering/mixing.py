@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What several effects together ask of actuators, in the actuators' own modality."""
+"""Mixes several effects for actuators, in the actuators' own modality."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Contribution:
-    """What one stream does at A actuators over R times of a block; 0 where it does nothing."""
+    """Contribution of one stream at A actuators over R times of a block; 0 where it does
+    nothing.
+    """
 
     strengths: F64  # (R, A) level times gain of the rendering scheme
     parameters: F64  # (R, P) in the order of the modality's parameters
@@ -56,7 +58,7 @@ def mix(modality: str, contributions: Sequence[Contribution]) -> Mixed:
 
 
 def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
-    """What is shown in place of ``mixed``, which is of the substitution's source modality."""
+    """Output in place of ``mixed``, which is of the substitution's source modality."""
     strengths = mixed.strengths
     if substitution.target != "temperature":
         strengths = np.abs(strengths)
@@ -67,7 +69,7 @@ def substituted(mixed: Mixed, substitution: Substitution) -> Mixed:
 
 
 def merged(modality: str, mixes: Sequence[Mixed]) -> Mixed:
-    """Combine what was mixed natively with what substitutes other modalities, at least one.
+    """Combine native output with substitutions for other modalities, at least one.
 
     A substitute has no direction, so wind adds by its speed here.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering one moment: what a device's actuators are to be given now.
+"""Renders one moment: the present values of a device's actuators.
 
 It is the rendering of an export with one row; only the update interval is not held, as there
 is nothing before or after.
@@ -29,7 +29,7 @@ _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, fram
 
 
 def moment_header(scene: SceneDescription, models: ModelLoader = load_model) -> TrackHeader:
-    """What is to be known of a scene to render its moments, as plain data."""
+    """Track header of a scene's moments, as plain data."""
     used = {effect.model_id: models(effect.model_id) for effect in scene.effects}
     return replace(TrackHeader.of(scene, used, settings={}, tools={}), time=_ONE_ROW)
 
@@ -81,11 +81,11 @@ class MomentRenderer:
 
     @property
     def body_id(self) -> str:
-        """Who wears the device."""
+        """Body that wears the device."""
         return self._renderer.body_id
 
     def prepare(self) -> None:
-        """Work out what takes long now, not when an effect is felt for the first time.
+        """Compute expensive tables now, not at the first contact.
 
         Raises
         ------
@@ -100,12 +100,12 @@ class MomentRenderer:
                         group.panning_on(effect.model_id)
 
     def move_play_space(self, matrix: F64) -> None:
-        """The play space is there from now on: (4, 4) to the world, metres."""
+        """Set the play space from now on: (4, 4) to the world, metres."""
         for group in self._renderer.groups:
             group.play_space.move(matrix)
 
     def values(self, runs: Sequence[SampleRun]) -> F64:
-        """Values (columns,) within the device's limits; neutral where nothing is felt.
+        """Values (columns,) within the device's limits; neutral without any sensation.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class MomentRenderer:
         return self._renderer.first_row()
 
     def tones(self) -> list[Partial]:
-        """What the W actuators that take a waveform play of the moment that was rendered last.
+        """Tones of the last moment at the W actuators that take a waveform.
 
         One for each effect, with one row; together within the device's limits.
         """
@@ -131,7 +131,7 @@ class MomentRenderer:
     def ahead(
         self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
     ) -> tuple[F64, list[Partial]]:
-        """Values and tones of which each actuator's are of the time at which it answers.
+        """Values and tones, each actuator's at the time at which it responds.
 
         Parameters
         ----------
@@ -151,11 +151,11 @@ class MomentRenderer:
         return values, tones
 
     def felt(self, runs: Sequence[SampleRun]) -> list[tuple[SampleRun, F64]]:
-        """What the wearer feels, and how strongly it reaches each actuator (A,), in 0..1."""
+        """Samples on the wearer, with their gains at each actuator (A,), in 0..1."""
         mine = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         return [(run, self._renderer.gains(run)[0]) for run in mine]
 
 
 def _only(tone: Partial, chosen: npt.NDArray[np.bool_]) -> Partial:
-    """A tone at some of the actuators; silent at the others."""
+    """Restrict a tone to some of the actuators; silent at the others."""
     return replace(tone, amplitudes=np.where(chosen, tone.amplitudes, 0.0))

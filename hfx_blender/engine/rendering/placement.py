@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a device's actuators are on a perceptual model."""
+"""Places of a device's actuators on a perceptual model."""
 
 from __future__ import annotations
 
@@ -17,17 +17,15 @@ Bool = npt.NDArray[np.bool_]
 I32 = npt.NDArray[np.int32]
 
 MAX_MISS_M = 0.2
-"""How far outside its radius an actuator's nearest vertex may be.
-
-Temperature vertices are 150 mm apart (Danieau et al. 2018, Table 1), so a place on the skin
-is never this far from one; a place that is, was not written for this body.
-"""
+"""Largest distance of an actuator's nearest vertex outside of its radius, metres. Temperature
+vertices are 150 mm apart (Danieau et al. 2018, Table 1), so a place on the skin is never this far
+from one; a place that is, was not written for this body."""
 
 
 def rows_of(
     device: DeviceConfig, actuators: Iterable[Actuator], model: PerceptualModel
 ) -> list[I32]:
-    """Which vertices of a model each of some actuators reaches, on the side that was written.
+    """Vertices of a model that each of some actuators reaches, on the side that was written.
 
     Raises
     ------

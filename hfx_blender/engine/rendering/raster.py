@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The raster: what one device's actuators are given at which time.
+"""Raster: the values of one device's actuators over time.
 
 After the raster of Mango (Schneider et al., UIST 2015): actuators x time and a row of times.
 """
@@ -22,19 +22,16 @@ I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold"]
-"""Why something is not rendered as it was felt.
-
-``modality``: the device has no actuator for it, nor a substitution; ``place``: none of its
-actuators is where it was felt; ``device``: it drives single actuators of another device;
-``frequency``: outside the actuators' range, the nearest possible is played; ``limit``: stronger
-than an actuator may be, cut; ``threshold``: played, but weaker at every actuator than is felt
-there by itself.
-"""
+"""Reason why something is not rendered as it was felt. ``modality``: the device has no actuator for
+it, nor a substitution; ``place``: none of its actuators is where it was felt; ``device``: it drives
+single actuators of another device; ``frequency``: outside the actuators' range, the nearest
+possible is played; ``limit``: stronger than an actuator may be, cut; ``threshold``: played, but
+weaker at every actuator than is felt there by itself."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One parameter of one actuator."""
+    """Column of a raster: one parameter of one actuator."""
 
     actuator: str
     parameter: str
@@ -43,7 +40,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Shortfall:
-    """What a device could not render of one effect."""
+    """Part of one effect that a device could not render."""
 
     effect_id: str
     body_id: str
@@ -56,7 +53,7 @@ class Shortfall:
 
 @dataclass(frozen=True, eq=False)
 class Felt:
-    """What a stream made the wearer feel, and when the device rendered any of it."""
+    """Samples of a stream on the wearer, and the part that the device rendered."""
 
     stream: Stream
     indices: I64  # (n,) sample indices
@@ -87,7 +84,7 @@ class Raster:
 
 @dataclass(frozen=True)
 class Unrendered:
-    """What a body felt of one effect and no device rendered."""
+    """Part of an effect on a body that no device rendered."""
 
     effect_id: str
     body_id: str
@@ -99,7 +96,7 @@ class Unrendered:
 
 
 def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
-    """What was felt but rendered by none of several devices.
+    """Effects that were felt but rendered by none of several devices.
 
     A sample counts as rendered when one actuator of any device fires for it, however small
     the part of the felt area that it covers.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering: from samples to the values of one device's actuators.
+"""Renders samples to the values of one device's actuators.
 
 Order of work: match vertices, combine per modality, substitute, look ahead by each actuator's
 latency, the device's script if it has one, hold between updates, and only then its limits.
@@ -70,7 +70,7 @@ def render(
 
 
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:
-    """Cut a track's runs where a new block of times begins."""
+    """Cut a track's runs into blocks of time."""
     place = {(s.effect_id, s.body_id): i for i, s in enumerate(header.streams)}
     block: list[SampleRun] = []
     last = -1
@@ -87,7 +87,7 @@ def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[Samp
 
 @dataclass(eq=False)
 class _Tally:
-    """What happened to the samples of one stream so far."""
+    """Statistics of the samples of one stream so far."""
 
     indices: list[I64] = field(default_factory=list)
     strengths: list[F64] = field(default_factory=list)
@@ -99,7 +99,7 @@ class _Tally:
 
 @dataclass(eq=False)
 class _Played:
-    """A run's part in a block, at the actuators of one group."""
+    """Contribution of a run to a block, at the actuators of one group."""
 
     run: SampleRun
     positions: I64  # (n,) rows of the block
@@ -163,7 +163,7 @@ class Renderer:
 
     @property
     def body_id(self) -> str:
-        """Who wears the device."""
+        """Body that wears the device."""
         return self._body_id
 
     @property
@@ -172,7 +172,7 @@ class Renderer:
         return tuple(self._groups)
 
     def restart(self) -> None:
-        """Begin again, as if nothing had been added; what was worked out of models is kept.
+        """Restart, as if nothing had been added; tables of models are kept.
 
         So is whose frequency actuators play: moments follow each other.
         """
@@ -292,7 +292,9 @@ class Renderer:
         return Contribution(strengths, parameters, self._neutral_c(run.stream))
 
     def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> Bool:
-        """Put what was mixed into the raster; tells (R, A) where a limit will cut it."""
+        """Write mixed strengths into the raster; returns the mask (R, A) of values that a limit
+        cuts.
+        """
         strengths = group.neutral + self._device.gain * mixed.strengths
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
@@ -309,7 +311,7 @@ class Renderer:
         return self._limits.joined(self._limits.by_actuator(self._values[0]))
 
     def gains(self, run: SampleRun) -> F64:
-        """How strongly each sample of a run reaches each actuator where it is, (n, A) in 0..1.
+        """Gain of each actuator for each sample of a run, (n, A) in 0..1.
 
         Raises
         ------
@@ -326,7 +328,8 @@ class Renderer:
         return found
 
     def told(self) -> F64:
-        """What a device's script is told to be sent without it, (T, columns), when all is added.
+        """Values for a device's script, (T, columns), as they would be sent without it; after all
+        blocks.
 
         Values look ahead and are within limits, as live; they are held after the script.
         """
@@ -380,7 +383,7 @@ class Renderer:
         )
 
     def _parts(self) -> Iterator[tuple[slice, ActuatorType]]:
-        """Each actuator's columns, and its type."""
+        """Columns and type of each actuator."""
         first = 0
         for actuator in self._device.actuators:
             part = slice(first, first + len(actuator.type.controls))
@@ -399,12 +402,12 @@ class Renderer:
         return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
 
     def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
-        """Values of one actuator as it is given them: held between its updates, and limited."""
+        """Values of one actuator as it gets them: held between its updates, and limited."""
         rate_hz, interval_ms = self._header.time.rate_hz, kind.update_interval_ms
         return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
-        """Of what is felt at each row (T,): whether a script changed it, and whether any plays.
+        """Rows (T,) that a script changed, and rows in which any actuator plays, as two masks.
 
         It is played then, or earlier by an actuator's latency.
         """
@@ -418,7 +421,7 @@ class Renderer:
         return is_changed, is_on
 
     def partials(self) -> tuple[Partial, ...]:
-        """What actuators that take a waveform play of each effect so far, within limits."""
+        """Partials of each effect so far at the actuators that take a waveform, within limits."""
         if not self._sounding:
             return ()
         kinds = [actuator.type for actuator in self._sounding]
@@ -432,7 +435,7 @@ class Renderer:
         )
 
     def _why_not(self, stream: Stream, can: bool) -> Reason:
-        """Why samples of a stream drive no actuator."""
+        """Reason why samples of a stream drive no actuator."""
         effect = self._effects[stream.effect_id]
         if effect.device_id is not None and effect.device_id != self._device.id:
             return "device"
@@ -476,7 +479,7 @@ _UNPLAYED: Final[tuple[Reason, ...]] = ("modality", "place", "device")
 
 
 def _decided(felt: Felt, is_changed: Bool, is_on: Bool) -> Felt:
-    """What was felt, and what of it plays where a script has changed rows (T,)."""
+    """Felt samples, with the rendered part decided anew where a script has changed rows (T,)."""
     changed, on = is_changed[felt.indices], is_on[felt.indices]
     return replace(felt, is_rendered=np.where(changed, on, felt.is_rendered))
 

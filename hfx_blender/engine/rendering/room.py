@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Devices that stand in the room: which skin they can reach at each time.
+"""Devices in the room: the skin that they can reach at each time.
 
 Danieau et al. (VRST 2018): "grounded devices" stand where they are while the user walks. Their
 places are those of a play space, which an object of the scene stands for; a teleport moves it.
@@ -27,7 +27,7 @@ sample on; rows of a 3 x 4 matrix from its metres to the world's."""
 
 
 class PlaySpace:
-    """Where the play space is at each sample of a track.
+    """Poses of the play space at the samples of a track.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class PlaySpace:
 
     @classmethod
     def of_settings(cls, settings: Mapping[str, Any]) -> PlaySpace:
-        """That of a track; the world itself if there is none.
+        """Play space of a track; the world itself if it has none.
 
         Raises
         ------
@@ -67,13 +67,13 @@ class PlaySpace:
 
     @staticmethod
     def as_setting(matrices: F64) -> list[list[Any]]:
-        """Poses at all samples (T, 4, 4) as a setting; what stays is written once."""
+        """Encode poses at all samples (T, 4, 4) as a setting; unchanged ones are written once."""
         changes = np.ones(len(matrices), np.bool_)
         changes[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))
         return [[int(k), matrices[k, :3].ravel().tolist()] for k in np.flatnonzero(changes)]
 
     def move(self, matrix: F64) -> None:
-        """It is there from now on, for a renderer of moments; a pose that is none is left out."""
+        """Set the pose from now on, for a renderer of moments; an unusable pose is ignored."""
         if np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-12:
             self._indices, self._inverses = np.zeros(1, np.int64), np.linalg.inv(matrix)[None]
 
@@ -88,17 +88,17 @@ class PlaySpace:
 
 
 def stands(actuator: Actuator) -> bool:
-    """Whether an actuator stands somewhere in the room, so that it may be out of reach."""
+    """Test for an actuator with a place in the room, which may be out of reach."""
     return isinstance(actuator.place, RoomPlace) and actuator.place.at_m is not None
 
 
 def needs_positions(devices: Sequence[DeviceConfig]) -> bool:
-    """Whether samples have to tell where they are."""
+    """Test for devices that need the positions of samples."""
     return any(stands(actuator) for device in devices for actuator in device.actuators)
 
 
 def reaches(place: RoomPlace, points: F64) -> Bool:
-    """Which points (n, 3) of the play space an actuator reaches: in range, and in its cone."""
+    """Test points (n, 3) of the play space for being in an actuator's range and cone."""
     if place.at_m is None:
         return np.ones(len(points), np.bool_)
     way = points - np.array(place.at_m)
@@ -111,7 +111,7 @@ def reaches(place: RoomPlace, points: F64) -> Bool:
 
 
 def room_gains(place: RoomPlace, on_parts: Bool, run: SampleRun, points: F64) -> F64:
-    """How strongly an actuator in the room is felt at each sample of a run, (n,).
+    """Gain of an actuator in the room for each sample of a run, (n,).
 
     The strongest weight on skin that it reaches counts.
 

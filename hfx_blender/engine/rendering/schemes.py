@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device's rendering scheme on a perceptual model: which vertices drive which actuator.
+"""Rendering scheme of a device on a perceptual model: the vertices that drive each actuator.
 
 A scheme that pans treats each touched vertex as a phantom sensation of its own; of several,
 the strongest counts at an actuator, as with coverage.
@@ -37,7 +37,7 @@ _LONE_SPACING_M: Final = 0.05
 
 
 _FARTHEST_M: Final = 1e6
-"""Where what is farther away is taken to be: squares of larger numbers may overflow."""
+"""Distance that replaces larger ones, metres: squares of larger numbers may overflow."""
 
 _NO_DIRECTION: Final = 1e-6
 """Share of a layout's size: an actuator nearer to its middle has no direction from there."""
@@ -46,7 +46,7 @@ _NO_DIRECTION: Final = 1e-6
 def cells_of(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> ActuatorCells:
-    """Which vertices of a model each of some actuators reaches, and how strongly they drive it.
+    """Vertices of a model that each of some actuators reaches, with their factors.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def cells_of(
 
 @dataclass(frozen=True, eq=False)
 class PannedLayout:
-    """How the places between actuators drive them, on the side that was written."""
+    """Panning of places between actuators, on the side that was written."""
 
     vertices: I32  # (n,) ascending; those that drive any
     gains: F64  # (n, A)
@@ -82,7 +82,7 @@ class PannedLayout:
 def panned_layout(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> PannedLayout | None:
-    """Some actuators as a device's scheme pans between them; None where it does not.
+    """Layout of some actuators for a device's panning scheme; None where it does not pan.
 
     What stands in the room, or is nowhere on this model, is not panned between.
 
@@ -226,7 +226,7 @@ def _line(device: DeviceConfig, centres: F64) -> _Gains:
 
 
 def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
-    """In space round the middle of the actuators; in their plane if they are flat.
+    """VBAP in space round the middle of the actuators; in their plane if they are flat.
 
     If one of them is in the middle, all are seen from a place behind it.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Waves for actuators that are driven as sound: the same ones in files and live.
+"""Waveforms of actuators driven as sound, shared by files and live output.
 
 Amplitude and frequency go straight from one value to the next; the phase is the exact integral of
 the frequency, so it never jumps. Each sample is a function of its phase alone, also in a square
@@ -27,7 +27,7 @@ _NOISE_REPEATS: Final = 2**16
 
 
 def kept_through_silence(amplitudes: tuple[F64, F64], hz: tuple[F64, F64]) -> tuple[F64, F64]:
-    """Frequencies at the beginning and the end of ways between two amplitudes.
+    """Frequencies at the start and the end of ramps between two amplitudes, kept through silence.
 
     A silent end's frequency means nothing: what begins there begins with its own, and what ends
     there ends with its own.
@@ -43,12 +43,12 @@ def kept_through_silence(amplitudes: tuple[F64, F64], hz: tuple[F64, F64]) -> tu
 
 
 def cycles_on_the_way(hz: tuple[F64, F64], share: F64, seconds: float) -> F64:
-    """Cycles played since a way began, of which ``share`` (0..1) of ``seconds`` has passed."""
+    """Cycles played since a ramp began, after ``share`` (0..1) of its ``seconds``."""
     return np.asarray(share * (hz[0] + (hz[1] - hz[0]) * (share / 2.0)) * seconds)
 
 
 def cycles_since_the_beginning(hz: F64, seconds: float, repeats: F64) -> F64:
-    """Phase of what begins now, in cycles: as if it had sounded from the beginning of time.
+    """Phase of a new wave, in cycles: as if it had sounded from the beginning of time.
 
     Vibrations of one frequency are so in phase, and add.
 
@@ -68,7 +68,7 @@ def kinds_of(waveforms: Sequence[Waveform]) -> I64:
 
 
 def cycles_until_it_repeats(kinds: I64) -> F64:
-    """Cycles after which waves of these kinds come again: phases are kept modulo these."""
+    """Cycles after which waves of these kinds repeat: phases are kept modulo these."""
     return np.where(kinds == WAVEFORMS.index("noise"), float(_NOISE_REPEATS), 1.0)
 
 
@@ -80,7 +80,7 @@ def waves(
     cycles: F64,
     rate_hz: float,
 ) -> F64:
-    """Samples at a share of the ways between amplitudes, at so many cycles.
+    """Samples at a share of the ramps between amplitudes, at given cycles.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _sines(cycles: F64, _steps: F64) -> F64:
 
 
 def _squares(cycles: F64, steps: F64) -> F64:
-    """In phase with sines; an edge takes two samples, on two parabolas.
+    """Square waves in phase with sines; an edge takes two samples, on two parabolas.
 
     This is a square with polynomial band-limited steps (Välimäki and Huovilainen, IEEE Signal
     Processing Magazine 2007): what is mirrored at half the rate is faint, and nothing overshoots,
@@ -131,7 +131,7 @@ def _squares(cycles: F64, steps: F64) -> F64:
 
 
 def _noises(cycles: F64, _steps: F64) -> F64:
-    """A band about the frequency: each cycle fades from one sine to another.
+    """Band noise around the frequency: each cycle fades from one sine to another.
 
     The phases of these sines are drawn once and for all, by the number of the cycle. Two sines
     that share one amplitude never exceed it. The fading is smooth (3 s^2 - 2 s^3): half of the

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact responses of a whole scene: the engine's contacts go in, what is felt comes out."""
+"""Contact responses of a whole scene: from the engine's contacts to samples."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class Answering:
 
     @property
     def memory_s(self) -> float:
-        """For how long what was felt may matter: a part of time is felt as in the whole if what
-        was so long before it, and a sample more, is evaluated first."""
+        """Longest ringing of any response, seconds: evaluate this much time, and one sample more,
+        before a part so that the part equals the whole."""
         return max(
             (
                 each.rings_s
@@ -77,7 +77,7 @@ class Answering:
         bounds: ReachableBounds,
         run: SampleRun | None,
     ) -> SampleRun | None:
-        """What is felt of a volume with a response, from its contacts with a body."""
+        """Apply the response of a volume to its contacts with a body."""
         assert isinstance(effect.area, HapticVolume)
         stream = Stream(effect.id, body.id, effect.modality, effect.model_id)
         if run is None and not self.defers and self._is_far(stream, animated, rows, bounds, effect):
@@ -114,7 +114,7 @@ class Answering:
         return replace(felt, times_s=self.scene.time.times_s(felt.indices))
 
     def _places_of(self, bounds: ReachableBounds, skin: BodySkin, pose: PoseBlock) -> BodyPlaces:
-        """One for all volumes of a block."""
+        """Positions of a body's clusters, shared by all volumes of a block."""
         if self._places is None or self._places[0] is not bounds:
             self._places = bounds, BodyPlaces(skin, pose, bounds.rows)
         return self._places[1]
@@ -127,8 +127,8 @@ class Answering:
         bounds: ReachableBounds,
         effect: EffectDescription,
     ) -> bool:
-        """Whether nothing of a volume that touches nobody can be felt: the rule, where there
-        are hundreds of them."""
+        """Quick test that a volume which touches nobody cannot be felt; the usual case among
+        hundreds."""
         if self.settling.rings(stream) or len(animated.shapes) != 1 or not len(bounds.rows):
             return False
         assert isinstance(effect.area, HapticVolume) and animated.response is not None
@@ -149,7 +149,7 @@ class Answering:
 
 
 def with_own_sets(run: SampleRun) -> SampleRun:
-    """The same samples, each with a vertex set of its own."""
+    """Copy of a run in which each sample has a vertex set of its own."""
     if run.sets is None:
         return run
     parts = [slice(int(a), int(b)) for a, b in pairwise(run.offsets)]
@@ -164,7 +164,7 @@ def with_own_sets(run: SampleRun) -> SampleRun:
 
 
 def depths_of(felt: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.float32]:
-    """Depths (total,) of what is felt, each sample with its own set: 0 where there is no contact.
+    """Depths (total,) of samples, each with its own set: 0 without contact.
 
     ``contacts`` are those that were answered; they hold depths.
     """

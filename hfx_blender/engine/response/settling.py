@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a response remembers: impacts that still ring, and the skin that they were felt on.
+"""Memory of responses: impacts that still ring, and the skin that they were felt on.
 
 Give it the touches of each stream in the order of time, in any parts: splitting time and
 putting it together again gives the same bytes.
@@ -32,7 +32,7 @@ LEAST: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What is kept of one stream from one part of time to the next; plain data."""
+    """Memory of one stream between parts of time."""
 
     index: int = -2  # of the last sample
     was_touched: bool = False
@@ -42,7 +42,7 @@ class Memory:
     weights: F32 | None = None
 
     def rings(self, time_s: float) -> bool:
-        """Whether an impact is still felt at a time."""
+        """Test for an impact that is still felt at a time."""
         return any(impact.ends_s > time_s for each in self.impacts for impact in each)
 
 
@@ -59,7 +59,7 @@ class Settling:
         self.memories: dict[Stream, Memory] = {} if memories is None else dict(memories)
 
     def settle(self, touches: Touches) -> SampleRun | None:
-        """What is felt of a stream's next touches; None if nothing is."""
+        """Samples of a stream's next touches; None without any."""
         memory = self.memories.get(touches.stream, Memory())
         if not len(touches):
             return None
@@ -71,26 +71,26 @@ class Settling:
         return run
 
     def settle_all(self, touches: Iterable[Touches]) -> list[SampleRun]:
-        """The runs of several streams or blocks, in the order given; silent ones left out."""
+        """Settle several streams or blocks, in the order given; silent runs are left out."""
         found = (self.settle(each) for each in touches)
         return [run for run in found if run is not None]
 
     def pass_over(self, stream: Stream, index: int) -> None:
-        """Nothing of a stream was touched or near up to a sample, and nothing rang."""
+        """Record that nothing of a stream was touched, near or ringing up to a sample."""
         self.memories[stream] = Memory(index=index)
 
     def rings(self, stream: Stream) -> bool:
-        """Whether any impact of a stream may still be felt."""
+        """Test for an impact of a stream that may still be felt."""
         memory = self.memories.get(stream)
         return memory is not None and any(memory.impacts)
 
     def any_rings(self, time_s: float) -> bool:
-        """Whether any impact of any stream is still felt at a time."""
+        """Test for an impact of any stream that is still felt at a time."""
         return any(memory.rings(time_s) for memory in self.memories.values())
 
 
 def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]:
-    """What is felt of touches that follow a memory, and what is remembered after them."""
+    """Samples of touches that follow a memory, and the memory after them."""
     filters, times = touches.filters, touches.times_s
     impacts = _with_new_impacts(touches, memory)
     rings = np.zeros(len(touches), np.bool_)
@@ -127,7 +127,7 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
 
 
 def _with_new_impacts(touches: Touches, memory: Memory) -> list[list[Impact]]:
-    """Impacts of each filter: those that may still ring, and those that begin here."""
+    """Impacts of each filter: old ones that may still ring, and new ones."""
     before = np.concatenate([[memory.index], touches.indices[:-1]])
     was_touched = np.concatenate([[memory.was_touched], touches.is_touched[:-1]])
     begins = touches.is_touched & ~was_touched & (before == touches.indices - 1)
@@ -144,9 +144,9 @@ def _with_new_impacts(touches: Touches, memory: Memory) -> list[list[Impact]]:
 
 
 def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
-    """Values (n, F); what rings on keeps the speed of its last touch, all else untouched has none.
+    """Values (n, F): ringing samples keep the speed of the last touch, others untouched get 0.
 
-    Nothing but what rings may look back: so memory ends when the last impact has.
+    Only ringing samples may look back, so the memory ends with the last impact.
     """
     values = touches.values.copy()
     columns = [f for f, each in enumerate(touches.filters) if each.kind is Kind.SPEED]
@@ -160,7 +160,7 @@ def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
 
 
 def _last(holds: Bool) -> I64:
-    """The last place up to each at which something holds, (n,); -1: none yet."""
+    """Last index up to each at which ``holds`` is true, (n,); -1 before the first."""
     places: I64 = np.maximum.accumulate(np.where(holds, np.arange(len(holds)), -1))
     return places
 

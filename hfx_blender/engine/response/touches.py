@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a response can tell from single moments: touched and near skin, speeds, values of filters.
+"""Stateless part of responses: touched and near skin, speeds, values of filters.
 
 Nothing here remembers anything, so blocks of times may be worked out anywhere, in any order.
 """
@@ -36,7 +36,7 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """One volume on one body over some times, before its response remembers anything.
+    """Contact of one volume and one body over some times, before the response's memory.
 
     A stack without impacts has the times at which skin is touched or near; one with impacts all
     at which the effect is on, as an impact may still be felt.
@@ -62,7 +62,7 @@ class Touches:
 
 
 class BodyPlaces:
-    """Where a body's clusters of vertices are over a block, each worked out when first needed."""
+    """World positions of a body's clusters over a block, each computed when first needed."""
 
     def __init__(self, skin: BodySkin, pose: PoseBlock, rows: I64) -> None:
         self._skin = skin
@@ -95,7 +95,7 @@ class Moments:
     places: BodyPlaces  # at the rows of the bounds
 
     def touches(self, stream: Stream, parameters: F64, run: SampleRun | None) -> Touches | None:
-        """What is touched, as the engine's contacts tell (``run``), and what is near.
+        """Collect touched skin from the engine's contacts (``run``), and skin that is near.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Moments:
         return speeds
 
     def _add_near(self, sets: dict[int, tuple[I32, F64]], controls: F64, is_touched: Bool) -> F64:
-        """Let sets reach the skin within the range before contact; how near it is, (n,)."""
+        """Add the skin within the range before contact to the sets; returns its nearness, (n,)."""
         assert self.effect.matrices is not None
         nearness = is_touched.astype(np.float64)
         matrices = self.effect.matrices[self.rows]
@@ -259,7 +259,7 @@ class Moments:
 
 
 def _distances(offsets: F64, axis: F64 | None) -> F64:
-    """From the origin, or from an axis through it, (n,)."""
+    """Distances from the origin, or from an axis through it, (n,)."""
     if axis is not None:
         length = float(np.sqrt(axis @ axis))
         if length > 0.0:
@@ -281,7 +281,7 @@ def _strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tu
 
 
 def _packed(sets: dict[int, tuple[I32, F64]], kept: I64) -> tuple[I64, I64, I32, F32]:
-    """Sets of the rows ``kept`` in columns; a set that stays is held once."""
+    """Pack sets of the rows ``kept`` into columns; equal successive sets are stored once."""
     set_of = np.full(len(kept), -1, np.int64)
     found: list[tuple[I32, F32]] = []
     for k, row in enumerate(kept.tolist()):

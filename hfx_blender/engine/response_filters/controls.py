@@ -9,7 +9,7 @@ from typing import Final
 
 
 class Kind(StrEnum):
-    """What a filter looks at."""
+    """Input of a filter."""
 
     DISTANCE = "distance"  # from the volume's centre or axis
     SPEED = "speed"  # of skin and volume against each other
@@ -19,7 +19,7 @@ class Kind(StrEnum):
 
 
 class About(StrEnum):
-    """What distances are measured from, or that a sine runs in time."""
+    """Reference of a filter's distances, or time for a sine."""
 
     CENTRE = "centre"  # the volume's origin
     AXIS = "axis"  # its local Z axis
@@ -27,7 +27,7 @@ class About(StrEnum):
 
 
 class Operation(StrEnum):
-    """How a filter's value goes into what the filters above it yield."""
+    """Operation that combines a filter's value with the result of the filters above it."""
 
     MULTIPLY = "multiply"
     ADD = "add"
@@ -36,7 +36,7 @@ class Operation(StrEnum):
 
 @dataclass(frozen=True)
 class Control:
-    """One keyframable parameter of a filter."""
+    """Keyframable parameter of a filter."""
 
     name: str
     unit: str
@@ -78,7 +78,7 @@ CONTROLS: Final[dict[Kind, tuple[Control, ...]]] = {
         Control("phase", "turns", 0.0, -1000.0, 1000.0),
     ),
 }
-"""Of each kind, in the order in which blocks hold them."""
+"""Controls of each kind, in the order in which blocks hold them."""
 
 WIDTH: Final = max(len(controls) for controls in CONTROLS.values())
 """Columns that blocks have for each filter."""
@@ -86,7 +86,7 @@ WIDTH: Final = max(len(controls) for controls in CONTROLS.values())
 
 @dataclass(frozen=True)
 class Filter:
-    """What does not change over time about one filter of a stack."""
+    """Constant settings of one filter of a stack."""
 
     kind: Kind
     operation: Operation = Operation.MULTIPLY
@@ -95,12 +95,12 @@ class Filter:
 
     @property
     def is_in_space(self) -> bool:
-        """Whether it has a value for each vertex."""
+        """Test that the filter has a value for each vertex."""
         in_space = self.kind is Kind.SINE and self.about is not About.TIME
         return in_space or self.kind is Kind.DISTANCE
 
 
 def defaults(kind: Kind) -> list[float]:
-    """The controls of a filter that nobody has set, padded to :data:`WIDTH`."""
+    """Default controls of a filter, padded to :data:`WIDTH`."""
     values = [control.default for control in CONTROLS[kind]]
     return values + [0.0] * (WIDTH - len(values))

@@ -29,7 +29,7 @@ _EQUAL_ENDS: Final = 12.0  # time constants; t e^(1 - t) is 2e-4 there, and othe
 
 @dataclass(frozen=True)
 class Impact:
-    """One impact that may still be felt."""
+    """Impact that may still be felt."""
 
     time_s: float
     strength: float  # at its peak, in 0..1
@@ -38,12 +38,12 @@ class Impact:
 
     @property
     def ends_s(self) -> float:
-        """When it has died away."""
+        """End of the impact's decay, seconds."""
         return self.time_s + duration_s(self.attack_s, self.decay_s)
 
 
 def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
-    """The envelope of one impact of strength 1, (n,): its peak is 1, and 0 before it.
+    """Envelope of one impact of strength 1, (n,): its peak is 1, and 0 before it.
 
     Without an attack y = exp(-t / decay), which the recursion y[n] = exp(-dt / decay) y[n-1]
     + x[n] has at its samples. With one, the input of that filter is smoothed by another:
@@ -64,7 +64,7 @@ def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
 
 
 def duration_s(attack_s: float, decay_s: float) -> float:
-    """After which time an impact has ended: its tail is below :data:`SILENCE` from then on."""
+    """Duration of an impact: its tail stays below :data:`SILENCE` afterwards, seconds."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     if fast <= _SAME * slow:
         return -slow * math.log(SILENCE)
@@ -77,7 +77,7 @@ def duration_s(attack_s: float, decay_s: float) -> float:
 
 
 def longest_s(attack_s: float, decay_s: float) -> float:
-    """No less than the duration for any time constants up to these."""
+    """Upper bound of the duration for time constants up to these, seconds."""
     slow, fast = max(attack_s, decay_s), min(attack_s, decay_s)
     return slow * (_EQUAL_ENDS if fast > 0.0 else -math.log(SILENCE))
 
@@ -87,7 +87,7 @@ def _peak_s(slow: float, fast: float) -> float:
 
 
 def envelope(times_s: F64, impacts: Iterable[Impact]) -> F64:
-    """The sum of what is left of impacts, (n,); each ends after its duration."""
+    """Envelope of several impacts, (n,): their sum; each ends after its duration."""
     total = np.zeros(len(times_s))
     for impact in impacts:
         since = times_s - impact.time_s

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The filters of a contact response: what each yields, and how a stack is folded.
+"""Filters of a contact response: their values, and the folding of a stack.
 
 A filter yields a value in 0..1. Most are one number for the whole touch; distance and a sine
 in space have one for each vertex, which always multiplies its weight.
@@ -17,7 +17,7 @@ Bool = npt.NDArray[np.bool_]
 
 
 def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
-    """Controls (T, F, WIDTH) brought into their ranges; what is no number takes the default."""
+    """Controls (T, F, WIDTH) clipped to their ranges; NaN becomes the default."""
     limited = np.array(controls, np.float64)
     for k, each in enumerate(filters):
         for c, control in enumerate(CONTROLS[each.kind]):
@@ -28,14 +28,14 @@ def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:
 
 
 def distance_value(distances_m: F64, controls: F64) -> F64:
-    """Linear from one value to another between two distances, (n,); controls (WIDTH,)."""
+    """Linear ramp between two distances, (n,); controls (WIDTH,)."""
     near, far, first, last = controls[1:5]
     share = np.clip((distances_m - near) / max(far - near, 1e-9), 0.0, 1.0)
     return np.asarray(first + (last - first) * share)
 
 
 def speed_value(speeds_m_s: F64, controls: F64) -> F64:
-    """0 up to one speed, rising evenly to 1 at another, (n,); controls (n, WIDTH)."""
+    """Linear ramp from 0 at one speed to 1 at another, (n,); controls (n, WIDTH)."""
     still, full = controls[:, 1], controls[:, 2]
     rise = (speeds_m_s - still) / np.maximum(full - still, 1e-9)
     return np.asarray(np.clip(np.nan_to_num(rise), 0.0, 1.0))
@@ -48,18 +48,18 @@ def proximity_value(distances_m: F64, controls: F64) -> F64:
 
 
 def sine_value(turns: F64, controls: F64) -> F64:
-    """Between 1 - depth and 1; 1 - depth / 2 at whole turns; controls (..., WIDTH)."""
+    """Sine between 1 - depth and 1, 1 - depth / 2 at whole turns; controls (..., WIDTH)."""
     wave = np.sin(2.0 * np.pi * (turns + controls[..., 3]))
     return np.asarray(1.0 - 0.5 * controls[..., 2] * (1.0 - wave))
 
 
 def mixed(value: F64, influence: F64) -> F64:
-    """A factor that an influence of 0 leaves out."""
+    """Blend a factor with 1 by its influence; an influence of 0 leaves it out."""
     return np.asarray(1.0 + influence * (value - 1.0))
 
 
 def folded(filters: tuple[Filter, ...], start: F64, values: F64, influences: F64) -> F64:
-    """What a stack yields, from top to bottom, in 0..1.
+    """Evaluate a stack from top to bottom, in 0..1.
 
     Parameters
     ----------

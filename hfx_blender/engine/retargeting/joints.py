@@ -25,7 +25,7 @@ _LARGEST_MISFIT: Final = 0.12
 """RMS distance of the joints of torso, legs and head from a person's, as a share of the height."""
 
 _FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
-"""Of these a rig may have one for all."""
+"""Fingers that a rig may have as a single one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
 
 
 def _filled(shares: F64, points: F64) -> F64:
-    """Skin that follows no bone belongs to the region of the nearest skin that does."""
+    """Assign skin that follows no bone to the region of the nearest skin that does."""
     from scipy.spatial import cKDTree
 
     bare = shares.sum(axis=1) == 0.0
@@ -121,7 +121,7 @@ def _feet_forward(points: F64, region: I64, joints: Mapping[str, F64]) -> float:
 
 
 def _without_mittens(mapped: Mapping[str, str]) -> dict[str, str]:
-    """Leave out a finger that stands for all of them: it says nothing on any one's place."""
+    """Leave out a finger that represents all of them: it tells no single finger's place."""
     found = dict(mapped)
     for side in "LR":
         fingers = [bone for bone in mapped if bone[:7] in _FINGERS and bone.endswith(f".{side}")]

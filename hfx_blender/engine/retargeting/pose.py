@@ -52,7 +52,7 @@ def posed(avatar: Avatar, matrices: F64) -> F64:
 
 
 def matrices(avatar: Avatar, bodies: Skeletons) -> F64:
-    """What brings each vertex of the canonical avatar into the target's rest pose, (V, 3, 4).
+    """Matrices (V, 3, 4) from the canonical avatar's vertices into the target's rest pose.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def matrices(avatar: Avatar, bodies: Skeletons) -> F64:
 
 
 class _Segments:
-    """The transform of each segment, made when it is first asked for."""
+    """Transforms of the segments, each computed on first use."""
 
     def __init__(self, avatar: Avatar, bodies: Skeletons) -> None:
         self._c, self._t = bodies.canonical, bodies.joints
@@ -152,7 +152,7 @@ class _Segments:
         return self._stretched(self._turn("torso"), start, end, new_start, new_end, girth)
 
     def _head(self, _side: str) -> tuple[F64, F64]:
-        """Heads are upright; the skull above the ears tells size and place, whatever the rig."""
+        """Upright transform of the head, its size and place from the skull above the ears."""
         mine, theirs = self._skins("head")
         if len(theirs) <= 10:
             return self._turn("torso"), self._matrix("torso")
@@ -211,7 +211,7 @@ class _Segments:
         return affine(new @ old.T, new @ np.diag(scale) @ old.T, self._c[wrist], self._t[wrist])
 
     def _finger(self, bone: str) -> F64:
-        """A phalanx; one that the rig does not have moves with the one before it."""
+        """Matrix of a phalanx; one that the rig does not have moves with the one before it."""
         if bone not in self._made:
             stem, _, side = bone.partition(".")
             finger, phalanx = stem[:-2], int(stem[-1])
@@ -235,7 +235,7 @@ class _Segments:
         return self._made[bone]
 
     def _foot(self, side: str) -> tuple[F64, F64]:
-        """Feet stand flat: turned about the upright only, and sized by their soles' extent."""
+        """Transform of a flat foot: turned about the vertical only, and sized by its sole."""
         ankle, ball, region = f"ankle.{side}", f"ball.{side}", f"foot.{side}"
         leg = f"lowerleg.{side}"
         if ankle not in self._t:
@@ -316,7 +316,7 @@ class _Segments:
         return self._stretched(turn, start, tip, new_start, new_tip, self._girth(region))
 
     def _mitten(self, parent: str, joint: str, region: str) -> tuple[F64, F64]:
-        """A hand without knuckles: its broad side tells how it is turned."""
+        """Transform of a hand without knuckles, its rotation from its broad side."""
         turn, _ = self._by_extent(parent, joint, region)
         mine, theirs = self._skins(region)
         if len(theirs) <= 10:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How well a perceptual model fits an avatar, part by part."""
+"""Judges the fit of a perceptual model to an avatar, part by part."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ IN_PLACE: Final = 0.8
 """Share of a part's vertices that must lie on skin of that part of the avatar."""
 
 AREA_RATIOS: Final = (0.4, 2.5)
-"""How much larger or smaller a part may be than on the canonical body of the same size."""
+"""Allowed range of a part's area relative to the canonical body of the same size."""
 
 RIGHT_WAY: Final = 0.9
 """Share of the limbs' vertices that must lie on their own side."""
@@ -46,7 +46,7 @@ _REGIONS_OF: Final = {
 
 @dataclass(frozen=True)
 class PartQuality:
-    """One body part of one model on one avatar; lengths as if it were 1.8 m tall."""
+    """Fit of one body part of one model on one avatar; lengths as if it were 1.8 m tall."""
 
     part: str
     distance_mean_mm: float  # to the avatar's skin, before landing on it
@@ -56,7 +56,7 @@ class PartQuality:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What is wrong with it, in words."""
+        """Faults of the fit, as text."""
         found = []
         if self.distance_p95_mm > FARTHEST_MM:
             found.append(f"is up to {self.distance_p95_mm:.0f} mm from the avatar's surface")
@@ -69,7 +69,7 @@ class PartQuality:
 
 @dataclass(frozen=True)
 class Quality:
-    """How a perceptual model fits an avatar."""
+    """Fit of a perceptual model to an avatar."""
 
     model_id: str
     parts: tuple[PartQuality, ...]
@@ -78,7 +78,7 @@ class Quality:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each part that fits badly, and for sides that are swapped."""
+        """Warnings: a sentence for each part that fits badly, and for sides that are swapped."""
         found = [
             f"{part.part.replace('_', ' ')} {fault}" for part in self.parts for fault in part.faults
         ]
@@ -96,7 +96,7 @@ def judge(
     distance_m: F64,
     feet_forward: float,
 ) -> Quality:
-    """Judge where a model landed.
+    """Judge the fit of a model's placed vertices.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def judge(
 
 
 def _areas(points: F64, model: PerceptualModel) -> F64:
-    """Each vertex's third of its triangles, (V,)."""
+    """Area of each vertex: a third of its triangles, (V,)."""
     triangles = model.triangles.astype(np.int64)
     thirds = np.repeat(areas_of(points, triangles) / 3.0, 3)
     return np.bincount(triangles.ravel(), thirds, minlength=len(points)).astype(np.float64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions and segments of the canonical skeleton: which bones move as one, and which skin.
+"""Regions and segments of the canonical skeleton: bones that move as one, and their skin.
 
 A *segment* is moved by one affine transform when the canonical body is posed onto a target. A
 *region* is a stretch of skin within which a place of the target may be looked for: a finger
@@ -85,14 +85,14 @@ _ABOVE: Final = {
 
 
 def above(region: str) -> str:
-    """The region that a limb's region hangs on; the torso hangs on itself."""
+    """Parent of a limb's region in the hierarchy of regions; the torso is its own parent."""
     stem, _, side = region.partition(".")
     upper = _ABOVE.get(stem.rstrip("12345"), "torso")
     return upper if upper == "torso" else f"{upper}.{side}"
 
 
 def known_regions(mapped: Mapping[str, str]) -> dict[str, str]:
-    """For each region the one that stands for it on a rig: itself, or what it hangs on.
+    """Region that stands for each region on a rig: itself, or the nearest parent that the rig has.
 
     A rig without finger bones has hands that hold their fingers.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptual models on somebody's own avatar: same vertex ids, the avatar's places and bones.
+"""Perceptual models on a user's own avatar: same vertex ids, the avatar's places and bones.
 
 The canonical avatar is posed onto the target's rest pose and pulled onto its skin once
 (:func:`warp`); the vertices of any model ride along and land on the target's triangles
@@ -38,7 +38,7 @@ _SAME_TOPOLOGY: Final = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Warp:
-    """The canonical avatar brought into a target's shape: what all models share."""
+    """Deformation of the canonical avatar into a target's shape, shared by all models."""
 
     target: TargetAvatar
     mapping: RigMapping
@@ -76,7 +76,7 @@ def warp(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Warp:
 
 
 def _shaped(avatar: Avatar, bodies: Skeletons, triangles: I64, surface: TargetSurface) -> F64:
-    """The canonical avatar in the target's pose and, as far as people differ alike, shape."""
+    """Deform the canonical avatar to the target's pose and, with the shape fields, its shape."""
     moved = matrices(avatar, bodies)
     start, fields = posed(avatar, moved), fields_for(avatar)
     return start if fields is None else shape(fields, moved, start, triangles, bodies, surface)
@@ -118,7 +118,7 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
 
 
 def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64]:
-    """Places of the vertices on the target, and where they were before they landed."""
+    """Project the vertices onto the target; returns their places, and those before."""
     corners = warped.vertices[model.avatar_vertices]
     weights = model.avatar_weights.astype(np.float64)
     points = np.einsum("vc,vci->vi", weights, corners)
@@ -167,7 +167,7 @@ def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
 
 
 def _skin_weights(model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors) -> SkinWeights:
-    """The target's own weights at each vertex; the canonical ones, mapped, where it has none."""
+    """Skin weights of the target at each vertex; the canonical ones, mapped, where it has none."""
     from scipy.sparse import coo_array, diags_array
 
     target, count = warped.target, len(model)

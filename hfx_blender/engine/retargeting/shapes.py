@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How people differ in shape, and the shape of a target told from the distances to its skin.
+"""Shape fields: variation among people, and the shape of a target found from distances to its skin.
 
 A posed body has the target's joints, lengths and girths; what is still missing is smooth and
 much alike from person to person: where the flesh of a thigh lies along it, how breasts and belly
@@ -121,7 +121,7 @@ def load_shapes() -> ShapeFields:
 
 
 def fields_for(avatar: Avatar) -> ShapeFields | None:
-    """The shipped fields, if they are an avatar's."""
+    """Shipped fields, if they belong to an avatar."""
     fields = load_shapes()
     return fields if fields.fields.shape[1] == len(avatar.vertices) else None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars of several meshes: which of them are the skin, and their union.
+"""Avatars of several meshes: detection of the skin, and its union.
 
 Skin lies under hair and clothes, so of two meshes that cover the same region of the body the one
 nearer to the bones is the skin. A mesh that covers no region that the others leave open (hair,
@@ -34,14 +34,14 @@ _IS_FINGER: Final = np.array([region.startswith("finger") for region in REGIONS]
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What one mesh covers."""
+    """Coverage of the body by one mesh."""
 
     cover: F64  # (R,) area in each region, as a share of the canonical body's
     bone_distance: float  # median distance of the vertices from the bones of their regions
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Meshes that cover more come first, and of equals those nearer to the bones."""
+        """Sort key: meshes that cover more come first, of equals those nearer to the bones."""
         return -int(np.count_nonzero(self.cover[~_IS_FINGER] >= _COVERS)), self.bone_distance
 
 

@@ -29,7 +29,7 @@ _FACING: Final = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places on a target's surface, one for each of the points that asked."""
+    """Places on a target's surface, one for each query point."""
 
     found: npt.NDArray[np.bool_]  # (P,) whether there is one
     triangle: I64  # (P,) of the target
@@ -61,7 +61,7 @@ class TargetSurface:
         reach_m: float,
         facing: float = _FACING,
     ) -> Places:
-        """The nearest place for each point, in a region that it takes part in, facing alike.
+        """Find the nearest place for each point, in a shared region, facing alike.
 
         Parameters
         ----------
@@ -149,14 +149,14 @@ def vertex_normals(points: F64, triangles: I64) -> F64:
 
 
 STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
-"""How much a vertex follows its neighbours rather than the surface, round by round."""
+"""Weight of a vertex's neighbours against the surface, round by round."""
 
 _REACH_M: Final = 0.12
 """Farthest that the surface may pull from in the first round; half of it in the last."""
 
 
 def pull(points: F64, triangles: I64, shares: F64, surface: TargetSurface) -> F64:
-    """Pull a posed body onto the surface, evenly: neighbours move alike.
+    """Pull a posed body onto the surface smoothly: neighbours move alike.
 
     Each round looks for the nearest places and moves towards their tangent planes, so that the
     skin can slide; the displacement's differences along the edges are held small (a membrane),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Somebody's avatar, as retargeting needs it: its mesh, its bones, and whether it can be used."""
+"""Avatar of a user, for retargeting: its mesh, its bones, and checks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _UNSKINNED: Final = 0.2
 
 
 class Bone(Protocol):
-    """A bone of somebody's rig, at rest."""
+    """Bone of a user's rig, at rest."""
 
     @property
     def name(self) -> str: ...
@@ -46,7 +46,7 @@ class Bone(Protocol):
 
 
 class RigMapping(Protocol):
-    """Which bones of a rig stand for the canonical ones."""
+    """Mapping from canonical bones to the bones of a rig."""
 
     @property
     def bones(self) -> Mapping[str, str]:
@@ -118,7 +118,7 @@ def check(target: TargetAvatar, name: str) -> None:
 
 
 def weld(points: F64) -> I64:
-    """For each point the first one at the same place (seams split many imported meshes)."""
+    """Index of the first point at the same place (many imported meshes are split at seams)."""
     size = float(np.ptp(points, axis=0).max()) or 1.0
     grid = np.round(points / (1e-6 * size)).astype(np.int64)
     _, first, place = np.unique(grid, axis=0, return_index=True, return_inverse=True)

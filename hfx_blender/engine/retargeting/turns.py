@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Turns and affine transforms of limbs, and where a limb's skin ends."""
+"""Rotations and affine transforms of limbs, and the ends of a limb's skin."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def affine(turn: F64, linear: F64, start: F64, new_start: F64) -> tuple[F64, F64
 
 
 def axes_of(main: F64, other: F64) -> F64:
-    """Right-handed axes: along ``main``, towards ``other``, and across; as columns."""
+    """Right-handed axes: along ``main``, towards ``other``, and across; as columns, (3, 3)."""
     x = main / np.linalg.norm(main)
     y = other - (other @ x) * x
     y = y / np.linalg.norm(y)
@@ -46,7 +46,7 @@ def axes_of(main: F64, other: F64) -> F64:
 
 
 def least_turn(one: F64, other: F64) -> F64:
-    """The smallest turn that takes one unit vector to another."""
+    """Smallest rotation that takes one unit vector to another, (3, 3)."""
     axis = np.cross(one, other)
     sine, cosine = np.linalg.norm(axis), one @ other
     if sine < 1e-12:
@@ -85,7 +85,7 @@ def extent_of(points: F64) -> tuple[F64, F64]:
 
 
 def tip_of(points: F64, start: F64) -> F64:
-    """Where a limb ends: the middle of the skin that is farthest from its last joint."""
+    """End of a limb: the middle of the skin that is farthest from its last joint, (3,)."""
     far = np.linalg.norm(points - start, axis=1)
     tip: F64 = points[far >= 0.93 * far.max()].mean(axis=0)
     return tip

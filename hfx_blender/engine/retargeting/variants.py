@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The canonical models as they stand on a variant's avatar: exact, nothing is fitted."""
+"""Canonical models on a variant's avatar: exact, nothing is fitted."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..scene import FittedModel, SurfaceAnchors
 
 
 def people() -> list[library.Entry]:
-    """The variants' avatars that the user has installed."""
+    """Avatars of the variants that the user has installed."""
     return [entry for entry in library.installed()[0] if entry.kind == "avatar"]
 
 
 def fitted_to(avatar: Avatar) -> list[FittedModel]:
-    """Every shipped model on the skin of a variant.
+    """Place every shipped model on the skin of a variant.
 
     Effects, tracks and devices go on speaking of the canonical models: a variant is another
     body, not another set of ids.

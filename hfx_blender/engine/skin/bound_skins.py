@@ -21,7 +21,7 @@ I32 = npt.NDArray[np.int32]
 
 
 class BoundSkins:
-    """The skins that a scene has needed so far.
+    """Cache of the skins that a scene has needed.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class BoundSkins:
         return self._bound[key]
 
     def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> Skin:
-        """One for all bodies whose binding can pose the same models."""
+        """Skin shared by all bodies whose binding can pose the same models."""
         model = self.model(model_id)
         fine = finer_id(model, self._tolerance)
         if isinstance(binding, SurfaceBinding):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The weights of a model that is bound to the bones of a body."""
+"""Skin weights of a perceptual model, bound to the bones of one body."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ I64 = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class BoundWeights:
-    """How much each of a body's bones moves each vertex; in each vertex that is 1 together."""
+    """Skin weights of each vertex, which sum to 1, as indices of the body's bones."""
 
     offsets: I64  # (V + 1,) each vertex's first weight
     bones: I64  # (E,)
@@ -32,7 +32,7 @@ class BoundWeights:
 
     @classmethod
     def of(cls, model: PerceptualModel, bone_names: tuple[str, ...]) -> BoundWeights:
-        """Those of a model, which must not change, on a body with these bones.
+        """Return the weights of a model, which must not change, on a body with these bones; cached.
 
         Raises
         ------
@@ -79,21 +79,21 @@ class BoundWeights:
         return cls(offsets, bones, values / sums[owners], rest, still)
 
     def entries(self, ids: I32) -> tuple[I64, I64]:
-        """Positions in the weight arrays of some vertices' weights, and whose each is."""
+        """Indices of some vertices' weights in the weight arrays, and the owner of each."""
         counts = self.offsets[ids + 1] - self.offsets[ids]
         owners = np.repeat(np.arange(len(ids)), counts)
         firsts = np.repeat(np.cumsum(counts) - counts, counts)
         return np.repeat(self.offsets[ids], counts) + np.arange(len(owners)) - firsts, owners
 
     def factors(self, ids: I32) -> tuple[I64, I64, F64]:
-        """Bones of some vertices' weights, whose each is, and weight times homogeneous rest
-        position (E, 4)."""
+        """Skin weights of some vertices: bones, owners, and weight times homogeneous rest position
+        (E, 4)."""
         entries, owners = self.entries(ids)
         factors: F64 = self.values[entries, None] * self.rest[ids[owners]]
         return self.bones[entries], owners, factors
 
     def clusters(self, clusters: list[I32]) -> native.BoundClusters:
-        """Clusters of the vertices, where the library finds them."""
+        """Clusters of the vertices, for the native library."""
         arrays = self.offsets, self.bones, self.values, self.rest
         return native.BoundClusters(*arrays, clusters, self.bone_count + 1)
 
@@ -101,13 +101,13 @@ class BoundWeights:
 _KNOWN: Final[WeakKeyDictionary[Any, WeakValueDictionary[tuple[str, ...], BoundWeights]]] = (
     WeakKeyDictionary()
 )
-"""Those in use, by their models: several skins of a model share them."""
+"""Cache of bound weights in use, by model: several skins of a model share them."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoneBoxes:
-    """Boxes at rest of what each bone moves of each cluster. A pair is a cluster and a bone that
-    moves some of it."""
+    """Boxes at rest of the part of each cluster that each bone moves. A pair is a cluster and a
+    bone that moves some of it."""
 
     ends: I64  # (C + 1,) each cluster's first pair
     bones: I64  # (P,) ascending in each cluster
@@ -116,7 +116,7 @@ class BoneBoxes:
 
     @classmethod
     def of(cls, weights: BoundWeights, clusters: list[I32]) -> Self:
-        """Of some clusters, none of which is empty."""
+        """Boxes of the clusters, none of which may be empty."""
         if native.is_there():
             return cls(*weights.clusters(clusters).bone_boxes())
         members = np.concatenate(clusters)
@@ -134,13 +134,13 @@ class BoneBoxes:
 
     @cached_property
     def centres(self) -> F64:
-        """Of the boxes, (P, 3)."""
+        """Centres of the boxes, (P, 3)."""
         centres: F64 = (self.low + self.high) / 2
         return centres
 
     @cached_property
     def halves(self) -> F64:
-        """Of their edges, (P, 3)."""
+        """Half edge lengths of the boxes, (P, 3)."""
         halves: F64 = (self.high - self.low) / 2
         return halves
 
@@ -156,7 +156,7 @@ class BoneBoxes:
 
     @property
     def slots(self) -> I64:
-        """Which of these each pair has."""
+        """Index into ``used`` of the bone of each pair."""
         return self._used[1]
 
     @cached_property

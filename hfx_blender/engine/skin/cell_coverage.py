@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The skin that a perceptual vertex stands for, and where it is sampled.
+"""Cells of skin that perceptual vertices stand for, and the samples of these cells.
 
 A vertex stands for its cell of skin: the places that are nearer to it than to its neighbours,
 each distance counted in the neighbour's own spacing. A cell is sampled in its triangles; on
@@ -53,7 +53,7 @@ def spacing_m(area_m2: F64) -> F64:
 
 
 def sample_distance_m(tolerance: Tolerance, spacing: F64) -> F64:
-    """How far skin may be from its sample where vertices are ``spacing`` apart, metres.
+    """Accepted distance of skin from its sample where vertices are ``spacing`` apart, metres.
 
     A sample stands for the skin around it. Where all of that is within the accepted error, the
     sample is inside if the skin is inside of a volume that much smaller, and is not if the skin
@@ -65,13 +65,13 @@ def sample_distance_m(tolerance: Tolerance, spacing: F64) -> F64:
 
 
 def finest_m(spacing: F64) -> F64:
-    """The same where no error is accepted."""
+    """Accepted distance where no error is accepted, metres."""
     finest: F64 = np.clip(FINEST_SHARE * spacing, *FINEST_M)
     return finest
 
 
 def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
-    """Whether vertices do not tell enough of the skin; in some pose any may be far apart.
+    """Test that single vertices do not represent enough of the skin.
 
     No skin is farther from its vertex than the vertices around.
     """
@@ -80,7 +80,7 @@ def _is_split(model: PerceptualModel, tolerance: Tolerance) -> bool:
 
 
 def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
-    """The model whose surface a model's cells are sampled on; None where its own will do.
+    """Id of the model whose surface a model's cells are sampled on; None for its own.
 
     Vertices of the temperature model are too far apart to follow a limb's surface.
     """
@@ -90,7 +90,7 @@ def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
 
 
 class Skin:
-    """How one perceptual model's cells are sampled; the same for every body that has it.
+    """Sampling of one perceptual model's cells; shared by all bodies that have the model.
 
     Parameters
     ----------
@@ -141,7 +141,9 @@ class Skin:
             self.outlines, self.margins_m = self._outlined()
 
     def _outlined(self) -> tuple[list[I32], F64]:
-        """Each cluster's units and the corners around them, and how far skin may bulge there."""
+        """Outline of each cluster (its units, the corners around them), and the margin of
+        its skin.
+        """
         order, firsts = sorted_by(self._owner, len(self.model))
         cells = np.concatenate(self.clusters)
         step, cell_of = ramp(firsts[cells + 1] - firsts[cells])
@@ -170,7 +172,7 @@ class Skin:
         return [each.astype(np.int32) for each in outlines], margins
 
     def _bulge_bounds(self) -> npt.NDArray[np.float32]:
-        """No sample of a triangle is higher over it, (F,) metres."""
+        """Upper bound of the height of a triangle's samples above it, (F,) metres."""
         corners = self.surface.triangles.T
         points = [self.surface.vertices[corner] for corner in corners]
         normals = [self.surface.normals[corner] for corner in corners]
@@ -184,7 +186,7 @@ class Skin:
 
     @cached_property
     def table(self) -> SkinTable:
-        """Where the skin is sampled; cluster by cluster, as they are needed."""
+        """Table of the skin's samples; filled cluster by cluster, as they are needed."""
         return SkinTable(
             self.surface,
             self.clusters,
@@ -222,7 +224,9 @@ class BodySkin:
         return self._bind(self.skin.model, self.skin.clusters)
 
     def posed_bones(self, pose: PoseBlock, rows: I64, to_target: F64) -> PosedBones | None:
-        """What bones do to the skin, to target space; None without bones, or the library."""
+        """Matrices of the bones that move the skin, to target space; None without bones or
+        library.
+        """
         if not isinstance(self.surface, SkinnedModel) or not native_skin.is_there():
             return None
         assert pose.bones is not None
@@ -230,7 +234,7 @@ class BodySkin:
 
     @cached_property
     def own_outline(self) -> Outline | None:
-        """What bones move of the model's own vertices, where the skin has others."""
+        """Boxes of what bones move of the model's own vertices; None where these are the skin's."""
         if not self.is_grouped:
             return None
         assert isinstance(self.vertices, SkinnedModel)
@@ -245,7 +249,7 @@ class BodySkin:
 
     @cached_property
     def cell_sizes(self) -> CellSizes | None:
-        """How large cells are in a pose; None where that is not known without posing them."""
+        """Bounds of cell sizes in a pose; None where they are unknown without posing."""
         if not isinstance(self.surface, SkinnedModel):
             return None
         own = self.vertices if self.is_grouped else None
@@ -266,16 +270,16 @@ class BodySkin:
 
     @cached_property
     def group_sizes(self) -> I64:
-        """How many vertices each group has."""
+        """Number of vertices of each group, (groups,)."""
         return np.array([len(ids) for ids in self.groups.clusters], np.int64)
 
     @property
     def is_grouped(self) -> bool:
-        """Whether groups are other than the clusters of the skin."""
+        """Test that groups differ from the clusters of the skin."""
         return self.skin.surface is not self.skin.model
 
     def asked_groups(self, asked: Bool) -> Bool:
-        """Which groups hold any of the clusters ``asked`` (n, clusters): (n, groups)."""
+        """Groups that hold any of the clusters ``asked`` (n, clusters): (n, groups) bool."""
         if not self.is_grouped:
             return asked
         found: Bool = (asked[:, None] & self._members).any(axis=2)
@@ -283,14 +287,14 @@ class BodySkin:
 
     @cached_property
     def _members(self) -> Bool:
-        """Which clusters each group has a part of, (groups, clusters)."""
+        """Membership of clusters in groups, (groups, clusters) bool."""
         members = np.zeros((len(self.groups.clusters), len(self.skin.clusters)), np.bool_)
         members[owners_of(self.groups.clusters, len(self.skin.model)), self.cluster_of] = True
         return members
 
 
 def owners_of(clusters: list[I32], count: int) -> I64:
-    """The cluster of each of so many vertices."""
+    """Cluster of each vertex, (count,)."""
     owners = np.zeros(count, np.int64)
     owners[np.concatenate(clusters)] = np.repeat(
         np.arange(len(clusters)), [len(ids) for ids in clusters]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How large cells of skin are in a pose: no less than the mean way from their vertex.
+"""Upper bounds of the size of cells of skin in a pose: the mean distance from their vertex.
 
 Bones stretch skin and pull it apart where they bend. Known for whole clusters from the bones
 alone, so that no skin is posed to find out that its vertices tell enough of it.
@@ -31,7 +31,7 @@ _LEAST_WEIGHT: Final = 0.01  # bones that move less of a cell do not matter
 
 @dataclass(frozen=True, eq=False)
 class _Groups:
-    """What is known of groups of a cluster's cells at rest: of each, the largest of its cells.
+    """Groups of a cluster's cells at rest; each value is that of the largest cell of the group.
 
     A *pair* is a group and a bone that moves some of it, group by group.
     """
@@ -53,8 +53,8 @@ class _Groups:
         changes: F64,
         distances: F64,
     ) -> _Groups:
-        """From the group of each cell, weights (C, B) and places (C, 3) of its vertex, and what
-        is known of it."""
+        """Build groups from the group of each cell, weights (C, B) and places (C, 3) of its vertex,
+        and its values."""
         order = np.argsort(groups, kind="stable")
         firsts = np.flatnonzero(np.diff(groups[order], prepend=-1))
         low = np.minimum.reduceat(places[order], firsts, axis=0)
@@ -75,7 +75,7 @@ class _Groups:
 
 
 class CellSizes:
-    """How large the cells of each cluster of a skin can be on a body that bones move.
+    """Upper bounds of the sizes of a skin's cells on a body that bones move, cluster by cluster.
 
     With weights u of a place x of skin and v of its cell's vertex at y, and any matrix R,
     sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y: the first part is at most
@@ -101,7 +101,7 @@ class CellSizes:
         self._native = CellGroups(len(surface.clusters))
 
     def means(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        """No less than the mean distance of any cell's skin from its vertex.
+        """Upper bounds of the mean distance of any cell's skin from its vertex.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class CellSizes:
         return largest
 
     def pointers(self, clusters: I64) -> Any:
-        """All clusters where the library finds them, these filled in."""
+        """Native table of all clusters, with these filled in."""
         new = self._native.lacking(clusters)
         if len(new):
             surface = self._surface.native_clusters(new)

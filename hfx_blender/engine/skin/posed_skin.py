@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skin of some clusters at some rows, posed: all of it in flat arrays.
+"""Posed skin of some clusters at some rows, in flat arrays.
 
 A *pair* is a cluster at a row. Its points, units and cells stand together, pair after pair, so
 that one pass looks at all that a volume may touch. A *slot* is a unit of a pair, a *contact* a
@@ -38,7 +38,7 @@ class PosedSkin:
 
     @cached_property
     def shifts(self) -> I64:
-        """What is added to a place of a pair's cluster to find its point, (pairs,)."""
+        """Offsets from a place within a pair's cluster to the index of its point, (pairs,)."""
         counts = self.table.place_counts[self.clusters]
         shifts: I64 = np.cumsum(counts) - counts - self.table.starts[self.clusters]
         return shifts
@@ -49,7 +49,7 @@ class PosedSkin:
         return counts
 
     def _counted_from(self, first: I64) -> I64:
-        """Numbers that begin anew with each pair's slots, at ``first`` (pairs,)."""
+        """Numbers that count up from ``first`` (pairs,) within each pair's slots."""
         ends = np.cumsum(self._slot_counts)
         before = ends - self._slot_counts
         found: I64 = np.arange(int(ends[-1])) + np.repeat(first - before, self._slot_counts)
@@ -77,17 +77,21 @@ class PosedSkin:
 
     @cached_property
     def reaches(self) -> F64:
-        """How far a unit's skin can be from its vertex, shape space, (slots,)."""
+        """Largest distance of a unit's skin from its vertex, shape space, (slots,)."""
         reaches: F64 = self.gaps * self.table.reaches[self.units]
         return reaches
 
     def farthest_of(self, slots: I64) -> F64:
-        """How far units' skin can be from their vertices on average, shape space, (k,)."""
+        """Upper bound of the mean distance of units' skin from their vertices, shape
+        space, (k,).
+        """
         distances: F64 = self.gaps[slots] * self.table.means[self.units[slots]]
         return distances
 
     def distances_of(self, slots: I64) -> F64:
-        """As :meth:`farthest_of`, from the corners as they are: less where joints bend."""
+        """Sharper bound than :meth:`farthest_of`, from the posed corners: less where
+        joints bend.
+        """
         units = self.units[slots]
         owner, quads = self.table.quads_of(units)
         start, one, other = (
@@ -108,7 +112,7 @@ class PosedSkin:
         return np.cumsum(counts) - counts - first, pair, first[pair] + step
 
     def contacts_of(self, slots: I64) -> I64:
-        """The contacts that some slots belong to."""
+        """Contacts that some slots belong to, (k,)."""
         if self.table.is_simple:
             return slots
         found: I64 = self._contacts[0][self.pairs[slots]] + self.table.cell_of[self.units[slots]]
@@ -116,7 +120,7 @@ class PosedSkin:
 
     @property
     def contact_count(self) -> int:
-        """How many contacts there are."""
+        """Number of contacts."""
         return len(self.units) if self.table.is_simple else len(self._contacts[2])
 
     def cells_of(self, contacts: I64) -> tuple[I64, I64]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a model's vertices are: bounds of its clusters, and positions of those that are asked for.
+"""Interface of posable models: bounds of their clusters, and positions of chosen vertices.
 
 Everything comes out in a *target* space (a volume's shape space, or the world) that the caller
 names by matrices from armature space, composed in float64: positions are never rounded
@@ -32,24 +32,24 @@ class PosableModel(Protocol):
         """
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        """A box that holds all of the model: two (n, 3), target space."""
+        """Box around the whole model: lower and upper corners (n, 3), target space."""
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         """Positions of a cluster's vertices, (3, n, Vc), target space."""
 
     def posed(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> PosedClusters:
-        """Some clusters at some rows, of which :class:`PosedClusters` tells more."""
+        """Clusters posed at some rows, see :class:`PosedClusters`."""
 
     def cluster_moves(
         self, clusters: I64, pose: PoseBlock, rows: tuple[I64, I64], to_target: tuple[F64, F64]
     ) -> F64:
-        """How far a vertex of some clusters can be from where it was, (n, k), target space.
+        """Upper bound of the way of a cluster's vertices between two rows, (n, k), target space.
 
         ``rows`` and ``to_target`` are those before and those after.
         """
 
     def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        """By how much the skin of some clusters is stretched at least, (n, k), target space.
+        """Lower bound of the stretch of the skin of some clusters, (n, k), target space.
 
         It is what a distance on it that is known at rest is worth. Where bones part the skin
         they move, that is no stretch.
@@ -66,7 +66,7 @@ class PosedClusters(Protocol):
         """Positions of a cluster's vertices, (3, m, Vc), target space."""
 
     def all_points(self, clusters: I64, at: I64) -> F64:
-        """The same of pairs of a cluster, ascending, and a place, one after the other, (3, N)."""
+        """Positions of several clusters' vertices, one after the other, (3, N)."""
 
     def skin(self, clusters: I64, at: I64, table: Skin) -> tuple[F64, F64]:
         """Positions of clusters' vertices, and how far from the first their neighbours can be.
@@ -77,18 +77,18 @@ class PosedClusters(Protocol):
 
 
 class Skin(Protocol):
-    """Which vertices of clusters count, and which are neighbours."""
+    """Vertices of clusters that take part in a search, and their neighbours."""
 
     unit_counts: I64
-    """How many of each cluster's first vertices have neighbours that count."""
+    """Number of each cluster's first vertices whose neighbours count, (C,)."""
 
     def links(self, cluster: int) -> I64:
-        """One of these vertices and a neighbour of it, (E, 2), by their places in the cluster
-        and in this order; they must be the same whenever the cluster is."""
+        """Pairs of a counted vertex and a neighbour, (E, 2), by their places in the cluster; the
+        same for the same cluster."""
 
 
 def runs(clusters: I64) -> list[tuple[int, int]]:
-    """Where the pairs of each of ascending clusters begin and end."""
+    """Start and end of the run of pairs of each of ascending clusters."""
     cuts = (np.flatnonzero(clusters[1:] != clusters[:-1]) + 1).tolist()
     return list(zip([0, *cuts], [*cuts, len(clusters)], strict=True))
 

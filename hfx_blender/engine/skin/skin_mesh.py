@@ -34,7 +34,7 @@ class SkinMesh:
 
     @classmethod
     def of(cls, model: PerceptualModel) -> SkinMesh:
-        """That of a model, which must not change."""
+        """Mesh of a model, which must not change; cached."""
         if model not in _KNOWN:
             corners = sorted_by(model.triangles.ravel(), len(model))
             _KNOWN[model] = cls(

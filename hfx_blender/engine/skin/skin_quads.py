@@ -19,7 +19,7 @@ _BULGE_LIMIT: Final = 0.25  # of a triangle's size; more is a crease, not a curv
 
 
 def closeness(areas_m2: npt.NDArray[np.float32]) -> F64:
-    """One over the spacing of vertices that have these areas, but for a factor."""
+    """Reciprocal spacing of vertices with these areas, up to a constant factor."""
     return (1.0 / np.sqrt(np.maximum(areas_m2, 1e-12))).astype(np.float64)
 
 
@@ -98,7 +98,7 @@ def squares_of(along: F64, across: F64) -> F64:
 
 
 def steps_within(places: F64, squares: F64, distance: F64) -> F64:
-    """Into how many parts both ways quads are divided, so that each part is near its sample.
+    """Number of parts along each side of quads, so that each part is near its sample.
 
     No place of a part is farther from the sample in its middle than the distance. Parts are
     skewed where a pose stretches the triangle; it does so by one matrix, so that the lengths of

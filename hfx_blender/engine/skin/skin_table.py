@@ -153,12 +153,13 @@ class SkinTable:
 
     @property
     def samples(self) -> F64:
-        """How each sample is placed, (4, S): the shares of the ways to both other corners; the
-        height, as a share of the triangle's size; its share of the cell's area."""
+        """Barycentric placement of each sample, (4, S): the shares of the ways to both other
+        corners; the height, as a share of the triangle's size; the sample's share of the cell's
+        area."""
         return self._samples
 
     def quads_of(self, units: I64) -> tuple[I64, I64]:
-        """All quads of some units, one unit after the other: whose each is, and quads."""
+        """All quads of some units, one unit after the other: owners, and quads."""
         step, owner = ramp(self.quad_starts[units + 1] - self.quad_starts[units])
         return owner, self.quad_starts[units][owner] + step
 
@@ -172,7 +173,7 @@ class SkinTable:
         return links - first
 
     def neighbours(self, cluster: int) -> tuple[I64, I64]:
-        """Units of a cluster, ascending, and those next to them, places in the cluster."""
+        """Neighbours of a cluster's units, as pairs of places in the cluster; units ascend."""
         ids = self.vertices[self.starts[cluster] : self.starts[cluster + 1]]
         units = ids[: self.unit_counts[cluster]]
         order, starts = self.mesh.corners, self.mesh.starts
@@ -183,7 +184,7 @@ class SkinTable:
         return unit, place[self.surface.triangles[face, _TURNED[1].take(turn)]]
 
     def need(self, clusters: I64) -> None:
-        """Fill in the skin of some clusters, where that has not been done."""
+        """Fill in the skin of clusters that have not been filled yet."""
         new = lacking(self._is_made, clusters)
         if not len(new):
             return
@@ -263,7 +264,7 @@ class SkinTable:
         return step, unit, ring, places[order[np.searchsorted(keys[order], wanted)]]
 
     def _make_room(self, count: int) -> None:
-        """For so many samples: in a new array, others may be looking at the one there is."""
+        """Make room for samples in a new array, as others may be reading the present one."""
         self._sample_count = count
         if count > self._samples.shape[1]:
             larger = np.empty((4, max(count, 2 * self._samples.shape[1])))
@@ -272,7 +273,7 @@ class SkinTable:
 
     @cached_property
     def _closeness(self) -> F64:
-        """One over the spacing of vertices, but for a factor, (skin vertices,)."""
+        """Reciprocal spacing of vertices, up to a constant factor, (skin vertices,)."""
         return closeness(self.mesh.areas_m2)
 
     def _place_samples(self, at: I64, quads: Quads, scale: F64) -> None:
@@ -289,7 +290,7 @@ class SkinTable:
             self._samples[:, places] = self.samples_of(at[mine], number)
 
     def samples_at(self, quads: I64, number: int) -> F64:
-        """Of :attr:`samples` those of some quads, ``number`` squared of each, (4, k, N).
+        """Samples of some quads, ``number`` squared of each, (4, k, N); see :attr:`samples`.
 
         What a pose needs more of is made anew.
         """
@@ -319,7 +320,7 @@ class SkinTable:
 
 
 def _same_members(owners: I64, pairs: I64, count: int, size: int) -> Bool:
-    """Whether the first of each owner's pairs (N, 2) are the same as the others, (count,)."""
+    """Test owners for pairs (N, 2) whose first and second members are equal sets, (count,) bool."""
     first, other = (np.sort(owners * size + each) for each in pairs.T)
     same = np.ones(count, np.bool_)
     same[first[first != other] // size] = False

@@ -26,7 +26,7 @@ _SMALL = 96
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """What a cluster's neighbours are like in the rest pose."""
+    """Distances of a cluster's vertices to their neighbours at rest, and weight differences."""
 
     distances: F64  # (U,) to the farthest neighbour
     differences: F64  # (B, U) of weights, to the neighbour whose weight differs most
@@ -80,7 +80,7 @@ class SkinnedClusters:
 
     @cached_property
     def _stretches(self) -> F64:
-        """No less than what each bone stretches at each row, (n B,)."""
+        """Upper bound of the stretch by each bone at each row, (n B,)."""
         return largest_stretch(self._matrices.reshape(-1, 3, 4))
 
     @cached_property
@@ -130,7 +130,7 @@ class SkinnedClusters:
 
 
 def _moves(matrices: F64, moved: F64, counts: I64, firsts: I64) -> F64:
-    """How far bones move any place of their cluster from where all together do, (E,).
+    """Upper bound of the way that bones move a place of their cluster from the mean, (E,).
 
     ``matrices`` (3, E, 4) and ``moved`` (E, 6), see :class:`Links`, of pairs of which each has
     ``counts`` bones.

@@ -28,7 +28,7 @@ I64 = npt.NDArray[np.int64]
 
 
 class SkinnedModel:
-    """Linear blend skinning: a vertex is a convex combination of where its bones take it.
+    """Linear blend skinning: a vertex is a convex combination of its bones' transforms of it.
 
     That convexity bounds a cluster without posing it: by the hull, over its bones, of the
     bone's matrix times the box of the vertices that it moves.
@@ -72,8 +72,8 @@ class SkinnedModel:
         return self._factors[cluster]
 
     def cluster_entries(self, cluster: int) -> tuple[I64, F64, I64]:
-        """A cluster's weights one by one: bone, weight times homogeneous rest position (E, 4),
-        and where those of each vertex begin."""
+        """Weights of a cluster one by one: bone, weight times homogeneous rest position (E, 4), and
+        the start of each vertex's weights."""
         if cluster not in self._sparse:
             ids = self.clusters[cluster]
             bones, owners, factors = self._weights.factors(ids)
@@ -120,13 +120,13 @@ class SkinnedModel:
 
     @cached_property
     def outline(self) -> Outline:
-        """What bones move of each cluster, as the library knows it."""
+        """Boxes of what each bone moves of each cluster, for the native library."""
         slots, boxes = self._boxes.slots, (self._boxes.centres, self._boxes.halves)
         return Outline(self._boxes.used, self._boxes.ends, slots, *boxes)
 
     @cached_property
     def _whole(self) -> Outline:
-        """The same of all of the model as one."""
+        """Boxes of what each bone moves of the whole model, for the native library."""
         bones = np.arange(len(self._boxes.used), dtype=np.int64)
         boxes = self._boxes.of_bones
         return Outline(self._boxes.used, np.array([0, len(bones)]), bones, *boxes)
@@ -183,7 +183,7 @@ class SkinnedModel:
         return self._boxes.used
 
     def native_clusters(self, clusters: I64, table: Table | None = None) -> native.Clusters:
-        """All clusters where the library finds them, these filled in.
+        """Native table of all clusters, with these filled in.
 
         Without the ``table`` it knows nothing of neighbours, which only skin around vertices has.
         """
@@ -192,18 +192,17 @@ class SkinnedModel:
 
     @property
     def pairs(self) -> tuple[I64, I64, F64, F64]:
-        """Bones of clusters, and boxes of what each moves at rest: each cluster's first pair
+        """Cluster-bone pairs with boxes at rest of what each bone moves: each cluster's first pair
         (C + 1,), bones (P,), centres and half edges of boxes (P, 3)."""
         return self._boxes.ends, self._boxes.bones, self._boxes.centres, self._boxes.halves
 
     def moves_by(self, bones: PosedBones, clusters: I64, rows: tuple[I64, I64], linear: F64) -> F64:
-        """As :meth:`cluster_moves` between ``rows`` of the bones, in the space that ``linear``
-        (n, 3, 3) leads to."""
+        """:meth:`cluster_moves` between two rows of bones, in the space of ``linear`` (n, 3, 3)."""
         before, after = rows
         return bones.cluster_moves(before, after, linear, clusters, *self.pairs)
 
     def links(self, cluster: int, table: Skin) -> Links:
-        """What a cluster's neighbours are like; see :class:`PosedClusters`."""
+        """Links of a cluster's vertices to their neighbours; cached. See :class:`PosedClusters`."""
         if cluster not in self._links:
             units = int(table.unit_counts[cluster])
             self._links[cluster] = self._made_links(cluster, units, table.links(cluster))
@@ -225,7 +224,7 @@ class SkinnedModel:
         return Links(distances, np.ascontiguousarray(differences.T), self._moved(cluster))
 
     def _moved(self, cluster: int) -> F64:
-        """What each bone moves of a cluster; see :class:`Links`."""
+        """Weight, centre and radius of what each bone moves of a cluster; see :class:`Links`."""
         if cluster in self._moved_by:
             return self._moved_by[cluster]
         ids, bones = self.clusters[cluster], self.cluster_bones(cluster)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a model's vertices are that ride on an avatar's surface; see :mod:`.posing`."""
+"""Positions of vertices that ride on an avatar's surface; see :mod:`.posing`."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class SurfaceModel:
         return moves
 
     def least_stretches(self, clusters: I64, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        """That of the body: what its surface is stretched by beside that is not known."""
+        """Stretch of the body's transform; the stretch of its surface is not known."""
         stretches = longest_axis(to_target[:, :3, :3])
         return np.repeat(stretches[:, None], len(clusters), axis=1)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distance as it is heard: how much of a source is direct, and how much is reverberated."""
+"""Distance cues: gains of the direct and the reverberated part of a source."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FADE: Final = 0.1  # of the audible radius, over which a source fades in
 
 @dataclass(frozen=True)
 class Hearing:
-    """How distance is heard.
+    """Distance model of the listener.
 
     Politis, Pugliese, Takala: beyond a reference distance a sound is wet, at it dry and wet are
     equal, very close it is dry; beyond a radius of visibility it is silent. Made one continuous

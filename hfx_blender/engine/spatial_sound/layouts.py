@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loudspeaker layouts: where each channel comes from, as the listener hears it.
+"""Loudspeaker layouts: the direction of each channel from the listener.
 
 Listener space: X to the front, Y to the left, Z up. Azimuth turns from the front to the left.
 """
@@ -32,7 +32,7 @@ class Layout:
 
     @property
     def is_flat(self) -> bool:
-        """Whether all loudspeakers stand at the height of the ears."""
+        """Test that all loudspeakers stand at the height of the ears."""
         return not any(self.elevations_deg)
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The listener's space: it goes and turns with a body's chest, as the belt's tracker does."""
+"""Listener space: it moves and turns with a body's chest, as the belt's tracker does."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FROM_REST: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 
 
 class Listener:
-    """Where one body hears from.
+    """Listener on one body.
 
     Parameters
     ----------

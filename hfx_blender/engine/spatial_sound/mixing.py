@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From sources that move round a listener to the channels of loudspeakers.
+"""Mixes sources that move round a listener into the channels of loudspeakers.
 
 Everything is given at the raster's times and goes linearly from one to the next; phases are
 exact integrals, so that nothing depends on the blocks in which sound is made.
@@ -22,7 +22,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """One object that sounds, at T times."""
+    """Sound source at T times."""
 
     name: str
     places_m: F64  # (T, 3) listener space; not finite: not there

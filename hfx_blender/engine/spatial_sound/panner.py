@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a source is heard: the rendering schemes of haptic devices, over loudspeakers."""
+"""Pans a source over loudspeakers by the rendering schemes of haptic devices."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Panner:
                 ) from None
 
     def gains(self, places_m: F64) -> tuple[F64, F64]:
-        """What each loudspeaker plays of the dry part (n, C), and the wet gain (n,).
+        """Gains of each loudspeaker for the dry part (n, C), and the gain of the wet part (n,).
 
         Parameters
         ----------

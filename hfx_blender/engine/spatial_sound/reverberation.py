@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One independent reverberator for each loudspeaker, so that the wet sound comes from nowhere.
+"""Reverberation with one independent reverberator for each loudspeaker, which gives diffuse wet
+sound.
 
 Noise that dies away evenly, another for each channel: the plainest late reverberation there is
 (Moorer 1979). Convolution goes block by block; only a tail is carried on.
@@ -58,7 +59,7 @@ class Reverberators:
 
 
 def _impulses(channels: int, rate_hz: int, decay_s: float) -> F64:
-    """Impulse responses (C, n); together they pass the power of what goes in."""
+    """Impulse responses (C, n) that together pass the power of the input."""
     count = max(int(decay_s * rate_hz), 1)
     times = np.arange(count) / rate_hz
     shape = 10.0 ** (-3.0 * times / decay_s) * np.minimum(times / _RISE_S, 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""c_v of a device in the place of the common one: what a surface drives one device with.
+"""Device-specific drive of surfaces: a device's own c_v in place of the common one.
 
 Samples hold for all devices, so a surface that is felt by its heights is sampled with one c_v
 (:mod:`..texture.textile`, equation 3). A device that was calibrated has its own; its amplitudes
@@ -29,14 +29,16 @@ SETTING: Final = "surface_drive"
 
 @dataclass(frozen=True)
 class SurfaceDrive:
-    """What a surface was sampled with, where a device's own c_v may take its place."""
+    """Sampled drive of a surface, where a device's own c_v may take its place."""
 
     drive_per_m: float
     full_m_s2: float  # amplitude of a drive of 1
 
     @classmethod
     def of(cls, texture: SurfaceTexture) -> SurfaceDrive | None:
-        """None where c_v is none of the device: micro-collisions, or stated for the object."""
+        """Drive of a texture; None where c_v is not the device's: micro-collisions, or set for the
+        object.
+        """
         by_heights = texture.renderer is not Renderer.MCHA
         if not (by_heights and texture.is_calibrated and texture.drive_per_m > 0.0):
             return None
@@ -52,7 +54,7 @@ class SurfaceDrive:
 
 
 class SurfaceDrives:
-    """The surfaces of a track on one device.
+    """Drives of the surfaces of a track on one device.
 
     Parameters
     ----------
@@ -85,7 +87,7 @@ class SurfaceDrives:
 
 
 def with_drives(settings: Mapping[str, Any], scene: SceneDescription) -> Mapping[str, Any]:
-    """A track's settings, and what its surfaces are sampled with."""
+    """Settings of a track, extended by the drives of its surfaces."""
     drives = {
         effect.id: SurfaceDrive.of(effect.area.texture)
         for effect in scene.effects

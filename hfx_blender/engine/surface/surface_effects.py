@@ -28,12 +28,12 @@ Bool = npt.NDArray[np.bool_]
 
 _FINGERS = PARTS.index("fingers")
 _AT_ONCE = 512
-"""Points followed together: more, and what is in between leaves the processor's cache."""
+"""Number of points followed together: intermediate data of more leaves the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
-    """What was felt at the rows of a block that felt anything; each row has its own set."""
+    """Samples of a surface at the rows of a block with any contact; each row has its own set."""
 
     rows: I64  # (n,)
     amplitude_m_s2: F64  # (n,) of the strongest contact
@@ -74,7 +74,7 @@ class SurfaceEffects:
         rows: I64,
         block: AnimationBlock,
     ) -> SurfaceSamples | None:
-        """What a body feels of a surface.
+        """Evaluate a body's contacts with a surface.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ def _parts(counts: I64) -> list[slice]:
 
 
 class _Followed:
-    """The contacts of one body with one surface, up to the last sample."""
+    """Tracked contacts of one body with one surface, up to the last sample."""
 
     def __init__(self, area: HapticSurface, model: PerceptualModel, step_s: float) -> None:
         self.index: int | None = None  # last sample that was followed
@@ -197,7 +197,7 @@ class _Followed:
 
 
 def _placed(animated: EffectBlock, rows: I64) -> Bool:
-    """Whether all of a surface's numbers are finite, at each row."""
+    """Test that all of a surface's numbers are finite, at each row."""
     assert animated.matrices is not None and animated.vertices is not None
     placed = np.isfinite(animated.matrices[rows]).all(axis=(1, 2))
     per_row = np.isfinite(animated.vertices).all(axis=(1, 2))
@@ -213,7 +213,7 @@ def _gathered(
     reported: Bool,
     device: DeviceRange,
 ) -> SurfaceSamples | None:
-    """The contacts that feel something, row by row; the strongest of a row is its amplitude."""
+    """Gather the contacts row by row; the strongest of a row is its amplitude."""
     felt = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
     if not len(felt):
         return None

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces: height fields, haptic maps, strokes over them, and what is felt on the way."""
+"""Haptic surfaces: height fields, haptic maps, strokes and their rendering."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ways of contacts on a surface, from one sample to the next, in surface coordinates.
+"""Paths of contacts on a surface between samples, in surface coordinates.
 
 A contact is a point of skin and the nearest place on the mesh. Its way is what that place did
 relative to the material: where the place of the sample before has gone with the (moving,
@@ -41,7 +41,7 @@ class SurfaceMesh:
 
 @dataclass(frozen=True, eq=False)
 class ContactPaths:
-    """Contacts at some times, one time after the other, each with its way to there.
+    """Contacts at some times, one time after the other, each with its path from the time before.
 
     The way is two straight pieces. Where coordinates are continuous, the second goes on where
     the first ends; across a seam, the first is on the side that is left and the second on the
@@ -65,12 +65,12 @@ class ContactPaths:
 
     @property
     def pieces_m(self) -> F64:
-        """The ways, (n, 2, 2, 2): piece, begin and end, coordinate."""
+        """Path pieces, (n, 2, 2, 2): piece, begin and end, coordinate."""
         return self.ends_m.transpose(2, 0, 1).reshape(-1, 2, 2, 2)
 
     @property
     def way_m(self) -> F64:
-        """Length of each way in surface coordinates, (n,)."""
+        """Length of each path in surface coordinates, (n,)."""
         steps = self.ends_m[1::2] - self.ends_m[::2]
         steps *= steps
         lengths = np.sqrt(steps[:, 0] + steps[:, 1])
@@ -82,7 +82,7 @@ class ContactPaths:
 
 
 class ContactFollower:
-    """Follows points of skin on one mesh, over any number of times at once.
+    """Tracker of points of skin on one mesh, over any number of times at once.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class ContactFollower:
     def follow(
         self, matrices: F64, vertices: F64, time: I64, ids: I64, points: F64, follows: Bool
     ) -> ContactPaths:
-        """Contacts at some times with their ways.
+        """Track contacts at some times with their paths.
 
         Parameters
         ----------
@@ -154,11 +154,11 @@ class ContactFollower:
         return paths
 
     def restart(self) -> None:
-        """Forget what was followed."""
+        """Forget the tracked contacts."""
         self._last, self._last_ids = _none_yet(), np.zeros(0, np.int64)
 
     def _chosen(self, found: Nearest, time: I64, ids: I64) -> Nearest:
-        """No more contacts at a time than are allowed."""
+        """Drop contacts beyond the allowed number at each time, the farthest first."""
         if len(found.point) <= self._max_contacts:
             return found
         counts = np.bincount(time[found.point])
@@ -172,7 +172,7 @@ class ContactFollower:
         return _part(found, np.sort(order[rank < self._max_contacts]))
 
     def _nearest(self, matrices: F64, vertices: F64, time: I64, points: F64) -> tuple[Nearest, F64]:
-        """Places of those within reach, and the vertices in the space of the places.
+        """Places of the points within reach, and the vertices in the same space.
 
         That is one row, in the space of the first placing, where the mesh only moves and turns.
         """
@@ -191,7 +191,7 @@ class ContactFollower:
         return _joined([_none_yet(), *parts]), world
 
     def _turns(self, matrices: F64, vertices: F64) -> F64 | None:
-        """From the space of the grid to the world's directions; None where there is no grid."""
+        """Linear parts from grid to world space, (n, 3, 3); None where there is no grid."""
         if len(vertices) > 1:
             return None
         linear = matrices[:, :3, :3]
@@ -213,7 +213,9 @@ class ContactFollower:
         return turns
 
     def _nearest_at(self, world: F64, time: I64, points: F64, k: int) -> Nearest:
-        """At one time of a mesh that deforms: a grid of what is near the points only."""
+        """Nearest places at one time of a deforming mesh: a grid of the triangles near the points
+        only.
+        """
         mine = np.flatnonzero(time == k)
         triangles = self._mesh.triangles
         low = points[mine].min(axis=0) - self._reach_m
@@ -279,7 +281,7 @@ class ContactFollower:
     def _over_seams(
         self, vertices: F64, time: I64, triangle: I64, ends: F64, kept: I64, was: I64, way: F64
     ) -> I64:
-        """Make ways go on on the other side where coordinates jump; which of ``kept`` they are."""
+        """Split paths where coordinates jump, at seams; returns those of ``kept`` that do."""
         sides = self._along(vertices, time, np.stack([triangle[was], triangle[kept]]), way)
         expected = 0.5 * (sides[0] + sides[1])
         error = ends[3].take(kept, axis=1) - ends[0].take(kept, axis=1) - expected
@@ -294,7 +296,7 @@ class ContactFollower:
         return seams
 
     def _along(self, vertices: F64, time: I64, triangle: I64, way: F64) -> F64:
-        """Ways (n, 3) in the mesh's space as ones in the coordinates of triangles (s, n).
+        """Convert paths (n, 3) in the mesh's space to coordinates of triangles (s, n).
 
         Returns
         -------
@@ -313,7 +315,7 @@ class ContactFollower:
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """The mesh as it was first placed: what holds for as long as it only moves and turns."""
+    """First placement of a mesh, cached: valid for as long as the mesh only moves and turns."""
 
     local: F64  # (V, 3)
     inverse: F64  # (3, 3) of the linear part of its placing
@@ -360,7 +362,7 @@ def _joined(parts: list[Nearest]) -> Nearest:
 
 
 def _charts(corners: F64, coordinates_m: F64) -> F64:
-    """What takes ways in space to ways in surface coordinates, in each triangle, (n, 2, 3)."""
+    """Linear maps from space to surface coordinates, one for each triangle, (n, 2, 3)."""
     edges = corners[:, 1:] - corners[:, :1]
     gram = edges @ edges.transpose(0, 2, 1)
     det = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What contacts feel at one sample of the engine: amplitude and frequency of each.
+"""Renders contacts at one sample of the engine: amplitude and frequency of each.
 
 The same three renderers as for strokes. Micro-collisions need nothing but the way since the
 sample before; the others need the heights of one window, which are kept for each contact.
@@ -26,7 +26,7 @@ I64 = npt.NDArray[np.int64]
 
 _MAX_FACTOR: Final = 32
 _AT_ONCE: Final = 1 << 13
-"""Heights looked up together: more, and what is in between leaves the processor's cache."""
+"""Number of heights looked up together: intermediate data of more leaves the processor's cache."""
 
 
 class ContactRenderer:
@@ -80,7 +80,7 @@ class ContactRenderer:
         return drive, frequency
 
     def _collide(self, paths: ContactPaths, felt: I64, drive: F64, frequency: F64) -> None:
-        """The strongest texel that each contact crossed."""
+        """Render the strongest texel that each contact crossed."""
         map_ = self._texture.map
         assert map_ is not None
         starts, ends = paths.ends_m[0].take(felt, axis=1), paths.ends_m[3].take(felt, axis=1)
@@ -123,7 +123,7 @@ class ContactRenderer:
         return windows.reshape(len(felt), blocks * steps)[:, -self._window :]
 
     def _at_once(self, new: F64, paths: ContactPaths, felt: I64) -> F64:
-        """The same where there is one time only."""
+        """:meth:`_heights` for a single time."""
         before = paths.before[paths.carried :]
         fresh = (before < 0).nonzero()[0]
         kept = np.zeros((len(new), self._blocks, self._steps))
@@ -145,7 +145,7 @@ class ContactRenderer:
         return heights.take(rows, axis=0)
 
     def _new_heights(self, field: HeightField, paths: ContactPaths) -> F64:
-        """Heights on each way that is not carried, (n, steps)."""
+        """Heights on each path that is not carried, (n, steps)."""
         steps = self._steps
         # Rows and columns of where the pieces begin and end, (4, 2, n).
         places = paths.ends_m[:, ::-1, paths.carried :] * self._per_texel
@@ -169,13 +169,13 @@ class ContactRenderer:
 
 @lru_cache(maxsize=64)
 def _shares(count: int) -> F64:
-    """Where on a way the middles of its parts are."""
+    """Middles of equal parts of a path, as shares of its length, (count,)."""
     shares: F64 = (np.arange(count) + 0.5) / count
     return shares
 
 
 def _on_the_way(field: HeightField, ends: F64, seams: I64, steps: int, factor: int) -> F64:
-    """Heights (n, steps), each the mean of ``factor`` ones: so no texel is skipped.
+    """Heights (n, steps) on paths, each the mean of ``factor`` ones, so that no texel is skipped.
 
     The way takes the time of a sample: its first half the first piece, then the second.
     ``ends`` holds where both begin and end, in rows and columns of texels, (4, 2, n).

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a vibration device can play of a surface: a fact of the device, never of the surface."""
+"""Playable range of a vibration device: a property of the device, never of the surface."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STANDARD_GRAVITY: Final = 9.80665
 
 @dataclass(frozen=True)
 class DeviceRange:
-    """Amplitudes and frequencies between which a device can choose.
+    """Range of amplitudes and frequencies that a device can play.
 
     The defaults are those of the reference phone of Liu and Gu (2025, section 3.2).
     """
@@ -43,7 +43,7 @@ class DeviceRange:
                 raise InputError(f"Device range: {name} is {value:g}; expected more than 0.")
 
     def amplitude_m_s2(self, intensity: npt.ArrayLike) -> F64:
-        """Peak acceleration of intensities 0..1; what is silent is silent on any device."""
+        """Peak acceleration of intensities 0..1; 0 is silent on any device."""
         low, high = self.amplitude_g
         share = np.clip(np.asarray(intensity, np.float64), 0.0, 1.0)
         return np.where(share > 0.0, (low + share * (high - low)) * STANDARD_GRAVITY, 0.0)
@@ -57,7 +57,7 @@ class DeviceRange:
 
 @dataclass(frozen=True)
 class NoticeableSteps:
-    """Just-noticeable differences: finer levels cannot be told apart.
+    """Just-noticeable differences: people cannot tell finer levels apart.
 
     Defaults: Liu and Gu (2025, section 3.4.1): silence and six levels up to 1.2 g, and five
     frequencies from 80 to 240 Hz.

@@ -18,7 +18,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HapticMap:
-    """The two layers of Liu and Gu (2025, section 3.2), as shares of what a device can play.
+    """Haptic map: the two layers of Liu and Gu (2025, section 3.2), relative to a device's range.
 
     Parameters
     ----------
@@ -90,5 +90,5 @@ class HapticMap:
         )
 
     def on(self, device: DeviceRange) -> HapticMap:
-        """The same map for another device: the shares stay, what they mean changes."""
+        """Copy of the map for another device: the shares stay, their physical values change."""
         return replace(self, device=device)

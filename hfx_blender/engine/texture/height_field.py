@@ -22,7 +22,7 @@ I64 = npt.NDArray[np.int64]
 Order = Literal["linear", "cubic"]
 
 _AT_ONCE: Final = 1 << 13
-"""Points looked up together: more, and what is in between leaves the processor's cache."""
+"""Number of points looked up together: intermediate data of more leaves the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,8 @@ class HeightField:
 
     @cached_property
     def _pairs(self) -> npt.NDArray[np.complex128]:
-        """Each height with its right neighbour as one number, a row and a column more than (H, W).
+        """Heights paired with their right neighbours as complex numbers, one row and column more
+        than (H, W).
 
         So one access to memory finds two corners of a cell, and none has to be wrapped.
         """
@@ -201,7 +202,7 @@ def sample_at(
     tiles: bool,
     order: Order = "linear",
 ) -> F64:
-    """As :func:`sample_grid`, x and y apart."""
+    """:func:`sample_grid` with x and y as separate arrays."""
     if x_m.size > _AT_ONCE:
         flat_x, flat_y = x_m.reshape(-1), y_m.reshape(-1)
         found = np.zeros(x_m.size)

@@ -25,7 +25,7 @@ REST_M_S: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Texels entered on the way along some segments, in no order within a segment."""
+    """Texels entered along some segments, in no order within a segment."""
 
     segment: I64  # (n,)
     share: F64  # (n,) where on the segment the texel is entered, 0..1
@@ -34,7 +34,7 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class Collisions:
-    """What a finger hits on its way, in the order of time."""
+    """Collisions of a finger with texels, in the order of time."""
 
     times_s: F64  # (n,)
     intensity: F64  # (n,) 0..1
@@ -44,7 +44,7 @@ class Collisions:
         return len(self.times_s)
 
     def only(self, chosen: I64 | Bool) -> Collisions:
-        """Those that are chosen."""
+        """Select some collisions."""
         return Collisions(self.times_s[chosen], self.intensity[chosen], self.sharpness[chosen])
 
 
@@ -55,7 +55,7 @@ def crossed_texels(
     texel_m: tuple[float, float],
     tiles: bool = True,
 ) -> Crossings:
-    """Every texel on the way along straight segments, the first one included.
+    """Find every texel on straight segments, the first one included.
 
     A texel is entered where the segment crosses a line between columns or between rows; the
     other index there is a rounding down. So nothing is sampled and nothing can be missed.
@@ -104,7 +104,7 @@ def strongest_crossed(
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Where segments enter texels: for each segment by columns, then for each by rows.
+    """Places at which segments enter texels: for each segment by columns, then for each by rows.
 
     Each of these 2 M lists begins with the texel in which the segment begins.
     """
@@ -165,7 +165,7 @@ def _numbered(texel: I64, shape: tuple[int, ...], tiles: bool) -> I64:
 
 
 def trace(map_: HapticMap, stroke: Stroke) -> Collisions:
-    """Every texel that a stroke enters, in order; where the finger rests there is none."""
+    """Find every texel that a stroke enters, in order; none where the finger rests."""
     moving = stroke.speeds_m_s > REST_M_S
     times, points = stroke.times_s, stroke.points_m
     starts, ends = points[:-1][moving], points[1:][moving]
@@ -182,7 +182,7 @@ def trace(map_: HapticMap, stroke: Stroke) -> Collisions:
 
 
 def collisions(map_: HapticMap, stroke: Stroke) -> Collisions:
-    """The micro-collisions of a stroke: where the intensity on the way has a local maximum."""
+    """Find the micro-collisions of a stroke: local maxima of the intensity along it."""
     texels = trace(map_, stroke)
     change = np.flatnonzero(np.diff(texels.intensity) != 0.0)
     begins = np.concatenate([np.zeros(min(len(texels), 1), np.int64), change + 1])
@@ -194,7 +194,7 @@ def collisions(map_: HapticMap, stroke: Stroke) -> Collisions:
 
 
 def most_salient(found: Collisions, gap_s: float) -> Collisions:
-    """Those that a device can still play, the most salient first.
+    """Select the collisions that a device can still play, the most salient first.
 
     The strongest collision is kept, all that are nearer to it than ``gap_s`` are dropped, then
     the strongest of the rest, and so on. Equally strong ones: the earlier first.

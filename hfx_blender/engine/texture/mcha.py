@@ -30,7 +30,7 @@ _WORKERS: Final = 2
 
 @dataclass(frozen=True)
 class MapSettings:
-    """How a map is made; the same for all materials, so that they can be compared."""
+    """Settings of map making; the same for all materials, so that maps can be compared."""
 
     blur_m: float = 0.1e-3
     """Standard deviation of the Gaussian blur."""
@@ -122,7 +122,7 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
 def _transfers(
     waves: npt.NDArray[np.int64], count: int, texel_m: float, blur_m: float
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-    """What Gauss and Sobel make of each wave along one axis: smoothing, and the slope."""
+    """Transfer functions of Gauss and Sobel filters along one axis: smoothing, and the slope."""
     from scipy import fft
 
     angle = 2.0 * np.pi * waves / count

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A relief from its normals: the heights whose slopes are nearest to those of a normal map.
+"""Relief from a normal map: the heights with the best matching slopes.
 
 Frankot and Chellappa (1988), "A method for enforcing integrability in shape from shading
 algorithms": least squares in the Fourier domain.

@@ -28,7 +28,7 @@ KINDS: Final = ("gravel", "metal", "fabric", "wood")
 
 @dataclass(frozen=True)
 class ProceduralMaterial:
-    """A recipe for heights; roughness 0..1 says how dull a collision with it is."""
+    """Recipe for heights and roughness of a material; roughness 0..1 makes collisions dull."""
 
     name: str  # unique, also the key of ``MATERIALS``
     kind: str  # one of ``KINDS``

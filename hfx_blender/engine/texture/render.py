@@ -25,7 +25,7 @@ def render_stroke(
     step_s: float | None = None,
     waveform_rate_hz: float = 8000.0,
 ) -> Signal:
-    """What a stroke feels like.
+    """Render a stroke as a vibration signal.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ def roughness_of_surface(
 
 
 def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
-    """What the areal Gaussian filter of a cut-off leaves of a surface, (H, W) metres.
+    """Waviness: low-pass of a surface by the areal Gaussian filter of a cut-off, (H, W) metres.
 
     The transmission at wavelength l is ``2 ** -((cutoff / l) ** 2)``, by Fourier; a surface that
     does not tile is mirrored at its edges.

@@ -80,7 +80,7 @@ def from_points(
 
 
 def fill_holes(heights_m: npt.ArrayLike) -> F64:
-    """Heights (H, W) whose holes (what is not finite) go on smoothly from their borders.
+    """Fill holes (non-finite values) of heights (H, W) smoothly from their borders.
 
     The picture is halved again and again, each time averaging what is known, and what is
     unknown is taken from the next smaller one.
@@ -121,7 +121,7 @@ def _filled(values: F64, weights: F64) -> F64:
 
 
 def _averaged(place: F64, values: F64, shape: tuple[int, int], texel: float) -> F64:
-    """Mean value of the points in each texel; where there is none, as around it."""
+    """Mean value of the points in each texel; texels without any are filled from around."""
     rows, columns = shape
     i = np.minimum((place[:, 0] / texel).astype(np.int64), columns - 1)
     j = np.minimum((place[:, 1] / texel).astype(np.int64), rows - 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scan turned so that it is seen from above, whichever way its scanner looked."""
+"""Turns a scan so that it is seen from above, in whichever direction its scanner looked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LINE: Final = 1e-7  # of its longer spread
 
 
 def seen_from_above(points: npt.ArrayLike) -> F64:
-    """Points (N, 3) of a sheet whose z is its height.
+    """Rotate points (N, 3) of a sheet so that z is its height.
 
     A sheet that leans by less than 30 degrees keeps its own x and y; any other is turned so that
     the plane that fits it best is level, as little as that takes.

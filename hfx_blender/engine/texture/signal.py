@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a stroke feels like: amplitude and frequency over time, and the waveform of both."""
+"""Vibration signals: amplitude and frequency over time, and the waveform of both."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Signal:
 
 
 def carrier(amplitude: F64, frequency_hz: F64, step_s: float, rate_hz: float) -> F64:
-    """A sine whose amplitude and frequency are those of the steps; its phase never jumps.
+    """Sine with the amplitudes and frequencies of the steps; its phase never jumps.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A stroke: where a finger was on a surface, at times as uneven as a touch screen tells them."""
+"""Stroke: positions of a finger on a surface, at times as uneven as those of a touch screen."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Stroke:
         return np.where(inside, self.speeds_m_s[np.clip(which, 0, len(self.times_s) - 2)], 0.0)
 
     def resampled(self, rate_hz: float) -> Stroke:
-        """The same stroke as a pointer of this rate tells it (60 to 240 Hz on touch screens)."""
+        """Resample the stroke at the rate of a pointer (60 to 240 Hz on touch screens)."""
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise InputError(f"Stroke: a rate of {rate_hz:g} Hz; expected more than 0.")
         count = int(np.floor(self.duration_s * rate_hz * (1.0 + 1e-12)))
@@ -97,7 +97,7 @@ class Stroke:
         return Stroke(times, self.at(times))
 
     def backwards(self) -> Stroke:
-        """The same way in the other direction, starting at the same time."""
+        """Reverse the path, with the same start time."""
         times = self.times_s[0] + (self.times_s[-1] - self.times_s[::-1])
         return Stroke(times, self.points_m[::-1])
 
@@ -120,7 +120,7 @@ def line(
 
 
 def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
-    """A stroke along a path (N, 2) at an even speed, as a pointer of a rate tells it.
+    """Make a stroke along a path (N, 2) at an even speed, sampled at a pointer's rate.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
 
 
 def uneven(stroke: Stroke, rng: np.random.Generator, gaps_s: tuple[float, float]) -> Stroke:
-    """The same stroke as told at uneven times; phones do so every 15 to 70 ms."""
+    """Resample the stroke at uneven times; phones report positions every 15 to 70 ms."""
     count = int(stroke.duration_s / gaps_s[0]) + 1
     times = stroke.times_s[0] + np.cumsum(rng.uniform(*gaps_s, count))
     times = times[times < stroke.times_s[-1] - 1e-9]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the library of surfaces offers, by name, known before any of it is imported."""
+"""Names of the surface library's contents, known without importing it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a surface feels like: its heights, its haptic map, and which of both is rendered how."""
+"""Material of a haptic surface: its heights, its haptic map, and the renderer to use."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .surface_names import DRIVE_PER_M as DRIVE_PER_M
 
 
 class Renderer(Enum):
-    """How a surface is turned into vibration."""
+    """Method by which a surface is turned into vibration."""
 
     MCHA = "mcha"  # micro-collisions: the haptic map's strongest texel on the way
     TEXTILE = "textile"  # the weighted spectrum of the height over a window, one frequency
@@ -25,7 +25,7 @@ class Renderer(Enum):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTexture:
-    """One material as it is felt.
+    """Haptic material of a surface.
 
     Parameters
     ----------

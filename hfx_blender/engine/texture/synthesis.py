@@ -19,11 +19,11 @@ WAVINESS_M: Final = 8e-3
 """Waves longer than this are form, felt by the moving finger itself, not vibration."""
 
 FULL_M_S: Final = 2e-3
-"""From rest to this speed the waveform is faded in, so that a resting finger is silent."""
+"""Speed up to which the waveform is faded in, so that a resting finger is silent."""
 
 _MOST_OF_PAIRS: Final = 3.0
-"""How much stronger than the mean one of a sine's two parts, a quarter of a period apart, can be
-in a window; of half a period or more it is never so strong."""
+"""Largest ratio of one of a sine's two parts, a quarter of a period apart, to their mean in a
+window; in one of half a period or more it is never reached."""
 
 _FADE_S: Final = 4e-3
 _LOBES: Final = 8  # of the low-pass before decimation, each side
@@ -98,7 +98,7 @@ _KNOWN: WeakKeyDictionary[HeightField, HeightField] = WeakKeyDictionary()
 
 
 def without_waviness(field: HeightField) -> HeightField:
-    """The field without the waves that direct synthesis leaves out; made once for each field."""
+    """Remove the waviness that direct synthesis leaves out; cached for each field."""
     if field not in _KNOWN:
         waves = gaussian_waviness(field, WAVINESS_M)
         _KNOWN[field] = HeightField(field.heights_m - waves, field.texel_m, field.tiles)
@@ -112,7 +112,7 @@ def _factor(field: HeightField, stroke: Stroke, rate_hz: float) -> int:
 
 
 def _fade(stroke: Stroke, times: F64, rate_hz: float) -> F64:
-    """From 0 at rest to 1 in motion, smoothed evenly to both sides in time."""
+    """Gain from 0 at rest to 1 in motion, smoothed symmetrically in time."""
     share = np.clip(stroke.speed_at(times) / FULL_M_S, 0.0, 1.0)
     if share.min() == 1.0:
         return share

@@ -69,7 +69,7 @@ def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
 
 
 def _by_fourier(heights: F64, rate_hz: float) -> F64:
-    """The weighted RMS as it is defined."""
+    """Weighted RMS by its definition, with a Fourier transform."""
     n = heights.shape[-1]
     spectrum = np.fft.rfft(heights - heights.mean(axis=-1, keepdims=True), axis=-1)
     # Not a matrix product: OpenBLAS would wake threads for it.
@@ -80,7 +80,9 @@ def _by_fourier(heights: F64, rate_hz: float) -> F64:
 
 
 def _multiplicity(n: int) -> F64:
-    """How often each frequency of a real transform counts: positive and negative, but the ends."""
+    """Multiplicity of each frequency of a real transform: 2 for positive and negative, 1 at the
+    ends.
+    """
     times = np.full(n // 2 + 1, 2.0)
     times[0] = 1.0
     if n % 2 == 0:
@@ -90,7 +92,8 @@ def _multiplicity(n: int) -> F64:
 
 @lru_cache(maxsize=16)
 def _unlike_full(n: int, rate_hz: float) -> F64:
-    """What must be taken from a window's mean square, as squares of products with it, (n, m).
+    """Vectors whose squared products with a window are to be subtracted from its mean square, (n,
+    m).
 
     By Parseval's theorem the sum over all frequencies is the mean square; most have weight 1,
     and only the others are transformed: the mean, 20 Hz and what is not felt any more.
@@ -110,7 +113,8 @@ def _unlike_full(n: int, rate_hz: float) -> F64:
 def drive_levels(
     field: HeightField, stroke: Stroke, drive_per_m: float, window_s: float = WINDOW_S
 ) -> F64:
-    """P of equation 3 for each window of a stroke, from its begin; what is left over is dropped.
+    """Levels P of equation 3 for each window of a stroke, from its begin; an incomplete window is
+    dropped.
 
     Returns
     -------
@@ -130,7 +134,7 @@ def drive_levels(
 
 
 class TextileStream:
-    """The same levels as :func:`drive_levels`, while the finger still moves.
+    """Streaming version of :func:`drive_levels`, for a finger that still moves.
 
     Each window's level is there as soon as the pointer has told a position after its end.
     """
@@ -143,7 +147,7 @@ class TextileStream:
         self._done = 0
 
     def push(self, time_s: float, point_m: tuple[float, float]) -> list[tuple[float, float]]:
-        """Tell the next position; returns the (begin of the window, level) that it completes."""
+        """Add the next position; returns (begin of the window, level) of completed windows."""
         if self._times and not time_s > self._times[-1]:
             return []  # told twice, or late: what is known already stands
         if not self._times:
@@ -170,15 +174,15 @@ class TextileStream:
 
 
 def _instants(window_s: float, rate_hz: float) -> F64:
-    """When heights are taken in a window: in the middle of steps, so that a stroke backwards
-    meets the same heights.
+    """Times of the heights within a window: in the middle of steps, so that a reversed stroke meets
+    the same heights.
     """
     instants: F64 = (np.arange(round(window_s * rate_hz)) + 0.5) / rate_hz
     return instants
 
 
 def _factor(field: HeightField, stroke: Stroke, begin_s: float, window_s: float) -> int:
-    """By how much the rate must be raised so that no step in a window is longer than a texel."""
+    """Factor by which the rate must be raised so that no step in a window exceeds a texel."""
     first = max(int(np.searchsorted(stroke.times_s, begin_s, "right")) - 1, 0)
     last = int(np.searchsorted(stroke.times_s, begin_s + window_s, "left"))
     steps = np.abs(np.diff(stroke.points_m[first : last + 1], axis=0))

@@ -26,7 +26,7 @@ _PAIRS_THINNED: Final = 1 << 15  # entries together
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """For each of some points: the nearest place on a mesh, if there is one within reach."""
+    """Nearest places on a mesh, for the points that have one within reach."""
 
     point: I64  # (n,) which points have one, ascending
     triangle: I64  # (n,)
@@ -36,7 +36,7 @@ class Nearest:
 
 
 class TriangleGrid:
-    """A mesh whose nearest places are asked for, up to a distance.
+    """Search grid over a mesh for nearest places up to a distance.
 
     Parameters
     ----------
@@ -215,7 +215,8 @@ def _nothing() -> Nearest:
 
 
 def _tables(corner: F64, edges: F64) -> tuple[F64, F64]:
-    """What takes a point to its v, w and height over each triangle (12, F); the edges' products.
+    """Linear maps from a point to its v, w and height over each triangle, (12, F); the edges'
+    products.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class Weave:
 
 
 def woven(weave: Weave, size_m: float, texels: int, seed: int = 0) -> HeightField:
-    """A square of cloth that tiles.
+    """Make a square of cloth that tiles.
 
     A whole number of repeats must fit both ways, so the period and the direction become the
     nearest ones that do.
@@ -109,7 +109,7 @@ def _bulge(count: F64) -> F64:
 
 
 def _thread(draft: F64, mine: F64, other: F64) -> F64:
-    """How high a thread lies, 0..1, smoothly from one crossing to the next."""
+    """Height of a thread, 0..1, smooth from one crossing to the next."""
     crossed, threads = draft.shape
     thread = np.floor(mine).astype(np.int64) % threads
     place = other - 0.5

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The door out: the HapticTrack, the device-independent result on disk.
+"""HapticTrack: the device-independent recording on disk, output of the engine.
 
 A track (``.hfxtrack``) says which vertices of which perceptual model feel what, when and how
-strongly. :class:`TrackWriter` records blocks of samples as they are computed,
-:class:`TrackReader` plays them back from any time. ``docs/track-format.md`` has the layout.
+strongly. :class:`TrackWriter` records blocks of samples as they are computed, :class:`TrackReader`
+plays them back from any time. ``docs/track-format.md`` has the layout.
 """
 
 from .header import TrackBody, TrackEffect, TrackHeader, TrackModel

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The columns of a HapticTrack: one stream's samples within one chunk as bytes and back.
+"""Codec of the columns of a HapticTrack: one stream's samples within one chunk.
 
 What changes little from sample to sample is stored as its change: a vertex set as the ids that
 enter or leave, a weight as the difference to the same vertex's weight before. The bytes of
@@ -30,7 +30,8 @@ Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 _ENTRY_BYTES: Final = 64  # that a (sample, vertex) pair takes at most while it is unpacked
 
 MAX_ENTRIES: Final = 2**25
-"""Most (sample, vertex) pairs of one stream in one chunk: what a reader has to hold."""
+"""Largest number of (sample, vertex) pairs of one stream in one chunk, which a reader
+has to hold."""
 
 CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1}
 """Optional values at each vertex, and how many numbers each has; bit ``k`` of the flags."""
@@ -45,7 +46,7 @@ _WEIGHT_OF_BYTE: Final = (np.arange(256) / 255.0).astype(np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """The samples of one stream within one chunk; a set that stays is there once.
+    """Samples of one stream within one chunk; equal successive sets are stored once.
 
     With channels, every sample has a set of its own.
     """
@@ -64,19 +65,19 @@ class Section:
 
 
 def weights_to_bytes(weights: F32) -> npt.NDArray[np.uint8]:
-    """Weights in (0, 1] as 1..255: nothing that is felt becomes 0."""
+    """Encode weights in (0, 1] as 1..255: no contact becomes 0."""
     steps: F64 = np.rint(weights.astype(np.float64) * 255.0)
     return np.maximum(steps, 1.0).astype(np.uint8)
 
 
 def weights_from_bytes(stored: npt.NDArray[np.uint8]) -> F32:
-    """Weights in (0, 1], exact for what :func:`weights_to_bytes` made of them."""
+    """Decode weights to (0, 1], exactly as :func:`weights_to_bytes` rounded them."""
     weights: F32 = _WEIGHT_OF_BYTE[stored]
     return weights
 
 
 def encode(section: Section) -> bytes:
-    """The section as the bytes that :func:`decode` reads."""
+    """Encode a section into the bytes that :func:`decode` reads."""
     flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
     flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
     counts, gaps, weights, channels = _set_columns(section)
@@ -116,7 +117,7 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
 
 
 class Cursor:
-    """A place in a chunk's bytes that never leaves them."""
+    """Read position in a chunk's bytes that never leaves them."""
 
     def __init__(self, content: bytes, name: str = "a track") -> None:
         self._content = content
@@ -138,7 +139,7 @@ class Cursor:
 
     @property
     def at_end(self) -> bool:
-        """Whether everything has been read."""
+        """End of the bytes: everything has been read."""
         return self._at == len(self._content)
 
     def take(self, size: int) -> bytes:
@@ -259,7 +260,7 @@ def _toggles(vertices: I32, owners: I64, set_count: int) -> tuple[Unsigned, Unsi
 
 
 def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I32, I64]:
-    """Sizes of the sets, their vertices, and the order of those by vertex, then by set."""
+    """Read the sizes of the sets, their vertices, and their order by vertex, then by set."""
     set_count = int(is_new.sum())
     counts = cursor.column(set_count, "<u4").astype(np.int64)
     gaps = cursor.column(int(counts.sum()), "<u4").astype(np.int64)
@@ -301,7 +302,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
 
 
 def _group_starts(sorted_values: npt.NDArray[Any]) -> I64:
-    """Where each group of equal values begins."""
+    """Start of each group of equal values, (groups,)."""
     is_start = np.ones(len(sorted_values), np.bool_)
     is_start[1:] = sorted_values[1:] != sorted_values[:-1]
     return np.flatnonzero(is_start)
@@ -323,7 +324,7 @@ def _sums(changes: Unsigned) -> Unsigned:
 
 
 def _changes_per_vertex(values: Unsigned, order: I64, starts: I64) -> Unsigned:
-    """Differences to the value before of the same vertex in this section, 0 if there is none."""
+    """Differences to the last value of the same vertex in this section, 0 for the first."""
     ordered = values[order]
     changes = _changes(ordered)
     changes[starts] = ordered[starts]
@@ -342,7 +343,7 @@ def _sums_per_vertex(changes: Unsigned, order: I64, starts: I64) -> Unsigned:
 
 
 def _planes(values: Unsigned) -> bytes:
-    """All lowest bytes, then all second lowest, and so on."""
+    """Byte planes: all lowest bytes, then all second lowest, and so on."""
     width = values.dtype.itemsize
     little = values.astype(values.dtype.newbyteorder("<"), copy=False)
     return np.ascontiguousarray(little.view(np.uint8).reshape(-1, width).T).tobytes()

@@ -22,7 +22,7 @@ from .writer import TrackWriter
 def write_excerpt(
     track: TrackReader, effect_ids: Collection[str], clip: Clip, path: Path
 ) -> TimeBase:
-    """Write what some effects did during a clip.
+    """Write the samples of some effects during a clip.
 
     The first sample at or after the clip's start is sample 0 of the new track, at time 0: a
     clip that starts between two samples begins up to one sample late. The clip's end belongs

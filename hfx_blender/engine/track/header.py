@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a HapticTrack is about: its header as plain data."""
+"""Header of a HapticTrack as dataclasses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MAX_FRACTION = 2**63 - 1
 
 @dataclass(frozen=True)
 class TrackModel:
-    """The perceptual model that vertex ids belong to."""
+    """Perceptual model that vertex ids belong to."""
 
     id: str
     modality: str
@@ -33,7 +33,7 @@ class TrackModel:
 
 @dataclass(frozen=True)
 class TrackBody:
-    """One haptic body."""
+    """Haptic body of a track."""
 
     id: str
     name: str
@@ -41,7 +41,7 @@ class TrackBody:
 
 @dataclass(frozen=True)
 class TrackEffect:
-    """One effect of the recorded scene."""
+    """Effect of the recorded scene."""
 
     id: str
     name: str
@@ -57,7 +57,7 @@ class TrackEffect:
 
 @dataclass(frozen=True, eq=False)
 class TrackHeader:
-    """Everything of a track but its samples.
+    """Description of a whole track: everything but its samples.
 
     A stream is known by its place in ``streams``. ``source``, ``settings`` and ``tools`` hold
     JSON values only.
@@ -156,7 +156,7 @@ class TrackHeader:
         )
 
     def effect(self, stream: Stream) -> TrackEffect:
-        """The effect that a stream is of."""
+        """Effect that a stream belongs to."""
         return self._effects[stream.effect_id]
 
     def vertex_count(self, stream: Stream) -> int:

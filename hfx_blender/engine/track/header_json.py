@@ -76,7 +76,7 @@ def to_json(header: TrackHeader, encoding: Mapping[str, Any]) -> bytes:
 
 
 def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
-    """The header and its ``encoding`` from what :func:`to_json` wrote.
+    """Parse the header and its ``encoding`` from :func:`to_json` text.
 
     Raises
     ------
@@ -137,7 +137,7 @@ _Kind = TypeVar("_Kind")
 
 
 def get(item: Any, key: str, kind: type[_Kind]) -> _Kind:
-    """A member of a JSON object that must have exactly this type."""
+    """Get a member of a JSON object that must have exactly this type."""
     if not isinstance(item, dict) or key not in item:
         raise ValueError(f"'{key}' is missing")
     value = item[key]
@@ -147,7 +147,7 @@ def get(item: Any, key: str, kind: type[_Kind]) -> _Kind:
 
 
 def parse_json(text: bytes) -> Any:
-    """JSON without the constants that the standard does not know, and not too deep.
+    """Parse JSON without non-standard constants, and not too deep.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def _fraction(item: Any, key: str) -> Fraction:
 
 
 def texts(items: list[Any], name: str) -> Iterable[str]:
-    """The items of a list that holds text only."""
+    """Yield the items of a list that may hold text only."""
     for item in items:
         if not isinstance(item, str):
             raise ValueError(f"'{name}' holds something that is not text")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs of the same streams that follow each other, made into one of each."""
+"""Joins successive runs of the same streams into one of each."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ENTRIES: Final = (
 
 
 def joined(blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]) -> list[SampleRun]:
-    """One run for each stream of some blocks of time, which follow each other.
+    """Join the runs of successive blocks into one run for each stream.
 
     Parameters
     ----------

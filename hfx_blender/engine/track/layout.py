@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a HapticTrack lies in its ZIP container: names, sizes, and the index at its end."""
+"""Layout of a HapticTrack in its ZIP container: names, sizes, and the index at its end."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HEADER: Final = "header.json"
 INDEX: Final = "index.json"
 
 SAMPLES_PER_CHUNK: Final = 128
-"""What the writer uses: chunk ``c`` holds the samples ``128 c`` to ``128 c + 127``."""
+"""Chunk size of the writer: chunk ``c`` holds the samples ``128 c`` to ``128 c + 127``."""
 
 MAX_SAMPLES_PER_CHUNK: Final = 4096
 MAX_JSON_BYTES: Final = 2**24
@@ -31,7 +31,7 @@ def chunk_name(chunk: int) -> str:
 
 @dataclass
 class StreamIndex:
-    """What the index says about one stream. Samples are counted by the time base."""
+    """Index entry of one stream. Samples are counted by the time base."""
 
     samples: int = 0
     first: int = -1  # sample index; -1 if there is none
@@ -41,7 +41,7 @@ class StreamIndex:
     channels: tuple[str, ...] = ()
 
     def add(self, later: StreamIndex) -> None:
-        """Take in what is said about later samples of the same stream."""
+        """Merge the entry of later samples of the same stream."""
         if not later.samples:
             return
         if self.first < 0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A track that was recorded in parts becomes one, with the bytes of one recording."""
+"""Merges a track that was recorded in parts: the result has the bytes of one recording."""
 
 from __future__ import annotations
 

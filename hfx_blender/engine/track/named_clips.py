@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The named clips of a track: what an engine triggers one by one."""
+"""Named clips of a track, which an engine triggers one by one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .header import TrackHeader
 
 @dataclass(frozen=True)
 class NamedClip:
-    """A clip, and the effects that have it: same name, same frames."""
+    """Clip with the effects that share its name and frames."""
 
     name: str  # tells it from all others of the track, whether case counts or not
     clip: Clip

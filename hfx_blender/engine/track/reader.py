@@ -46,7 +46,7 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True)
 class StreamSummary:
-    """One stream of a track at a glance."""
+    """Summary of one stream of a track."""
 
     stream: Stream
     sample_count: int
@@ -146,7 +146,7 @@ class TrackReader:
                         yield run
 
     def samples_at(self, time_s: float) -> list[Sample]:
-        """What is felt at a time: a sample lasts until the next is due.
+        """Samples in effect at a time: a sample lasts until the next is due.
 
         Reading on in time costs one chunk at most, mostly none.
 
@@ -166,7 +166,7 @@ class TrackReader:
         return [sample for run in found for sample in run]
 
     def summary(self) -> list[StreamSummary]:
-        """Every stream at a glance, in the order of ``header.streams``, from the index alone."""
+        """Summaries of all streams, in the order of ``header.streams``, from the index alone."""
         return [
             StreamSummary(
                 stream=stream,
@@ -184,7 +184,7 @@ class TrackReader:
         return float(self.header.time.times_s(np.array([index]))[0])
 
     def _position(self, time_s: float) -> float:
-        """A time in samples of the time base, limited to one before and one after them."""
+        """Convert a time to samples of the time base, limited to one before and one after them."""
         if math.isnan(time_s):
             raise ValueError("the time is not a number")
         time = self.header.time
@@ -230,7 +230,7 @@ class TrackReader:
         return Drive(effect.device_id, effect.actuators, section.drive[kept])
 
     def chunk_bytes(self, chunk: int) -> bytes:
-        """A chunk as it is stored, checked.
+        """Stored bytes of a chunk, checked.
 
         Raises
         ------

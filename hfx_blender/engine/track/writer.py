@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing a HapticTrack while it is computed, in bounded memory."""
+"""Writes a HapticTrack while it is computed, in bounded memory."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ class TrackWriter:
 
 
 class _SectionBuilder:
-    """Collects one stream's samples of one chunk; a set that stays is held once."""
+    """Collector of one stream's samples of one chunk; equal successive sets are stored once."""
 
     def __init__(self, full_precision: bool) -> None:
         self._full_precision = full_precision
@@ -254,7 +254,9 @@ class _SectionBuilder:
         vertices: npt.NDArray[np.int32],
         weights: npt.NDArray[Any],
     ) -> npt.NDArray[np.bool_]:
-        """Which sets are the same as the one before, the first as the last that is held."""
+        """Sets that repeat the one before, as a mask; the first is compared with the last
+        one held.
+        """
         found = native.repeats(offsets, vertices, weights)
         if found is None:
             parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
@@ -286,7 +288,9 @@ class _SectionBuilder:
             self._weights.append(weights)
 
     def encoded(self, stream: int, start: int) -> bytes:
-        """What was collected, as the section of a chunk that starts at sample ``start``."""
+        """Encode the collected samples as the section of a chunk that starts at sample
+        ``start``.
+        """
         if self._entries > MAX_ENTRIES:
             raise OutputError(
                 f"Samples {self._indices[0][0]} to {self._indices[-1][-1]} of stream {stream} have "
@@ -310,14 +314,14 @@ class _SectionBuilder:
 
 
 def as_kept(run: SampleRun, *, full_precision: bool) -> SampleRun:
-    """A run with the weights that reading it from a track will give."""
+    """Copy of a run with the weights that reading it from a track will give."""
     if full_precision:
         return run
     return replace(run, weights=weights_from_bytes(weights_to_bytes(run.weights)))
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
-    """Raise ValueError if what a run has of each sample is not that of its effect's kind."""
+    """Raise ValueError if a run's optional columns do not match its effect's kind."""
     if (run.focus is not None) != (effect.kind == "spot"):
         raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
     if run.focus is not None:
@@ -337,7 +341,7 @@ def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
 
 
 def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
-    """Raise ValueError if a run is not what :class:`SampleRun` promises."""
+    """Raise ValueError if a run breaks the contract of :class:`SampleRun`."""
     count = len(run)
     parameters = len(MODALITIES[run.stream.modality].parameters)
     if not (

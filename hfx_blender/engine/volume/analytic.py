@@ -29,7 +29,7 @@ def _squared_norm(points: F64) -> F64:
 
 
 def _rise(share: F64) -> F64:
-    """One at share 0, falling to zero at share 1 and beyond, and for NaN."""
+    """Linear rise: 1 at share 0, falling to 0 at share 1 and beyond, 0 for NaN."""
     return np.fmax(1.0 - share, 0.0)
 
 
@@ -143,7 +143,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Capsule:
-    """All that is within 1 of the segment from -half_segment to +half_segment on Z.
+    """Points within 1 of the segment from -half_segment to +half_segment on Z.
 
     Its radius is 1, so a capsule of another size is placed by its world matrix times a
     uniform scale by its radius (see :meth:`of_size`).

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Feet of the normals from a point to an ellipsoid: where a ball inside it first touches."""
+"""Feet of normals from a point to an ellipsoid: the first contact of a growing ball inside it."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Ellipsoid:
 
     @property
     def _poles(self) -> F64:
-        """(s_i / s_min)^2 - 1, (n, 1): the denominators are tau plus these."""
+        """Poles (s_i / s_min)^2 - 1, (n, 1): the denominators are tau plus these."""
         least = self.semi_axes[-1]
         ratio = self.semi_axes / least
         poles: F64 = ((self.semi_axes - least) / least) * (ratio + 1.0)
@@ -100,7 +100,9 @@ class Ellipsoid:
         return distances
 
     def _solve(self, along: F64, nearest: bool) -> F64:
-        """``tau`` of the nearest foot, or of the other local minimum (NaN where there is none)."""
+        """Solve for ``tau`` of the nearest foot, or of the other local minimum (NaN if there is
+        none).
+        """
         numerators, poles = self._numerators(along), self._poles
         size = np.abs(numerators)
         if nearest:

@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ..native.library import library
-from .mesh_crossing import crossings
+from .mesh_crossing import comes_near, crossings
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
+from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -42,7 +43,7 @@ _SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as 
 
 @dataclass(frozen=True, eq=False)
 class MeshVolume:
-    """A closed triangle mesh; inside is where its winding number is not zero.
+    """Closed triangle mesh; points with a winding number other than zero are inside.
 
     Small holes are closed (see :func:`mesh_topology.closed_surface`), and ``note`` tells so.
     A hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
@@ -98,7 +99,7 @@ class MeshVolume:
 
     @classmethod
     def box(cls, bounds: F64, name: str) -> Self:
-        """The box (2, 3) around a mesh, in its place where nothing comes near. It may be flat."""
+        """Box (2, 3) that replaces a mesh where nothing comes near. It may be flat."""
         made = object.__new__(cls)
         corners = bounds[_BOX_CORNERS, np.arange(3)]
         values = {"vertices": corners, "triangles": _BOX_TRIANGLES, "name": name, "note": ""}
@@ -108,7 +109,7 @@ class MeshVolume:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        """Only what is not made when it is asked for: that may be of this process's memory."""
+        """State to pickle: the fields only; cached members may point into this process's memory."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
@@ -171,12 +172,16 @@ class MeshVolume:
             clear[asked] = np.where(self.contains(near), -away, away)
         return clear
 
-    def crossings(self, starts: F64, ends: F64) -> tuple[F64, F64]:
-        """When points that move straight cross the surface, see :func:`mesh_crossing.crossings`."""
-        return crossings(self._tree, self._middle, starts, ends)
+    def crossings(self, ways: Ways) -> tuple[F64, F64]:
+        """When points cross the surface on their ways, see :func:`mesh_crossing.crossings`."""
+        return crossings(self._tree, self._middle, ways)
+
+    def comes_near(self, ways: Ways, reaches: F64) -> Bool | None:
+        """Which points come near the surface, see :func:`mesh_crossing.comes_near`."""
+        return comes_near(self._tree, self._middle, ways, reaches)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
-        """The stretched triangles; remembered, as most stretched volumes do not turn."""
+        """Tree of the stretched triangles; cached, as most stretched volumes do not turn."""
         key = linear.tobytes()
         tree = self._placed_trees.get(key)
         if tree is None:

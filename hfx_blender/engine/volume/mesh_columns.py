@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which voxels the triangles of a mesh touch, column by column."""
+"""Rasterizes the triangles of a mesh into voxels, column by column."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 MARGIN: Final = 1e-6
-"""In cells; far above rounding, so that no cell misses a triangle."""
+"""Margin in cells; far above rounding, so that no cell misses a triangle."""
 
 _STEEP: Final = 1e-6  # below this cosine a triangle's plane says nothing about its heights
 

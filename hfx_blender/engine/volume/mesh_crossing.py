@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where points that move straight cross the surface of a mesh."""
+"""Where points on their ways cross the surface of a mesh."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -10,27 +11,29 @@ import numpy.typing as npt
 
 from ..native import mesh_crossing as native
 from .mesh_distance import TriangleTree
+from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 
 _GRAZE: Final = 1e-9
-"""How far beyond a triangle's edge a crossing counts, as a share: no way slips between two."""
+"""Tolerance of a crossing beyond a triangle's edge, as a share: no path slips between two."""
 
 _SLACK: Final = 1e-12  # of the largest coordinate: boxes are that much too small
 _PAIRS_AT_ONCE: Final = 1 << 18
 
 
-def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[F64, F64]:
-    """When points that move straight, at an even speed, first and last cross the surface.
+def crossings(tree: TriangleTree, middle: F64, ways: Ways) -> tuple[F64, F64]:
+    """When points that move at an even speed first and last cross the surface.
 
     Parameters
     ----------
     tree : TriangleTree
     middle : (3,) float64
         What the tree is about, in the points' space.
-    starts, ends : (3, N) float64
+    ways : Ways
+        Of N points.
 
     Returns
     -------
@@ -38,21 +41,38 @@ def crossings(tree: TriangleTree, middle: F64, starts: F64, ends: F64) -> tuple[
         From 0 at the start to 1 at the end; infinite, and minus infinity, where nothing is
         crossed and where a place is not finite.
     """
-    root_low, root_high = tree.levels[0] if tree.compiled is None else tree.compiled.extent
-    slack = _SLACK * float(max(np.abs(root_low).max(), np.abs(root_high).max()))
     if tree.compiled is not None:
-        return native.crossings(tree.compiled, slack, middle, starts, ends)
-    first = np.full(starts.shape[1], np.inf)
+        return native.crossings(tree.compiled, _slack(tree), middle, ways)
+    path = ways.path() - middle[:, None]
+    usable = np.flatnonzero(np.isfinite(path).all(axis=(0, 1)))
+    first = np.full(path.shape[2], np.inf)
     last = -first
-    usable = np.flatnonzero(np.isfinite(starts + ends).all(axis=0))
-    _cross(tree, slack, starts - middle[:, None], ends - starts, usable, first, last)
+    for k, (start, end) in enumerate(pairwise(path)):
+        enter = np.full(path.shape[2], np.inf)
+        leave = -enter
+        _cross(tree, _slack(tree), start, end - start, usable, enter, leave)
+        first = np.minimum(first, (k + enter) / ways.steps)
+        last = np.maximum(last, (k + leave) / ways.steps)
     return first, last
+
+
+def comes_near(tree: TriangleTree, middle: F64, ways: Ways, reaches: F64) -> Bool | None:
+    """Which points may come within ``reaches`` (N,) of the surface; None where nothing compiled
+    tells it."""
+    if tree.compiled is None:
+        return None
+    return native.comes_near(tree.compiled, _slack(tree), middle, ways, reaches)
+
+
+def _slack(tree: TriangleTree) -> float:
+    low, high = tree.levels[0] if tree.compiled is None else tree.compiled.extent
+    return _SLACK * float(max(np.abs(low).max(), np.abs(high).max()))
 
 
 def _cross(
     tree: TriangleTree, slack: float, starts: F64, way: F64, asked: I64, first: F64, last: F64
 ) -> None:
-    """Fill in ``first`` and ``last`` for those ``asked``: pass over the tree level by level."""
+    """Fill in ``first`` and ``last`` for some paths, by one pass over the tree, level by level."""
     owners, nodes = asked, np.zeros(len(asked), np.int64)
     for level, (low, high) in enumerate(tree.levels):
         if level:
@@ -79,7 +99,7 @@ def _cross(
 
 
 def _hits(starts: F64, way: F64, corners: F64) -> tuple[F64, Bool]:
-    """Where ways (3, n) meet the planes of triangles (3 corners, 3, n), and whether within these.
+    """Intersections of paths (3, n) with triangles' planes: times (n,), and a mask of real hits.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """

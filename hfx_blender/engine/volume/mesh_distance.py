@@ -77,15 +77,14 @@ class TriangleTree:
         return distances
 
     def distances_at_least(self, points: F64, share: float) -> F64:
-        """A bound of each distance, no less than ``share`` of it; faster where compiled."""
+        """Lower bound of each distance, at least ``share`` of it; faster where compiled."""
         if self.compiled is not None:
             return native.distances_at_least(self.compiled, points, share)
         return self.distances(points)
 
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:
-        """As :meth:`distances`, cheaper: too large by at most the share ``slack``.
-
-        Of points that are not beyond ``limit`` it is only told that they are not.
+        """Approximation of :meth:`distances`, cheaper: too large by at most the share ``slack``.
+        For points within ``limit`` the result only says that they are within it.
         """
         if self.compiled is not None:
             return native.distances_beyond(self.compiled, points, limit, slack, _MANY)
@@ -162,7 +161,7 @@ def leaf_order(corners: F64) -> I64:
 
 
 def _plane_frames(corners: F64) -> F64:
-    """Each triangle in a plane of its own, (15, F).
+    """Frame of each triangle in its own plane, (15, F).
 
     The x axis is the longest edge, from the origin; the apex is above it. Rows: origin (3), the
     axes x, y, z in world coordinates (9), length of the longest edge, apex x, apex y. However

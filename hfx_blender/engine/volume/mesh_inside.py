@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exact inside test for a closed triangle mesh: voxels, and columns where voxels cannot tell.
+"""Exact inside test for a closed triangle mesh: voxels, and columns for undecided voxels.
 
 A ray goes from the point along the column axis, and the signs of its crossings add up to the
 winding number. What makes rays fail, hits on edges and vertices and triangles along the ray,
@@ -59,7 +59,7 @@ class _Spans:
 
     @classmethod
     def of(cls, corners: F64) -> _Spans:
-        """From corners (F, 3, 3): triangle, corner, coordinate."""
+        """Prepare triangles from corners (F, 3, 3): triangle, corner, coordinate."""
         order = np.argsort(corners[:, :, 1], axis=1, kind="stable")
         even = (order[:, 1] - order[:, 0]) % 3 == 1
         low, middle, high = np.moveaxis(np.take_along_axis(corners, order[:, :, None], 1), 1, 0)
@@ -98,7 +98,7 @@ class _Spans:
         )
 
     def cross(self, triangles: I64, points: F64) -> tuple[I64, F64, I32]:
-        """Which of the pairs (triangle, point) cross, at which height, and which way.
+        """Intersect vertical lines through points with triangles: pairs that cross, heights, signs.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class _Spans:
 
 
 class InsideGrid:
-    """Answers whether points have a winding number other than zero.
+    """Inside test of points by their winding number.
 
     Every voxel is inside, outside or mixed. Mixed voxels that follow each other in a column are
     a *run*; it lists its triangles, and the winding number beyond its upper end.
@@ -203,7 +203,7 @@ class InsideGrid:
         self._codes = np.ascontiguousarray(codes[:, :-1], np.int32).ravel()
 
     def _packed(self, corners: F64) -> NativeGrid:
-        """What the compiled test reads."""
+        """Grid in the form that the compiled test reads."""
         columns = np.repeat(self._columns, np.diff(self._offsets))
         return NativeGrid(
             box=np.stack([self._low, self._high]),
@@ -219,7 +219,7 @@ class InsideGrid:
         )
 
     def contains(self, points: F64) -> Bool:
-        """Whether each point of (3, N) is inside, (N,)."""
+        """Inside test of points (3, N), (N,) bool."""
         if self._native is not None:
             return self._native.contains(points)
         inside = np.zeros(points.shape[1], np.bool_)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Making a triangle mesh a closed surface that faces one way: merging, turning, closing holes."""
+"""Repairs a triangle mesh into a closed, consistently oriented surface: merging, turning, closing
+holes.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,12 @@ I32 = npt.NDArray[np.int32]
 Bool = npt.NDArray[np.bool_]
 
 LARGEST_HOLES: Final = 0.25
-"""Area of all caps over that of the mesh: a box without its lid has 0.2, a bowl far more. Beyond
-it a mesh is rather a sheet, of which nobody can say what is inside."""
+"""Largest area of all caps over that of the mesh: a box without its lid has 0.2, a bowl far more.
+Beyond it a mesh is rather a sheet, whose inside is undefined."""
 
 
 def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
-    """Make coincident vertices one; drop unused vertices and triangles without three corners."""
+    """Merge coincident vertices; drop unused vertices and degenerate triangles."""
     used, corners = np.unique(triangles, return_inverse=True)
     vertices = vertices[used]
     order = np.lexsort(vertices.T)
@@ -38,7 +40,7 @@ def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64,
 
 
 def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
-    """Turn the few triangles that face the other way, and put caps on small holes.
+    """Turn the few triangles with the wrong orientation, and close small holes.
 
     A cap is the cone from a hole's rim to the middle of its corners; over any rim, however bent,
     it makes every edge used as often in one direction as in the other.
@@ -76,7 +78,8 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
 
 
 def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
-    """The edge of each of the 3 F corners, the triangles' uses of it, and whether it is upwards.
+    """Edge of each of the 3 F corners, the number of uses of each edge, and each corner's
+    direction.
 
     Corner ``k`` belongs to triangle ``k // 3``.
     """
@@ -90,7 +93,7 @@ def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
 
 
 def _balance(edge: I64, up: Bool) -> F64:
-    """How much more often each edge is used upwards than downwards."""
+    """Uses of each edge upwards minus its uses downwards, (edges,)."""
     return np.bincount(edge, np.where(up, 1.0, -1.0)).astype(np.float64)
 
 
@@ -124,7 +127,7 @@ def _with_caps(
 
 
 def _left_over(edge: I64, triangles: I32, uses: I64) -> I64:
-    """Directed edges (n, 2) that caps have to be put on: what open edges lack to be balanced."""
+    """Directed edges (n, 2) that caps must add, so that every edge is balanced."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     balance = _balance(edge, starts < ends)
     firsts = np.zeros(len(uses), np.int64)
@@ -147,7 +150,7 @@ def _area(vertices: F64, triangles: I32) -> float:
 
 
 def _turns(count: int, edge: I64, uses: I64, up: Bool) -> Bool:
-    """Which triangles to turn so that neighbours agree, the fewest of each connected piece."""
+    """Triangles to turn so that neighbours agree, as a mask; the fewest of each connected piece."""
     corners = np.argsort(edge, kind="stable")
     corners = corners[uses[edge[corners]] == 2].reshape(-1, 2)
     disagree = up[corners[:, 0]] == up[corners[:, 1]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The place of a volume's boundary that is nearest to a point inside, and which way it faces."""
+"""Nearest place of a volume's boundary to a point inside, and its normal."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
 
 
 def _by_neighbours(shape: Shape, points: F64, to_world: F64) -> F64:
-    """Away from where a little ball around the point is inside."""
+    """Normal away from the inside part of a little ball around the point."""
     low, high = shape.bounds
     radius = 1e-5 * float((high - low).max())
     golden = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(64)

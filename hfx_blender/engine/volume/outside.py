@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far points outside a volume are from it."""
+"""Distances from outside points to a volume."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Planes between a volume and what is beside it: what is on the other side is surely outside."""
+"""Separating planes: everything beyond a plane beside a volume is surely outside."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ROUNDING: Final = 1e-12
 
 
 def parted(shape: Shape, corners: Sequence[F64], margins: F64) -> Bool:
-    """Which hulls of corners a plane surely parts from a volume, with something to spare.
+    """Test hulls of corners for a plane that surely separates them from a volume, with margin.
 
     The plane is the one through the place of the volume that is nearest to the middle of the
     corners: for hulls that are flat beside the volume's curvature hardly any is missed. Of a mesh
@@ -54,7 +54,7 @@ def parted(shape: Shape, corners: Sequence[F64], margins: F64) -> Bool:
 
 
 def _away(shape: Shape, points: F64) -> F64:
-    """From the nearest place of the volume to each point, (3, N), any length; 0 inside."""
+    """Vectors from the volume's nearest place to each point, (3, N), of any length; 0 inside."""
     if isinstance(shape, Sphere):
         return points
     if isinstance(shape, Capsule):
@@ -71,7 +71,7 @@ def _away(shape: Shape, points: F64) -> F64:
 
 
 def _farthest(shape: Shape, directions: F64) -> F64:
-    """The most of these directions (3, N) that any place of the volume has, (N,)."""
+    """Support of the volume in directions (3, N), (N,)."""
     if isinstance(shape, Sphere):
         return np.asarray(np.sqrt(np.einsum("in,in->n", directions, directions)))
     if isinstance(shape, Capsule):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placing matrices of volumes: their inverses where these can be trusted, and world boxes."""
+"""Placing matrices of volumes: their inverses where these are reliable, and world boxes."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
 FLATTEST: Final = 1e-6
-"""Least reciprocal condition number, after equilibration, of a matrix that is inverted.
-
-Blender computes world matrices in float32. One that some parent has squashed flat comes out
-with rounding noise in place of the zero, 1e-7 of the rest: below this limit nobody can tell.
-"""
+"""Least reciprocal condition number, after equilibration, of a matrix that is inverted. Blender
+computes world matrices in float32. One that some parent has squashed flat comes out with rounding
+noise in place of the zero, 1e-7 of the rest: below this limit the two cannot be told apart."""
 
 
 def _exponents(magnitudes: F64) -> npt.NDArray[np.int32]:
@@ -47,7 +45,7 @@ def _inverse(matrices: F64) -> F64:
 
 
 def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
-    """Invert affine placing matrices, and say which inverses can be used.
+    """Invert affine placing matrices, with a mask of the reliable inverses.
 
     Columns, then rows, are first brought to a similar size by powers of two (exactly), so that
     neither the unit nor different scales of the axes count as flatness: only axes that are
@@ -74,7 +72,7 @@ def inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
 @lru_cache(maxsize=1024)
 def _inverse_of_still(matrix: bytes) -> tuple[F64, Bool]:
-    """Of one matrix: live, most volumes are where they were."""
+    """Cached inverse of one matrix: in live playback most volumes do not move."""
     return _inverse_placement(np.frombuffer(matrix).reshape(1, 4, 4))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What every haptic volume can tell, and the falloff from its boundary to its core."""
+"""Interface of haptic volumes, and the falloff from the boundary to the core."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Shape(Protocol):
 
     @property
     def is_convex(self) -> bool:
-        """Whether a box is inside as soon as its corners are."""
+        """Convexity: a box is inside as soon as its corners are."""
 
     @property
     def bounds(self) -> F64:
         """Axis-aligned box, (2, 3): lowest and highest corner."""
 
     def contains(self, points: F64) -> Bool:
-        """Whether each point is inside or on the boundary, (N,)."""
+        """Test points for being inside or on the boundary, (N,) bool."""
 
     def rise(self, points: F64) -> F64:
-        """How far from the boundary towards the core each point is, (N,).
+        """Relative depth of each point, from the boundary towards the core, (N,).
 
         0 on the boundary, 1 at the core (the points farthest inside), linear between along
         the way inwards; 0 outside and for NaN. Invariant under the placing matrix.
@@ -40,7 +40,7 @@ class Shape(Protocol):
 
     @property
     def steepest_rise(self) -> float:
-        """No less than the change of :meth:`rise` over a way of 1 in shape space."""
+        """Upper bound of the change of :meth:`rise` over a distance of 1 in shape space."""
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """World-space distance to the boundary of points that are inside, (N,) metres.
@@ -50,7 +50,7 @@ class Shape(Protocol):
 
 
 class FalloffKind(StrEnum):
-    """How strength rises from the boundary inwards."""
+    """Shape of the rise of strength from the boundary inwards."""
 
     NONE = "none"
     LINEAR = "linear"
@@ -75,7 +75,7 @@ class Falloff:
 
     @property
     def precision(self) -> type[np.floating[Any]]:
-        """Of arrays of weights: shares of a cell without falloff take half the memory."""
+        """Floating-point type of weights: without falloff, half the memory suffices."""
         return np.float32 if self.is_flat else np.float64
 
     def weight(self, rise: F64) -> F64:

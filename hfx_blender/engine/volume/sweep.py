@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a point is from a volume's boundary, and when a moving point is inside."""
+"""Clearance of points from a volume's boundary, and passage of moving points through it."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +11,7 @@ import numpy.typing as npt
 from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .mesh import MeshVolume
 from .shape import Shape
+from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 
@@ -47,7 +50,7 @@ def clearance(shape: Shape, points: F64) -> F64:
 
 
 def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
-    """When points that move straight, at an even speed, are inside.
+    """First and last time at which points in straight, even motion are inside.
 
     Exact for convex shapes, however thin. Between the first and the last moment inside a mesh
     a point may leave it for a while.
@@ -86,9 +89,22 @@ def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
                 one, other = _unless_empty(*_within_ball(starts - centre, way))
                 first, last = np.minimum(first, one), np.maximum(last, other)
         else:
-            first, last = _through_mesh(shape, starts, ends)
+            first, last = _through_mesh(shape, Ways.straight(starts, ends))
     first, last = np.maximum(first, 0.0), np.minimum(last, 1.0)
     return _unless_empty(first, last)
+
+
+def passage_along(shape: Shape, ways: Ways) -> tuple[F64, F64]:
+    """As :func:`passage`, of ways that may have several steps."""
+    if isinstance(shape, MeshVolume):
+        return _unless_empty(*_through_mesh(shape, ways))
+    first = np.full(len(ways.intervals), np.inf)
+    last = -first
+    for k, (start, end) in enumerate(pairwise(ways.path())):
+        enter, leave = passage(shape, start, end)
+        first = np.minimum(first, (k + enter) / ways.steps)
+        last = np.maximum(last, (k + leave) / ways.steps)
+    return first, last
 
 
 def _both(one: tuple[F64, F64], other: tuple[F64, F64]) -> tuple[F64, F64]:
@@ -101,7 +117,7 @@ def _unless_empty(first: F64, last: F64) -> tuple[F64, F64]:
 
 
 def _within_planes(starts: F64, way: F64, half: float) -> tuple[F64, F64]:
-    """When all coordinates are between -half and half."""
+    """Times at which all coordinates are between -half and half, first and last (N,)."""
     one, other = (-half - starts) / way, (half - starts) / way
     still = way == 0.0
     outside = still & (np.abs(starts) > half)
@@ -111,7 +127,7 @@ def _within_planes(starts: F64, way: F64, half: float) -> tuple[F64, F64]:
 
 
 def _within_ball(starts: F64, way: F64) -> tuple[F64, F64]:
-    """When the norm is at most 1."""
+    """Times at which the norm is at most 1, first and last (N,)."""
     speed = np.sqrt(np.einsum("ij,ij->j", way, way))
     still = speed == 0.0
     direction = way / np.where(still, 1.0, speed)
@@ -126,9 +142,9 @@ def _within_ball(starts: F64, way: F64) -> tuple[F64, F64]:
     return np.where(missed, np.inf, first), np.where(missed, -np.inf, last)
 
 
-def _through_mesh(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
+def _through_mesh(shape: Shape, ways: Ways) -> tuple[F64, F64]:
     assert isinstance(shape, MeshVolume)
-    first, last = shape.crossings(starts, ends)
-    first = np.where(shape.contains(starts), 0.0, first)
-    last = np.where(shape.contains(ends), 1.0, last)
+    first, last = shape.crossings(ways)
+    first = np.where(shape.contains(ways.before), 0.0, first)
+    last = np.where(shape.contains(ways.after), 1.0, last)
     return first, last

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body parts of HJIF: which bits of the mask the vertices of our models are."""
+"""Body parts of HJIF: bits of the mask for the vertices of our models."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def vertex_masks(model: PerceptualModel) -> U32:
 
 
 def place_mask(place: Place, *, is_mirrored: bool = False) -> int:
-    """The mask of where an actuator is, from the parts that its place names; 0: unknown."""
+    """Mask of an actuator's place, from the body parts that it names; 0: unknown."""
     if isinstance(place, RoomPlace):
         parts: tuple[str, ...] = place.parts
         centre, side = None, None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a track tells of one effect on one body, collected run by run.
+"""Summary of a track's samples of one effect on one body, collected run by run.
 
 A few numbers a sample and body part are kept, not the contacts: a long track needs little memory.
 """
@@ -78,7 +78,7 @@ class Collected:
         return np.concatenate(self._parameters)
 
     def touched(self) -> list[tuple[int, F64, I64]]:
-        """Each body part that was touched: mask, strongest weight of each sample, vertices."""
+        """Touched body parts: mask, strongest weight of each sample, vertices."""
         touched = np.flatnonzero(self._is_touched)
         strongest = np.concatenate(self._strongest)
         return [

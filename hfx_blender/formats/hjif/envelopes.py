@@ -25,7 +25,8 @@ _FINE_TICKS: Final = 8000  # a second, where that divides well
 
 
 def timescale_of(*rates_hz: Fraction) -> int:
-    """Ticks a second in which a period of each rate is a whole number, as far as that goes.
+    """Timescale, in ticks a second, with a whole number of ticks per period of each rate, if
+    possible.
 
     The first rate counts most. 48000 is the standard's most; rates that need more are met
     within a tick.
@@ -48,7 +49,7 @@ class Dense:
 
 
 class Library:
-    """The effects of one perception; those that occur again are kept once."""
+    """Effects of one perception; repeated ones are stored once."""
 
     def __init__(self) -> None:
         self._bands: list[tuple[list[Effect], list[tuple[int, tuple[Keyframe, ...]]]]] = []
@@ -181,7 +182,7 @@ def _ticks(seconds: float, timescale: int) -> int:
 
 
 def _ascending_ticks(times: F64, timescale: int) -> list[int]:
-    """Whole ticks, each later than the one before."""
+    """Round to whole ticks, each later than the one before."""
     steps = np.arange(len(times))
     rounded = np.rint(times * timescale).astype(np.int64)
     return [int(each) for each in np.maximum.accumulate(rounded - steps) + steps]

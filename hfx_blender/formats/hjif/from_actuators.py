@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HJIF from what one device plays: a channel an actuator, one perception a modality."""
+"""HJIF of one device's output: a channel for each actuator, one perception for each modality."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def _weight_classes(vertices: I64, weights: F64) -> list[tuple[float, I64]]:
 
 
 def _direction(parameters: F64) -> Vector | None:
-    """A wind's direction, if it does not change by more than a degree or so."""
+    """Direction of a wind, if it is constant within about a degree."""
     vectors = parameters[:, 1:4] @ glb.TO_GLTF.T
     mean = vectors.mean(axis=0)
     length = float(np.linalg.norm(mean))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an HJIF file holds, as plain data; names are those of the standard.
+"""Content of an HJIF file, as plain data; names are those of the standard.
 
 Times are ticks, ``timescale`` of them a second. A member that is None is not in the file.
 """
@@ -21,7 +21,7 @@ class Vector:
 
 @dataclass(frozen=True, slots=True)
 class Keyframe:
-    """One point of an envelope."""
+    """Point of an envelope."""
 
     relative_position: int | None = None  # ticks since the effect's position
     amplitude_modulation: float | None = None  # -1..1
@@ -58,7 +58,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Channel:
-    """What is felt at one place."""
+    """Channel: the effects at one place."""
 
     id: int
     description: str
@@ -117,7 +117,7 @@ class Perception:
 
 @dataclass(frozen=True)
 class Avatar:
-    """A body that vertices refer to."""
+    """Avatar that vertices refer to."""
 
     id: int
     lod: int
@@ -127,7 +127,7 @@ class Avatar:
 
 @dataclass(frozen=True)
 class Sync:
-    """A time that playing may be aligned with."""
+    """Time that playing may be aligned with."""
 
     timestamp: int
     timescale: int | None = None
@@ -182,7 +182,7 @@ MEMBERS: Final[dict[type, tuple[str, ...]]] = {
 
 
 def from_json(value: Any, kind: type = Hjif) -> Any:
-    """A checked JSON value as the part that it is; unknown members are left out."""
+    """Convert a checked JSON value to a dataclass; unknown members are left out."""
     if kind is Keyframe:  # most of a file
         return Keyframe(*map(value.get, MEMBERS[Keyframe]))
     members: dict[str, Any] = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Perceptions of HJIF from places, and what is felt at each of them."""
+"""Perceptions of HJIF from places and their envelopes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ PITCH_HZ: Final = 1.0
 
 @dataclass(eq=False)
 class Place:
-    """One channel in the making."""
+    """Channel in the making."""
 
     title: str
     gain: float
@@ -164,7 +164,7 @@ def _peak(place: Place) -> float:
 def _devices(
     devices: Sequence[DeviceConfig], modality: str, first: int
 ) -> Iterator[ReferenceDevice]:
-    """One reference device for each type of actuator that does this modality."""
+    """Reference devices: one for each type of actuator of this modality."""
     number = first
     for device in devices:
         for kind in device.actuator_types.values():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading HJIF, our own files and those of others."""
+"""Reads HJIF, our own files and those of others."""
 
 from __future__ import annotations
 

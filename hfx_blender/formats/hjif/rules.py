@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rules of HJIF files: what the schemas of ISO/IEC 23090-31 ask for, and no unknown keys.
+"""Rules of HJIF files: the schemas of ISO/IEC 23090-31, and no unknown keys.
 
 The rules that look at several members at once are in :mod:`.semantics`.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rules of HJIF that look at several members at once: ids, limits, profiles and levels.
+"""Rules of HJIF across several members: ids, limits, profiles and levels.
 
 The list is that of the standard's conformance configuration (MPEGGroup, HapticReferenceSoftware).
 """
@@ -47,7 +47,7 @@ _DATE: Final = re.compile(
 
 
 def check_semantics(found: dict[str, Any], report: Report) -> None:
-    """Report what is wrong with a document that keeps the schemas."""
+    """Report semantic faults of a document that is valid by the schemas."""
     year, _, amendment = found["version"].partition("-")
     if int(year) < 2023:
         report.error("VERSION-YEAR", (None, "version"), f"{year} is before 2023")

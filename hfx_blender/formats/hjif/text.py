@@ -19,7 +19,7 @@ def encode(document: Hjif) -> bytes:
 
 
 def write(document: Hjif, file: BinaryIO) -> None:
-    """Write what :func:`encode` gives."""
+    """Write the text of :func:`encode`."""
     file.writelines(_pieces(document))
 
 
@@ -63,7 +63,9 @@ def _texts(item: Any) -> Iterator[str]:
 
 
 def _keyframe(frame: Keyframe) -> str:
-    """Most of a file; that its members are numbers is known here."""
+    """Encode a keyframe, quickly, as they are most of a file: its members are known to be
+    numbers.
+    """
     members = []
     if frame.relative_position is not None:
         members.append(f'"relative_position":{_number(frame.relative_position)}')

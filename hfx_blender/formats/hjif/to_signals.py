@@ -24,7 +24,7 @@ _DEEPEST: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """What one channel plays, its gain included."""
+    """Envelope of one channel, its gain included."""
 
     perception: str
     modality: str  # of the standard, such as "Vibrotactile"
@@ -81,7 +81,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 
 
 def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
-    """Every channel's envelope: all its bands, references resolved, compositions unfolded.
+    """Envelopes of all channels: all bands, references resolved, compositions unfolded.
 
     Wavelet bands are left out, which each envelope tells. ``name`` is the file's, for messages.
 
@@ -153,7 +153,7 @@ def _envelope(
 
 
 class _Unfolding:
-    """Effects of a file with everything that they refer to, counted."""
+    """Expansion of a file's effects with all references, counted."""
 
     def __init__(self, name: str) -> None:
         self.library: dict[int | None, Effect] = {}
@@ -236,7 +236,7 @@ def _ticks(
 
 
 def _one_after_another(curves: list[Curve]) -> Curve:
-    """Curves joined in the order of time; where they overlap the later one goes on."""
+    """Join curves in the order of time; where they overlap the later one goes on."""
     curves = sorted(curves, key=lambda each: float(each.times_s[0]))
     times, values = [curves[0].times_s], [curves[0].values]
     for before, after in pairwise(curves):

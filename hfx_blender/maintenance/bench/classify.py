@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Identification without people: which material a rendered signal is nearest to."""
+"""Classification of materials by rendered signals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LAGS_S: Final = (0.005, 0.01, 0.02, 0.04)
 
 
 def features(signal: Signal) -> F64:
-    """What a signal is like, whatever its mean level, (14,).
+    """Feature vector of a signal, independent of its mean level, (14,).
 
     Frequency (its log mean and spread), the shape of the amplitude's distribution, and how like
     itself the amplitude is a little later.
@@ -55,7 +55,7 @@ def _likeness(centred: F64, lag: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NearestNeighbour:
-    """Names what is nearest among known examples, each feature in its own spread."""
+    """Nearest-neighbour classifier with features scaled by their spread."""
 
     known: F64  # (N, k)
     labels: I64  # (N,)
@@ -63,7 +63,7 @@ class NearestNeighbour:
 
     @classmethod
     def of(cls, examples: Sequence[tuple[str, Signal]]) -> NearestNeighbour:
-        """From named signals."""
+        """Train on named signals."""
         names = tuple(dict.fromkeys(name for name, _ in examples))
         return cls(
             np.array([features(signal) for _, signal in examples]),
@@ -81,7 +81,7 @@ class NearestNeighbour:
 
 
 def confusion(truth: Sequence[str], found: Sequence[str], names: Sequence[str]) -> I64:
-    """How often each name (row) was found to be each (column), (k, k)."""
+    """Confusion matrix, (k, k): how often each name (row) was classified as each other (column)."""
     table = np.zeros((len(names), len(names)), np.int64)
     for true, guess in zip(truth, found, strict=True):
         table[names.index(true), names.index(guess)] += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Economy: what vertices, volumes and bodies cost that touch nothing, and one live evaluation.
+"""Economy: cost of vertices, volumes and bodies without contact, and of one live evaluation.
 
 The engine alone is timed, on a shipped model that bends at random among a few volumes; each
 case is timed in turn with the plain one.
@@ -167,7 +167,7 @@ def _block(number: int, bones: int, idle_volumes: int, idle_bodies: int) -> Anim
 
 
 def _doubled(model: PerceptualModel) -> PerceptualModel:
-    """The model and a copy of it beside, far from every volume.
+    """Model with a copy of itself beside it, far from every volume.
 
     The copy's parts have labels of their own: the model stays in the clusters that it had.
     """
@@ -196,7 +196,9 @@ def _doubled(model: PerceptualModel) -> PerceptualModel:
 
 
 def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
-    """One time after the other, as while the timeline plays; the first pass warms up."""
+    """Measure live evaluation, time by time as while the timeline plays; the first pass
+    warms up.
+    """
     from ... import blender_session
 
     bpy = blender_session.start()

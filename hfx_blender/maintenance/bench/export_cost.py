@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What exporting costs, against stepping the same scene without the add-on.
+"""Cost of an export, against stepping the same scene without the add-on.
 
 One scene, read in each of the three ways: the demo's garage and its walker, with five volumes
 on three models that go along with him and are felt all the time, by about 900 vertices; one
@@ -62,7 +62,7 @@ os._exit(0)
 
 @dataclass(frozen=True)
 class Kind:
-    """A scene that is read in one of the ways, and the ratio to reach."""
+    """Variant of the scene, read in one of the ways, with its target ratio."""
 
     name: str
     title: str
@@ -71,7 +71,7 @@ class Kind:
 
 
 def _felt_all_the_time(body: Any) -> None:
-    """Five volumes that go along instead of the demo's effects, one sample a frame."""
+    """Add five volumes that move along, instead of the demo's effects, one sample a frame."""
     import bpy
 
     bpy.data.batch_remove([obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT"])
@@ -173,7 +173,7 @@ def _scene(folder: Path, kind: Kind) -> Path:
 
 
 def _run(program: str, *arguments: Path) -> tuple[float, dict[str, Any]]:
-    """Seconds that a program measured of itself, and what it reported."""
+    """Run a program; returns its own measurement in seconds, and its report."""
     done = own_processes.run(own_processes.program(program, *arguments))
     before, found, seconds = done.stderr.rpartition("seconds=")
     if not found:

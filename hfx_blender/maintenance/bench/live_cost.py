@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live devices: what they cost Blender each frame, and how soon a frame is at the port.
+"""Live devices: their cost in Blender per frame, and the delay from a frame to the port.
 
 *Handing over* is all that Blender's main thread does for devices once a frame has been evaluated,
 also while an animation plays with actuators that answer late. What comes is *read ahead* for those:
@@ -55,7 +55,7 @@ Progress = Callable[[float], None]
 def measure(
     *, short: bool = False, frames: int = 1000, progress: Progress = lambda share: None
 ) -> dict[str, Any]:
-    """Over at least ``frames`` frames each; plain data.
+    """Measure the live output over at least ``frames`` frames each; plain data.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _row(times_s: list[float], of: str = "", limit_ms: float = 0.0) -> dict[str,
 
 
 class _Receiver:
-    """A port on this computer that notes when which strength arrived first."""
+    """Port on this computer that notes the arrival time of each strength."""
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -323,7 +323,7 @@ def _in_blender(
 
 
 def _read_ahead(live: Live, context: bpy.types.Context) -> list[float]:
-    """Seconds of each slice until all that comes has been read."""
+    """Measure the slices until the lookahead is complete, seconds."""
     found = []
     live.describe(context)
     end = time.monotonic() + _READING_S

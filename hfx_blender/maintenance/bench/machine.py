@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measurement was made on, and the file that measurements are kept in."""
+"""Machine that a measurement was made on, and the file that measurements are stored in."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import json
 import os
 import platform
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -37,19 +38,33 @@ def describe() -> dict[str, Any]:
 
 
 def as_line(found: dict[str, Any]) -> str:
-    """The same for a terminal or a caption, in one line."""
+    """Description of the machine for a terminal or a caption, in one line."""
     blender = f", Blender {found['blender']}" if found["blender"] else ""
     load = "" if found["load"] is None else f", load {found['load']:.0f}"
     engine = f", engine: {found['engine']}" if "engine" in found else ""  # in older histories
     return (
         f"hfx {found['hfx']}{blender}, Python {found['python']}, numpy {found['numpy']}{engine}, "
         f"{found['processors']} x {found['processor']}, {found['system']}, "
-        f"{found['date'][:10]}{load}"
+        f"{found['date'].partition('T')[0]}{load}"
     )
 
 
+def as_one_line(machines: Sequence[dict[str, Any]]) -> str:
+    """The same of measurements that are shown together: what differs is listed, without the load.
+
+    A process that did not start Blender tells of none.
+    """
+    together: dict[str, Any] = {}
+    for key in dict.fromkeys(key for each in machines for key in each):
+        told = [each[key] for each in machines if each.get(key) is not None]
+        if key == "date":
+            told = sorted(each.partition("T")[0] for each in told)
+        together[key] = " and ".join(dict.fromkeys(map(str, told))) or None
+    return as_line({**together, "load": None})
+
+
 def append(path: Path, record: dict[str, Any]) -> int:
-    """Add a measurement to a history: one JSON object a line; how many there are now.
+    """Append a measurement to a history, one JSON object a line; returns their number.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a user would write today, side by side: evaluated meshes tested vertex by vertex.
+"""Comparison with the usual solutions: evaluated meshes tested vertex by vertex.
 
 One avatar walks through one mesh volume. Each way answers the same question for every frame:
 which vertices of the perceptual model (45,000) are inside the mesh?
@@ -107,7 +107,7 @@ def _scene(frames: int) -> tuple[Any, Any, Any]:
 
 
 def _engine(scene: Any, frames: int) -> dict[int, Bool]:
-    """What an export does; with the paper's test, which is the question of the others."""
+    """Evaluate by an export's code, with the paper's test, for the same question as the others."""
     reader = SceneReader(scene, rate_hz=_rate(scene), tolerance=PAPER)
     engine = Engine(reader.description, tolerance=PAPER)
     count = len(load_model(_MODEL))
@@ -146,7 +146,7 @@ def _world(evaluated: Any) -> F64:
 
 
 def _by_bvh(volume: Any, points: F64) -> Bool:
-    """The nearest face and its normal, the answer that forums give."""
+    """Test points by the nearest face and its normal, the solution that forums give."""
     from mathutils import Vector
     from mathutils.bvhtree import BVHTree
 

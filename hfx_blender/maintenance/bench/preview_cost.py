@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the preview costs a frame that plays: the demo with 20 volumes, 5 of them in contact.
+"""Cost of the preview per frame of playback: the demo with 20 volumes, 5 of them in contact.
 
 Each frame is played with and without the preview, one after the other in one run; of all rounds
 the least counts. Counted is the processor time of all that the preview does by itself: its handler,
@@ -37,7 +37,7 @@ TOUCHED: Final = (
     ("spine02", "vibration"),
     ("lowerleg01.R", "pressure"),
 )
-"""Bones that carry the volumes in contact, and what each gives."""
+"""Bones that carry the volumes in contact, and the modality of each."""
 
 _MODALITIES: Final = ("vibration", "pressure", "temperature", "wind")
 _IDLE: Final = (430, 770)  # frames of the demo in which nothing is on
@@ -144,7 +144,7 @@ def build(path: Path) -> Path:
 
 
 class _Screen:
-    """A viewport that nobody sees, and in which only the preview draws."""
+    """Off-screen viewport in which only the preview draws."""
 
     def __init__(self) -> None:
         import bpy
@@ -171,7 +171,7 @@ class _Screen:
         )
 
     def draw(self, more: Callable[[], None]) -> None:
-        """Something over the scene, as if that were drawn."""
+        """Draw a viewport over the scene, as Blender would."""
         import bpy
         import gpu
 
@@ -187,7 +187,7 @@ class _Screen:
 def _play(
     screen: _Screen, frames: Sequence[int], rounds: int, looks_every: int
 ) -> tuple[list[_Seconds], list[float], list[float]]:
-    """What the preview took at each frame, and whole frames with and without it: the least."""
+    """Least times of the preview at each frame, and of whole frames with and without it."""
     import bpy
 
     scene = bpy.context.scene
@@ -212,7 +212,7 @@ def _play(
 
 @dataclass(order=True)
 class _Seconds:
-    """Of this thread's processor time: what else the machine does hardly shows in it."""
+    """Processor seconds of this thread, nearly independent of the machine's other work."""
 
     own: float = 0.0
     engine: float = 0.0  # among them
@@ -220,14 +220,14 @@ class _Seconds:
 
 
 class _Preview:
-    """What Blender calls of the preview in one frame, timed; nothing if it is off."""
+    """Timed calls of the preview in one frame; no calls if it is off."""
 
     def __init__(self, is_on: bool, looks: bool) -> None:
         self._is_on, self._looks = is_on, looks
         self.seconds = _Seconds()
 
     def on_frame(self) -> None:
-        """As the frame changes."""
+        """Call the preview as on a change of the frame."""
         from ...playback import preview
 
         self._timed(preview.on_frame)
@@ -235,7 +235,7 @@ class _Preview:
             self._timed(lambda scene: preview.describe())
 
     def draw(self) -> None:
-        """As the viewport is drawn."""
+        """Call the preview as for drawing the viewport."""
         from ...playback import preview
 
         self._timed(preview.draw_over)
@@ -260,7 +260,7 @@ class _Preview:
 
 @contextmanager
 def _timed(owner: Any, name: str) -> Iterator[list[float]]:
-    """Each call of a function of something's, while this lasts."""
+    """Context that times each call of a function of an object."""
     function, found = getattr(owner, name), []
 
     def timed(*arguments: Any) -> Any:

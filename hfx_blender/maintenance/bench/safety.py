@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Safety: how long it takes until a device is silent, whoever fails; and what must never happen.
+"""Safety: time until a device is silent after any failure, and events that must never happen.
 
 Maxima count. A round in which the device did not play when the fault came says nothing about
 silence: it is repeated and counted. A device that plays on after a fault is a failure of its
@@ -19,9 +19,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ... import own_processes
+from ... import own_processes, resources
 from ...errors import InputError
-from . import safety_silences, safety_stops, safety_values
+from . import safety_borders, safety_silences, safety_stops, safety_values
 
 LIMITS_MS: Final = {
     "operator stops": 50.0,
@@ -33,6 +33,8 @@ LIMITS_MS: Final = {
     "offset is over": 50.0,
     "nothing new": 300.0,
     "computer slept": 50.0,
+    "mute": 50.0,
+    "cable lost": 300.0,
     "gap beside hostile scripts": 50.0,
 }
 """The longest allowed."""
@@ -45,6 +47,8 @@ _VALUES_A_ROUND: Final = 100_000
 
 Progress = Callable[[float], None]
 
+KINDS: Final = {**safety_stops.KINDS, **safety_silences.KINDS, **safety_borders.KINDS}
+"""Who makes the rounds of rows, and how many of them at a time."""
 
 ROWS: Final = (*LIMITS_MS, "limiter", "opened files")
 
@@ -83,7 +87,7 @@ def measure(
     gap_s = 2.0 if short else max(_GAP_SECONDS, rounds / safety_stops.RATE_HZ)
     found: dict[str, Any] = {}
     names = [name for name in ROWS if name in only]
-    with _load(os.cpu_count() or 1 if busy else 0):
+    with _own_data(), _load(os.cpu_count() or 1 if busy else 0):
         for k, name in enumerate(names):
             share = lambda part, k=k: progress((k + part) / len(names))  # noqa: E731
             began_s = time.monotonic()
@@ -105,7 +109,7 @@ def _measured(
         return safety_values.opened_files(folder, rounds)
     if name == "gap beside hostile scripts":
         return _row(name, safety_stops.gaps(folder, gap_s))
-    make, at_a_time = {**safety_stops.KINDS, **safety_silences.KINDS}[name]
+    make, at_a_time = KINDS[name]
     at_a_time = min(at_a_time, rounds)
     return _row(name, safety_stops.run(name, make, at_a_time, folder, rounds, progress))
 
@@ -127,7 +131,7 @@ def _row(name: str, trials: safety_stops.Trials) -> dict[str, Any]:
 
 
 def is_within(row: dict[str, Any]) -> bool:
-    """Whether a figure keeps its limit."""
+    """Test a figure against its limit."""
     if "faults" in row:
         return not row["faults"]
     return (
@@ -189,8 +193,23 @@ def as_markdown(records: Sequence[dict[str, Any]]) -> str:
 
 
 @contextmanager
+def _own_data() -> Iterator[None]:
+    """User data of the bench's own: its scripts are approved and its devices are on there."""
+    before = os.environ.get(resources.USER_DATA_VARIABLE)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ[resources.USER_DATA_VARIABLE] = folder
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ[resources.USER_DATA_VARIABLE]
+            else:
+                os.environ[resources.USER_DATA_VARIABLE] = before
+
+
+@contextmanager
 def _load(count: int) -> Iterator[None]:
-    """Processes that do nothing but keep a processor busy."""
+    """Context with processes that keep processors busy."""
     busy = [own_processes.start(own_processes.program("while True: pass")) for _ in range(count)]
     try:
         yield

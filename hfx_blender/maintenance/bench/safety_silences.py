@@ -25,6 +25,7 @@ from .safety_stops import (
     Log,
     NotPlayedError,
     NotSilentError,
+    OfBand,
     Rounds,
     WithClient,
     connect_scripted,
@@ -41,7 +42,7 @@ def render(haptics):
 """
 _SLOWEST_S: Final = 0.06  # beside a watchdog of 100 ms
 _LATE_S: Final = 0.2
-"""So long after a pause a late answer would have come."""
+"""Time after a pause by which a late answer would have come, seconds."""
 
 _RATES_HZ: Final = (24.0, 30.0, 50.0, 60.0, 72.0, 90.0, 120.0, 144.0, 240.0)
 _DEVICES: Final = 8
@@ -52,7 +53,7 @@ _QUIET: Final = [0.0, 100.0] * 8
 
 
 class _Pauses(WithClient):
-    """A script is late with an answer when everything is paused."""
+    """Trial of a script that answers late after a pause."""
 
     name = "slow"
 
@@ -93,7 +94,7 @@ class _Pauses(WithClient):
 
 
 class _Several(WithClient):
-    """Rounds of several devices at once, which all play."""
+    """Trial with several devices that all play."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -148,7 +149,7 @@ class _Several(WithClient):
 
 
 class _Offsets(_Several):
-    """From what is silent, and the offset, to silence at the port.
+    """Times from silent input, and the device's offset, to silence at the port.
 
     The offset is changed while the device plays.
     """
@@ -175,7 +176,7 @@ class _Offsets(_Several):
 
 
 def _end_of_loud(log: Log, since_s: float) -> float:
-    """When what can be felt was replaced last."""
+    """Time at which the last perceptible values were replaced."""
     rows = log.read()
     loud = [k for k, row in enumerate(rows) if is_loud_row(row)]
     if not loud or "stop" in rows[min(loud[-1] + 1, len(rows) - 1)]:
@@ -184,7 +185,7 @@ def _end_of_loud(log: Log, since_s: float) -> float:
 
 
 class _NothingNew(_Several):
-    """Signs of life come, but no answer to what was asked: nobody knows what is to be felt."""
+    """Trial of heartbeats without answers: nobody knows whether the last values still hold."""
 
     def several(self) -> list[float]:
         self._play()
@@ -201,41 +202,25 @@ class _NothingNew(_Several):
         return self._silences(dict.fromkeys(self._logs, asked_s + 0.005))
 
 
-class _Sleeps(WithClient):
+class _Sleeps(OfBand):
     """The computer sleeps: the output process stands still, with old values in its pipe."""
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        self._log, self._count = Log(folder / "log"), 0
-
-    def _feed(self) -> None:
-        self._client.events()
-        self._client.send("band", playing())
-        self._client.heartbeat()
-
     def round(self) -> float:
-        if not self._client.is_running:
-            self._count += 1
-            path = self._folder / f"log{self._count}"
-            self._log = Log(path)
-            self._client.connect("band", DEVICE, {"kind": "simulator", "path": str(path)})
-        self._log.forget()
-        self._client.arm()
-        self.until_played(self._log.is_loud, partial(self.patiently, self._feed))
+        self.play()
         pid = self._client.pid
         assert pid is not None
-        self._feed()
+        self.feed()
         os.kill(pid, signal.SIGSTOP)
         try:
             for _ in range(3):
-                self._feed()
+                self.feed()
                 time.sleep(0.01)
             time.sleep(_ASLEEP_S)
             fault_s = time.monotonic()
         finally:
             os.kill(pid, signal.SIGCONT)
-        found = self.silence(self._log, fault_s)
-        if any(is_loud_row(row) and row["time_s"] > fault_s for row in self._log.rows):
+        found = self.silence(self.log, fault_s)
+        if any(is_loud_row(row) and row["time_s"] > fault_s for row in self.log.rows):
             raise NotSilentError
         return found
 
@@ -246,4 +231,4 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "nothing new": (_NothingNew, 1),
     "computer slept": (_Sleeps, _AT_A_TIME),
 }
-"""Who makes the rounds, and how many of them at a time."""
+"""Makers of rounds, and the number of rounds at a time, by kind."""

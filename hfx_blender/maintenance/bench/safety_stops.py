@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trials of stopping: simulators write what they are given and when, and then something fails."""
+"""Trials of stopping: simulators log values and times, and then something fails."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ DEVICE: Final = "forearm_band_left"
 RATE_HZ: Final = 60.0
 
 PATIENCE_S: Final = 10.0
-"""What does not happen for so long does not happen."""
+"""Longest wait for an event, seconds."""
 
 _LINGER_S: Final = 0.02
-"""So long a stop is watched: something loud after it would mean that it was none."""
+"""Time for which a stop is watched, seconds: a perceptible value after it would void it."""
 
 _RAISES: Final = """
 import time
@@ -71,7 +71,7 @@ class NotSilentError(Exception):
 
 @dataclass(eq=False)
 class Trials:
-    """What came of the rounds of one kind."""
+    """Results of the rounds of one kind."""
 
     times_s: list[float] = field(default_factory=list)
     never_silent: int = 0
@@ -90,7 +90,7 @@ def run(
     rounds: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Trials:
-    """All rounds of one kind, in threads: each waits most of the time.
+    """Run all rounds of one kind, in threads: each waits most of the time.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def rounds_of(
     rounds: int,
     progress: Callable[[float], None],
 ) -> Trials:
-    """Rounds until there are enough; one that says nothing is repeated.
+    """Repeat rounds until enough are valid.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def playing() -> list[float]:
 
 
 class Log:
-    """What a simulator writes, read as it grows."""
+    """Log of a simulator, read as it grows."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -185,7 +185,7 @@ class Log:
         self.rows: list[dict[str, Any]] = []
 
     def read(self) -> list[dict[str, Any]]:
-        """All lines so far; one in the making is left out."""
+        """Read all complete lines so far."""
         if self._path.exists():
             with open(self._path, "rb") as file:
                 file.seek(self._place)
@@ -196,17 +196,17 @@ class Log:
         return self.rows
 
     def forget(self) -> None:
-        """What was read so far does not matter any more."""
+        """Discard what was read so far."""
         self.read()
         self.rows.clear()
 
     def is_loud(self) -> bool:
-        """Whether the last line can be felt."""
+        """Test the last line for perceptible values."""
         rows = self.read()
         return bool(rows) and is_loud_row(rows[-1])
 
     def silence_after(self, fault_s: float, *, by_values: bool = False) -> float | None:
-        """Seconds from a fault to the stop that nothing loud follows; None: there is none yet.
+        """Seconds from a fault to the stop that no perceptible value follows; None without one.
 
         ``by_values``: or to values that cannot be felt, where no stop is asked for.
 
@@ -228,7 +228,7 @@ class Log:
 
 
 def is_loud_row(row: dict[str, Any]) -> bool:
-    """Whether what a simulator was given can be felt."""
+    """Test values sent to a simulator for perceptible ones."""
     return any(row.get("values", ())[::2])
 
 
@@ -237,7 +237,7 @@ def _nothing() -> None:
 
 
 class Rounds:
-    """Rounds of one kind, with what they share."""
+    """Rounds of one kind with their shared state."""
 
     def round(self) -> float:
         """Seconds from fault to silence.
@@ -249,14 +249,14 @@ class Rounds:
         raise NotImplementedError
 
     def several(self) -> list[float]:
-        """The same for all that one round tells."""
+        """Seconds from fault to silence, for each device of one round."""
         return [self.round()]
 
     def recover(self) -> None:
-        """Begin anew after a round that failed."""
+        """Restart after a round that failed."""
 
     def close(self) -> None:
-        """All rounds are over."""
+        """Clean up after all rounds."""
 
     @staticmethod
     def until_played(
@@ -264,7 +264,7 @@ class Rounds:
         each: Callable[[], None] = _nothing,
         is_over: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Wait until something has happened that needs a device that plays."""
+        """Wait for an event that needs a playing device."""
         end = time.monotonic() + PATIENCE_S
         while not happened():
             each()
@@ -292,7 +292,7 @@ class Rounds:
 
 
 class WithClient(Rounds):
-    """Rounds in which this process takes Blender's place and lives on."""
+    """Rounds in which this process plays Blender's part and survives."""
 
     name = "band"
 
@@ -318,33 +318,42 @@ class WithClient(Rounds):
         return state is None or state.state in ("stopped", "fault", "lost", "closed")
 
 
-class _OperatorStops(WithClient):
+class OfBand(WithClient):
+    """Rounds of one device, which plays at the beginning of each."""
+
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self._log = Log(folder / "log")
+        self.log = Log(folder / "log")
         self._count = 0
 
-    def _feed(self) -> None:
+    def feed(self) -> None:
+        """What Blender does for each frame."""
         self._client.events()
         self._client.send("band", playing())
         self._client.heartbeat()
 
-    def round(self) -> float:
+    def play(self) -> None:
+        """Connect it, where it is not, and wait until it plays."""
         if not self._client.is_running:
             self._count += 1
             path = self._folder / f"log{self._count}"
-            self._log = Log(path)
+            self.log = Log(path)
             self._client.connect("band", DEVICE, {"kind": "simulator", "path": str(path)})
-        self._log.forget()
+        self.log.forget()
         self._client.arm()
-        self.until_played(self._log.is_loud, partial(self.patiently, self._feed))
+        self.until_played(self.log.is_loud, partial(self.patiently, self.feed))
+
+
+class _OperatorStops(OfBand):
+    def round(self) -> float:
+        self.play()
         fault_s = time.monotonic()
         self._client.stop_all()
-        return self.silence(self._log, fault_s)
+        return self.silence(self.log, fault_s)
 
 
 class _ScriptFails(WithClient):
-    """From the moment at which the script fails, as it writes down itself."""
+    """Times from a script's failure, which it logs itself, to silence."""
 
     name = "scripted"
 
@@ -400,7 +409,7 @@ class _BlenderFails(Rounds):
 
 
 def gaps(folder: Path, seconds: float) -> Trials:
-    """Between what a healthy device is sent, beside three hostile scripts that come again.
+    """Times between the values of a healthy device, beside three hostile scripts that come again.
 
     A stop because this process did not come to its heartbeat is no gap: it is counted, and the
     device plays again.
@@ -446,7 +455,7 @@ def gaps(folder: Path, seconds: float) -> Trials:
 
 
 def gaps_of(rows: list[dict[str, Any]]) -> Trials:
-    """Times between rows of values; those with a stop between them are none."""
+    """Times between rows of values; pairs with a stop between them are left out."""
     found = Trials()
     last: float | None = None  # None: it did not play before
     for row in rows:
@@ -461,13 +470,14 @@ def gaps_of(rows: list[dict[str, Any]]) -> Trials:
 
 
 def scripted(folder: Path, name: str, source: str) -> dict[str, str]:
-    """A device of that name with a script, in a folder of its own."""
+    """A device of that name with a script, in a folder of its own; the bench approves it."""
     text = (resources.device_configs() / "forearm_band.json").read_text(encoding="utf-8")
     configuration = folder / f"{name}.json"
     configuration.write_text(text.replace('"id": "forearm_band"', f'"id": "{name}"'))
     configuration.with_suffix(".py").write_text(source)
     found = approval.script_of(f"{name}_left", folder)
     assert found is not None
+    approval.approve(found)
     return found.as_wish()
 
 
@@ -485,5 +495,5 @@ KINDS: Final[dict[str, tuple[Callable[[Path], Rounds], int]]] = {
     "Blender killed": (partial(_BlenderFails, how=signal.SIGKILL), 1),
     "Blender frozen": (partial(_BlenderFails, how=getattr(signal, "SIGSTOP", signal.SIGTERM)), 2),
 }
-"""Who makes the rounds, and how many of them at a time: one, where others that begin would spoil
-the figure."""
+"""Makers of rounds, and the number of rounds at a time, by kind: one, where others that begin would
+spoil the figure."""

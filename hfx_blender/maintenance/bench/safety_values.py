@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What must never happen: a value out of range behind the limiter, code run from a file."""
+"""Forbidden events, measured: a value out of range behind the limiter, code run from a file."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def limiter(count: int) -> dict[str, Any]:
 
 
 def _large_device() -> DeviceConfig:
-    """As many actuators as a device may have, all of whose strengths rise slowly."""
+    """Make a device with the largest number of actuators, all with a limited rise of strength."""
     actuators = []
     for name in ("forearm_band_left", "pressure_vest", "fan_heater", "peltier_sleeve_left"):
         for actuator in load_device(name).actuators:
@@ -77,7 +77,7 @@ def _large_device() -> DeviceConfig:
 def _hostile(
     rng: np.random.Generator, lowest: np.ndarray[Any, Any], highest: np.ndarray[Any, Any]
 ) -> np.ndarray[Any, Any]:
-    """Rows of values: in range, beyond it, huge, tiny, and what is no number."""
+    """Hostile rows of values: in range, beyond it, huge, tiny, and not numbers."""
     size = (_ROWS, len(lowest))
     middle, reach = 0.5 * (lowest + highest), highest - lowest + 1.0
     rows = middle + reach * rng.normal(0.0, 1.0, size)
@@ -126,7 +126,7 @@ def opened_files(folder: Path, count: int) -> dict[str, Any]:
 
 @contextmanager
 def _hushed() -> Iterator[None]:
-    """Blender tells of each driver that it did not run; a thousand times is too often."""
+    """Context without Blender's message about each driver that it did not run."""
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     kept = [os.dup(number) for number in (1, 2)]

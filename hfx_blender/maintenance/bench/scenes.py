@@ -24,17 +24,17 @@ _Vector = tuple[float, float, float]
 
 
 def names() -> tuple[str, ...]:
-    """The scenes that there are."""
+    """Names of the scenes."""
     return tuple(_BUILDERS)
 
 
 def about(name: str) -> str:
-    """What is in a scene, in one line."""
+    """Description of a scene, one line."""
     return _BUILDERS[name][1]
 
 
 def short_frames(name: str) -> tuple[int, int]:
-    """Frames of a scene, both included, in which much is felt."""
+    """Range of a scene's frames, both included, with many contacts."""
     return _BUILDERS[name][2]
 
 
@@ -66,7 +66,7 @@ def _volume(modality: str, shape: str, place: _Vector, **settings: Any) -> Any:
 
 
 def _move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
-    """Straight from place to place."""
+    """Key a straight motion from place to place."""
     action = bpy.data.actions.new(obj.name)
     obj.animation_data_create().action = action
     for axis in range(3):
@@ -101,7 +101,7 @@ def _crowded() -> None:
 
 
 def _fast() -> None:
-    """Balls, bars and walls of a millimetre that fly through somebody who stands."""
+    """Build balls, bars and walls of a millimetre that fly through a standing person."""
     scene = _start("Fast", 24, 4.0)
     rng = np.random.default_rng(2)
     speeds = (2.0, 5.0, 10.0, 20.0, 50.0)

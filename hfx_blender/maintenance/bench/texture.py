@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Haptic surfaces: what they cost, how exact they are, and whether they can be told apart."""
+"""Haptic surfaces: cost, accuracy, and identification of materials."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FRAMES: Final = 4  # followed together, as the engine does with 100 contacts
 
 
 def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
-    """All of it, as plain data."""
+    """Measure everything; plain data."""
     rough = correlation(1 if short else 20, progress=lambda share: progress(0.3 * share))
     result: dict[str, Any] = {"roughness": rough}
     progress(0.3)
@@ -71,7 +71,7 @@ def dealt_surfaces(seed: int) -> list[weave.Weave]:
 
 
 def drawn_surfaces(seed: int) -> list[weave.Weave]:
-    """36 cloths of which everything is drawn at random within the same bounds."""
+    """Draw 36 cloths with all parameters at random within the same bounds."""
     rng = np.random.default_rng([seed, 1])
     made = []
     for _ in range(36):
@@ -89,7 +89,7 @@ RECIPES: Final = {"dealt": dealt_surfaces, "drawn": drawn_surfaces}
 def correlation(
     rounds: int, texels: int = 512, progress: Callable[[float], None] = lambda _: None
 ) -> dict[str, Any]:
-    """How the textile renderer's output goes with measured roughness, over woven surfaces.
+    """Correlation of the textile renderer's output with measured roughness, over woven surfaces.
 
     The first set of the first recipe gives the surfaces that are listed; all others, ``rounds``
     of each recipe, tell how far that was luck.
@@ -153,7 +153,7 @@ def _cloth(cloth: weave.Weave, texels: int, seed: int) -> dict[str, Any]:
 
 
 def identification(train: int, test: int, texels: int = 384) -> dict[str, Any]:
-    """Materials told apart on maps, directions and speeds that were not learnt."""
+    """Classify materials on maps, directions and speeds outside of the training set."""
     learnt = _examples(range(train), (0.0, 0.4, 0.8, 1.2, 1.57), (0.02, 0.04, 0.08), texels)
     judge = classify.NearestNeighbour.of(learnt)
     asked = _examples(range(100, 100 + test), (0.2, 1.0, 2.2), (0.03, 0.06, 0.1), texels)
@@ -212,7 +212,7 @@ def salience(short: bool) -> list[dict[str, Any]]:
 
 
 def _first_come(found: Collisions, gap_s: float) -> Collisions:
-    """What a device plays that takes each collision when it comes and is busy then."""
+    """Collisions played by a device that takes each one as it comes and is busy afterwards."""
     kept, free_at = [], -np.inf
     for k, t in enumerate(found.times_s.tolist()):
         if t >= free_at:
@@ -234,7 +234,7 @@ def _best_possible(found: Collisions, gap_s: float) -> float:
 
 
 def windows() -> list[dict[str, Any]]:
-    """The textile renderer's window: how its level spreads over one even stroke, and its cost."""
+    """Window of the textile renderer: spread of its level over one even stroke, and cost."""
     field, _ = procedural.material("fabric-denim").make(512)
     way = stroke.line((0.0, 0.0), 0.3, 0.4, 0.1, 240.0)
     rows = []
@@ -253,7 +253,7 @@ def windows() -> list[dict[str, Any]]:
 
 
 def maps(sizes: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
-    """How long a map takes, and how far a coarser one is from the finest."""
+    """Time to make a map, and the error of coarser maps against the finest."""
     rows = []
     rng = np.random.default_rng(0)
     for size in sizes:
@@ -278,7 +278,7 @@ def _mean_intensity(cloth: weave.Weave, texels: int) -> float:
 
 
 def contacts(counts: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
-    """Cost of one frame of some contacts: a few at once as in an export, one by one as live."""
+    """Cost of one frame of some contacts: several at once as in an export, one by one as live."""
     field, rough = procedural.material("fabric-denim").make(512)
     map_ = mcha.make_map(field, rough)
     vertices, triangles = _sheet(20)

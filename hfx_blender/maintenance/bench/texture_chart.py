@@ -17,11 +17,11 @@ _COLOURS: Final = ("#2e6f9e", "#b03a2e")  # slow, fast
 _ROW: Final = 22
 _LEAST_R: Final = 0.85
 PAPER_R: Final = (0.92, 0.93, 0.95)
-"""What the textile paper measured, for each of the parameters."""
+"""Correlations in the textile paper, for each of the parameters."""
 
 
 def svg(result: dict[str, Any]) -> str:
-    """The chart of what :func:`texture.correlation` found."""
+    """Chart of the results of :func:`texture.correlation`."""
     width = _LEFT + len(PARAMETERS) * (_SIZE + _GAP)
     height = _TOP + _SIZE + 64 + _strip_height(result)
     title = (

@@ -203,7 +203,7 @@ def _run(blends: list[Path], folder: Path, jobs: int) -> tuple[float, list[int]]
 
 
 def _resident(pid: int) -> int:
-    """Bytes that a process holds now; 0 where the system does not tell."""
+    """Resident memory of a process, bytes; 0 where the system does not report it."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     except (OSError, ValueError):

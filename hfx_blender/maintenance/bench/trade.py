@@ -34,7 +34,7 @@ SWEEP: Final = (
     *("20mm,10ms,5%", "10mm,10ms,5%", "2mm,10ms,5%", "1mm,10ms,5%"),
     *("5mm,80ms,5%", "5mm,40ms,5%", "5mm,20ms,5%", "5mm,5ms,5%"),
 )
-"""One knob of the preset ``standard`` at a time: the distance, then the time."""
+"""Sweep of one parameter of the preset ``standard`` at a time: the distance, then the time."""
 
 STANDARD_DEVICES: Final = (
     *("forearm_band_left", "back_pad", "pressure_vest", "insoles", "fan_heater"),
@@ -157,12 +157,11 @@ def _cost(times: Sequence[Times], frames: int) -> dict[str, float]:
 ERRORS: Final = (
     *("wrong_share", "amplitude_mean", "amplitude_largest", "onset_mean_ms", "events_missed"),
 )
-"""What a setting is judged by: one that costs more and is better in none of them is off the
-front."""
+"""Criteria of a setting: one that costs more and is better in none of them is off the front."""
 
 
 def _beats(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether a setting is faster than another and at least as exact in every way."""
+    """Test a setting for being faster than another and at least as exact in every way."""
     faster = one["ms_per_frame"] * NOISE < other["ms_per_frame"]
     return faster and all(one[name] <= other[name] + 1e-9 for name in ERRORS)
 
@@ -170,6 +169,6 @@ def _beats(one: dict[str, Any], other: dict[str, Any]) -> bool:
 def _onsets(
     scene: bpy.types.Scene, frames: tuple[int, int] | None, rate_hz: Fraction
 ) -> dict[Stream, F64]:
-    """When each stream's contacts truly begin and end."""
+    """Exact begin and end of each stream's contacts."""
     recording, _ = record(scene, EXACT, (), frames, rate_hz=rate_hz)
     return events(recording.runs, float(rate_hz))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The trade as a picture: time against error, one panel for each kind of error, as SVG."""
+"""Chart of the trade: time against error, one panel for each kind of error, as SVG."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OTHER: Final = "#5d6d7e"
 
 
 def svg(result: dict[str, Any]) -> str:
-    """The chart of what :func:`trade.measure` found."""
+    """Chart of the results of :func:`trade.measure`."""
     width = _LEFT + len(_PANELS) * (_WIDTH + _GAP)
     height = _TOP + _HEIGHT + 58
     parts = [
@@ -43,7 +43,7 @@ def svg(result: dict[str, Any]) -> str:
 
 
 def front(points: list[tuple[float, float]]) -> list[int]:
-    """Which points (cost, error) no other beats in both, by rising cost."""
+    """Indices of the Pareto front of points (cost, error), by rising cost."""
     order = sorted(range(len(points)), key=lambda k: points[k])
     kept: list[int] = []
     for k in order:
@@ -53,7 +53,9 @@ def front(points: list[tuple[float, float]]) -> list[int]:
 
 
 def on_front(points: list[tuple[float, float]], noise: float = NOISE) -> list[int]:
-    """Which points (cost, error) no other surely beats: cheaper by more than noise, no worse."""
+    """Indices of points (cost, error) that no other surely beats: cheaper by more than noise, no
+    worse.
+    """
     return [
         k
         for k, (cost, error) in enumerate(points)
@@ -125,7 +127,7 @@ def _panel(
 
 
 def _label(text: str, x: float, y: float, left: float, taken: list[tuple[float, float]]) -> str:
-    """A name beside its point, where no other name is."""
+    """Place a name beside its point, clear of other names."""
     ends = x > left + 0.75 * _WIDTH
     place = x - 8.0 if ends else x + 8.0
     middle = place - 25.0 if ends else place + 25.0
@@ -161,7 +163,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def _nice(value: float) -> float:
-    """A round number that is no less, so that quarters of it can be read."""
+    """Round number that is no less, so that quarters of it can be read."""
     if value <= 0.0:
         return 1.0
     unit = 10.0 ** floor(log10(value))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far one recording of a scene is from another: contacts, onsets, values at actuators."""
+"""Differences between two recordings of a scene: contacts, onsets, values at actuators."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NEAREST_M, _FARTHEST_M, _FACTOR = 2e-5, 0.5, 1.1
 
 @dataclass(frozen=True, eq=False)
 class StreamContacts:
-    """Every contact of one stream, in columns sorted by sample and vertex."""
+    """Contacts of one stream, in columns sorted by sample and vertex."""
 
     keys: I64  # (n,) sample index times VERTICES plus vertex
     weights: F64  # (n,)
@@ -62,7 +62,7 @@ def contacts_of(runs: Sequence[SampleRun]) -> dict[Stream, StreamContacts]:
 
 @dataclass(frozen=True, eq=False)
 class ContactError:
-    """Where one stream's contacts differ from the reference's."""
+    """Differences of one stream's contacts from the reference's."""
 
     missed: I64  # keys that only the reference has
     extra: I64  # keys that only the other has
@@ -138,7 +138,7 @@ def events(indices: I64, rate_hz: float) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class OnsetError:
-    """How much too early or late the events of one stream begin."""
+    """Timing errors of the beginnings of one stream's events."""
 
     errors_s: F64  # (n,) signed, of the events that were found
     missed: int  # events that have no contact near them at all
@@ -168,7 +168,7 @@ def onset_error(one: F64, reference: F64) -> OnsetError:
 
 @dataclass(frozen=True)
 class AmplitudeError:
-    """How wrong a device's actuators are driven, as shares of their full scale."""
+    """Errors of a device's actuators, as shares of their full scale."""
 
     mean: float  # over the actuators and times at which either drives anything
     largest: float  # where the reference has no such value within the accepted time
@@ -201,7 +201,7 @@ def amplitude_error(
 
 
 def _strengths(raster: Raster, device: DeviceConfig) -> tuple[I64, F64]:
-    """Columns that say how strong, not which, and the full scale of each."""
+    """Columns of strength, rather than frequency, and the full scale of each."""
     types = {actuator.id: actuator.type for actuator in device.actuators}
     chosen, scales = [], []
     for k, column in enumerate(raster.columns):
@@ -213,7 +213,7 @@ def _strengths(raster: Raster, device: DeviceConfig) -> tuple[I64, F64]:
 
 
 def _least(values: F64, window: int) -> F64:
-    """The least of each value and its neighbours in time, (T, C)."""
+    """Minimum of each value and its neighbours in time, (T, C)."""
     least = values.copy()
     for step in range(1, min(window, len(values) - 1) + 1):
         np.minimum(least[step:], values[:-step], out=least[step:])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What one setting got wrong, against the recording of the exact one."""
+"""Errors of one setting, against the recording of the exact one."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Judge:
         return self._models.setdefault(model_id, load_model(model_id))
 
     def _distances(self, wrong: dict[Stream, tuple[I64, I64]]) -> F64:
-        """How far wrong contacts are from the boundary of their volume, of a part of them."""
+        """Distances of wrong contacts from the boundary of their volume, for a sample of them."""
         count = sum(len(part) for pair in wrong.values() for part in pair)
         step = max(count // _JUDGED, 1)
         distances = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One run of a scene at one setting: what an export does, without files."""
+"""Run of a scene at one setting: the work of an export, without files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ...reading.scene_reader import SceneReader
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What one setting found."""
+    """Results of one setting."""
 
     description: SceneDescription
     runs: list[SampleRun]
@@ -111,7 +111,7 @@ def traced(
     *,
     keep_blocks: bool = False,
 ) -> Recording:
-    """The same, with the most memory that Python and numpy held meanwhile."""
+    """Record a scene and the peak memory of Python and numpy meanwhile."""
     gc.collect()
     tracemalloc.start()
     try:

@@ -51,7 +51,7 @@ def _share(count: int, of: int) -> str:
 
 
 def title(result: dict[str, Any]) -> str:
-    """What was measured, in one line."""
+    """Title of the measurement, one line."""
     return (
         f"{result['scene']}: {result['frames']} frames, {result['samples']} samples at "
         f"{result['rate_hz']:g} Hz, {result['bodies']} bodies, {result['effects']} effects "
@@ -76,7 +76,7 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def as_markdown(result: dict[str, Any]) -> str:
-    """The same for the documentation."""
+    """Table of the trade for the documentation."""
     head = [name for name, _ in _COLUMNS]
     lines = [head, ["---", *["---:"] * (len(head) - 1)]]
     for row in result["settings"]:
@@ -89,7 +89,7 @@ def as_markdown(result: dict[str, Any]) -> str:
 
 
 def as_csv(result: dict[str, Any]) -> str:
-    """Every number of every setting."""
+    """CSV with every number of every setting."""
     out = io.StringIO()
     writer = csv.DictWriter(out, list(result["settings"][0]), lineterminator="\n")
     writer.writeheader()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes: how fast a mesh tells what skin asks it, and how exactly inside every shape is told.
+"""Volumes: speed of queries to a mesh, and exactness of the inside test of every shape.
 
 Speed is compared with ``trimesh`` and its embree rays, exactness with libigl's winding number
 and, for the shapes with a formula, with whole-number arithmetic. What is not installed is left
@@ -169,7 +169,9 @@ def _mesh(
 def _asked_more(
     volume: MeshVolume, points: F64, rounds: int, rng: np.random.Generator
 ) -> dict[str, float]:
-    """What else skin asks of a mesh, once its tree is made; the best of some rounds."""
+    """Measure the other queries of skin to a mesh, with its tree already made; the best of some
+    rounds.
+    """
     reach = NEAR * float(np.ptp(points, axis=1).max())
     ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
     questions: dict[str, Callable[[], Any]] = {
@@ -251,7 +253,7 @@ def _against_winding(
 
 
 def _whole(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[str, int]:
-    """Judge points of the world whose place in shape space is a fraction of whole numbers."""
+    """Judge points whose places in shape space are fractions of whole numbers."""
     whole = np.array(_MATRICES[kind], np.int64)
     offset = np.array([17, -5, 40], np.int64)
     matrix = np.eye(4)
@@ -275,7 +277,7 @@ def _whole(name: str, kind: str, count: int, rng: np.random.Generator) -> dict[s
 
 
 def _whole_way(name: str, top: I64, bottom: int) -> tuple[I64, float]:
-    """How far past the boundary, negative inside, and the number that is once the size."""
+    """Signed distance past the boundary, negative inside, and the number that is the size."""
     x, y, z = top
     if name == "cuboid":
         return np.max(top, axis=0) - bottom, float(bottom)

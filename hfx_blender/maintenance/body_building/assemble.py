@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the left half of a mesh to a whole perceptual model, every field of it."""
+"""Assembles a whole perceptual model, with all its fields, from the left half of its mesh."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ keeping only four a vertex costs 13-19 mm in deep bends."""
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """Both halves of a mesh, vertices in canonical order."""
+    """Whole mesh, both halves, vertices in canonical order."""
 
     points: F64  # (V, 3)
     triangles: I64  # (F, 3)
@@ -198,7 +198,7 @@ def _weights_at(points: F64, dense: tuple[F64, I64, csr_array]) -> csr_array:
 
 
 def mirrored_bones(skeleton: Skeleton) -> I64:
-    """Index of each bone's twin on the other side; its own where there is none."""
+    """Index of each bone's mirror twin; its own where there is none."""
     index = {name: number for number, name in enumerate(skeleton.bone_names)}
     other = {"L": "R", "R": "L"}
     return np.array(

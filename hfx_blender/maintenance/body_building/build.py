@@ -160,7 +160,7 @@ def build(
 
 
 def make_levels(folder: Path, progress: Progress = quiet) -> dict[str, int]:
-    """Make the levels of detail of the models of a folder anew; needs no source.
+    """Rebuild the levels of detail of the models of a folder; needs no source.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def make_levels(folder: Path, progress: Progress = quiet) -> dict[str, int]:
 
 @dataclass(frozen=True, eq=False)
 class _Thinned:
-    """The left half of a mesh, and how it stands for the skin."""
+    """Thinned mesh of the left half, with its correspondence to the skin."""
 
     method: str
     half: Half
@@ -259,7 +259,7 @@ def _ranges(ascending: Any) -> list[list[int]]:
 
 
 def _write_avatar(folder: Path, avatar: Avatar, cycle: WalkCycle) -> dict[str, Any]:
-    """Write avatar and walk cycle; what the manifest says of them."""
+    """Write avatar and walk cycle; returns their entries for the manifest."""
     save(avatar, folder / model_set.AVATAR_FILE)
     save(cycle, folder / "walk.npz")
     walk_entry = {
@@ -274,8 +274,8 @@ def _write_avatar(folder: Path, avatar: Avatar, cycle: WalkCycle) -> dict[str, A
 
 
 def _write_models(folder: Path, models: list[PerceptualModel], is_canonical: bool) -> None:
-    """Write the models and what goes with them: levels of detail, cells of skin, and the ways
-    to and from the canonical ids."""
+    """Write the models with their levels of detail, cells of skin, and mappings to and from the
+    canonical ids."""
     pressure = next((model for model in models if model.modality == "pressure"), None)
     for model in models:
         save(model, folder / f"{model.modality}.npz")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which vertices of two models of one body stand for the same skin."""
+"""Correspondence between two models of one body: ids of vertices at the same skin."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ I32 = npt.NDArray[np.int32]
 
 
 def nearest_ids(of: PerceptualModel, onto: PerceptualModel) -> I32:
-    """For each vertex of one model the nearest of another, in rest space.
+    """Nearest vertex of another model for each vertex, in rest space.
 
     The same part and side is kept where the other model has it: a finger never maps to its
     neighbour's palm. A midline vertex may map to either side, a side's vertex to the midline.

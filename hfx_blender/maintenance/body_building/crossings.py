@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a triangle mesh runs through itself."""
+"""Self-intersections of a triangle mesh."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def crossings(points: F64, triangles: I64) -> I64:
 
 
 def pierced(points: F64, ends: I64, corners: I64) -> I64:
-    """Those pairs of an edge and a triangle without a common vertex that cross.
+    """Edge-triangle pairs that intersect, among pairs without a common vertex.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def _volume(a: F64, b: F64, c: F64, d: F64) -> F64:
 
 
 def depth_m(points: F64, crossing: I64) -> F64:
-    """How far something would have to move, at least, for each crossing to end.
+    """Smallest movement that would end each crossing, (N,) metres.
 
     Parameters
     ----------

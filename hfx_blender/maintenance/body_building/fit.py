@@ -114,7 +114,7 @@ def _exchange_diagonals(mesh: Remesher) -> None:
 
 
 def _smallest_angle(points: F64, a: I64, b: I64, c: I64, d: I64) -> F64:
-    """Of the two triangles that the diagonal from c to d would make."""
+    """Smallest angle of the two triangles that the diagonal from c to d would make, radians."""
     angles = []
     for apex, one, other in ((c, a, d), (a, c, d), (d, a, c), (c, b, d), (b, c, d), (d, b, c)):
         u, v = points[one] - points[apex], points[other] - points[apex]

@@ -23,7 +23,7 @@ _Links = tuple[I64, I64, F64]  # from, to, metres
 
 
 def owners(coarse: PerceptualModel, fine: PerceptualModel) -> I32:
-    """The vertex of ``coarse`` in whose geodesic cell each vertex of ``fine`` lies.
+    """Vertex of ``coarse`` in whose geodesic cell each vertex of ``fine`` lies.
 
     The way along the skin is the shortest path (Dijkstra 1959) over the edges of the fine mesh
     and the straight lines across two neighbouring triangles unfolded into a plane. It stays in
@@ -90,7 +90,7 @@ def _unfolded(points: F64, a: I64, b: I64, apex: I64, edge: F64) -> tuple[F64, F
 def _from_seeds(
     coarse: PerceptualModel, seeds: I64, fine: PerceptualModel, asked: I64
 ) -> list[_Links]:
-    """Each coarse vertex joined to the fine ones around it, in the same part."""
+    """Links from each coarse vertex to the nearest fine ones of the same part."""
     from scipy.spatial import cKDTree
 
     links: list[_Links] = []

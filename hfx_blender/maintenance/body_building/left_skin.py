@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The left half of the skin: what a mesh is thinned from, and the samples it is measured on."""
+"""Left half of the skin: source of the thinned meshes, and samples to measure them on."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Half:
-    """The left half of a mesh; its border is the midline at x = 0."""
+    """Left half of a mesh; its border is the midline at x = 0."""
 
     points: F64  # (V, 3)
     triangles: I64  # (F, 3)
@@ -46,7 +46,7 @@ class Half:
 
 @dataclass(frozen=True, eq=False)
 class LeftSkin:
-    """The left half of the skin: what a mesh is thinned from, and what it is measured on."""
+    """Left half of the skin: source of the thinned meshes, reference for measuring them."""
 
     medium: Half  # on the first vertices of the dense half
     points: F64  # (V, 3) dense

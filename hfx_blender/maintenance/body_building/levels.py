@@ -15,7 +15,7 @@ from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import RIGHT
 
 SHARES: Final = (4, 16)
-"""One vertex in so many stays at level 1, 2 ..."""
+"""Divisors of the number of vertices at levels 1, 2 ..."""
 
 FEWEST: Final = 1000
 """A model with fewer vertices is coarse enough by itself: it gets no levels."""
@@ -70,7 +70,7 @@ def coarser(model: PerceptualModel, vertices: int) -> Level:
 
 
 def _nearest_members(points: F64, places: F64, coarse_of: I64) -> I64:
-    """For each coarse place the nearest of the points that were merged into it."""
+    """Nearest of the points that were merged into each coarse place, (C,)."""
     distance = np.linalg.norm(points - places[coarse_of], axis=1)
     order = np.lexsort((distance, coarse_of))
     first = np.flatnonzero(np.diff(coarse_of[order], prepend=-1))
@@ -79,7 +79,7 @@ def _nearest_members(points: F64, places: F64, coarse_of: I64) -> I64:
 
 
 def save(model: PerceptualModel, folder: Path) -> int:
-    """Make and write all levels of a model, and tell how many; none for a coarse one."""
+    """Build and write all levels of a model; returns their number, 0 for a coarse model."""
     if len(model) < FEWEST:
         return 0
     arrays = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh held against the skin that it stands for: largest gap and mean error of each part."""
+"""Measures a mesh against the skin that it approximates: largest gap, mean error by part."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ...engine.body.parts import PARTS
 from .left_skin import Samples
 
 ERROR_STRIDE: Final = 41
-"""The distance of the skin from the mesh is measured at one sample in so many."""
+"""Stride of the samples at which the distance of the skin from the mesh is measured."""
 
 
 def gaps_m(samples: Samples, points: F64) -> F64:

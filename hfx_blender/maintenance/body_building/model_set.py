@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder of models as it is written: the files, and the manifest that lists them."""
+"""Folder of models as it is written: the files, and the manifest that lists them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def prepare(folder: Path, wanted: str | None) -> None:
 
 
 def avatar_entry(avatar: Avatar) -> dict[str, Any]:
-    """What the manifest says of an avatar."""
+    """Entry of the manifest for an avatar."""
     return {
         "id": avatar.id,
         "file": AVATAR_FILE,
@@ -53,7 +53,7 @@ def avatar_entry(avatar: Avatar) -> dict[str, Any]:
 
 
 def model_entry(model: PerceptualModel) -> dict[str, Any]:
-    """What the manifest says of a perceptual model."""
+    """Entry of the manifest for a perceptual model."""
     return {
         "file": f"{model.modality}.npz",
         "hash": model.content_hash,
@@ -73,7 +73,7 @@ def _origin(item: Avatar | PerceptualModel) -> dict[str, Any]:
 
 
 def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
-    """Write the index of a set; last of all, so that what it lists is there."""
+    """Write the manifest of a set, after all files that it lists."""
     write_json(folder / MANIFEST_FILE, manifest)
 
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a build is."""
+"""Progress reports of a build."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[float, str], None]
-"""Given the share that is done, 0..1, and what is being done."""
+"""Callback with the share that is done, 0..1, and the present step."""
 
 
 def quiet(_share: float, _text: str) -> None:
-    """Progress that nobody watches."""
+    """Ignore progress."""

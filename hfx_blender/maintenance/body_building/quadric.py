@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The paper's own way to thin a body: quadric decimation of each part by itself.
+"""Quadric decimation of each part by itself, as in the paper.
 
 Danieau et al. (VRST 2018, section 3.1) ran a decimation on each part until the mean distance
 between neighbours was the target. Here the same is done with fast-simplification (quadric

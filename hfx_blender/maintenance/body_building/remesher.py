@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Half a body's mesh that is thinned and relaxed: what each vertex owns, moves to and merges with.
+"""Mesh of half a body that is thinned and relaxed: owners, movement and merging of vertices.
 
 A vertex moves to the centre of its cell of skin (Lloyd's method for centroidal Voronoi cells,
 Du et al. 1999). Only edge collapses and flips change the mesh, so that it stays closed and
@@ -26,7 +26,7 @@ _ERROR_STRIDE: Final = 7  # of the samples that measure the error
 
 
 class Remesher:
-    """Half a body being thinned and relaxed to one table of spacings."""
+    """Remesher of half a body to one table of spacings."""
 
     def __init__(self, skin: LeftSkin, spacing_m: F64) -> None:
         half = skin.medium
@@ -56,7 +56,7 @@ class Remesher:
         return np.where(area > 0.0, beside, 0), on
 
     def refine(self) -> None:
-        """Split edges until there are enough vertices everywhere to choose from."""
+        """Split edges until there are enough vertices everywhere."""
         while True:
             edges = mesh_edit.edges_of(self.triangles, len(self.points))
             one, other = edges.ends.T
@@ -148,7 +148,7 @@ class Remesher:
         self._find_owners(3)
 
     def _find_owners(self, rounds: int) -> None:
-        """Let each sample go to a neighbour of its owner that is nearer, in the same part."""
+        """Move each sample to a neighbour of its owner that is nearer, in the same part."""
         edges = mesh_edit.edges_of(self.triangles, len(self.points))
         same = self.part[edges.ends[:, 0]] == self.part[edges.ends[:, 1]]
         inner = mesh_edit.Edges(
@@ -210,7 +210,7 @@ class Remesher:
         self.points[owner], self.normals[owner] = place, normal
 
     def result(self) -> Half:
-        """The mesh as it is."""
+        """Current state of the mesh."""
         return Half(self.points, self.triangles, self.part, self.is_midline)
 
     def areas_m2(self) -> F64:

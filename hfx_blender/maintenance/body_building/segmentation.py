@@ -43,7 +43,7 @@ def _stem(bone: str) -> str:
 
 
 def bone_parts(skeleton: Skeleton) -> list[str]:
-    """The part that each bone moves; ``hand`` and ``foot`` where the direction decides.
+    """Body part that each bone moves; ``hand`` and ``foot`` where the direction decides.
 
     A bone that is not named here belongs to the part of its parent, the trunk to the torso.
     The neck is torso: the head is what the bone ``head`` and the face bones move.
@@ -143,7 +143,7 @@ def _adjacency(skin: Skin) -> Any:
 
 
 def _averaging(skin: Skin) -> Any:
-    """The operator that mixes each vertex half with the mean of its neighbours."""
+    """Smoothing operator: mixes each vertex half with the mean of its neighbours, sparse (V, V)."""
     from scipy.sparse import diags_array, eye_array
 
     adjacency = _adjacency(skin)
@@ -188,7 +188,7 @@ class _HalfGraph:
 
 
 def _join(graph: _HalfGraph, part: U8, number: int) -> U8:
-    """Join the large pieces of a part by a ribbon along the shortest way between them.
+    """Join the large pieces of a part by a ribbon along the shortest path between them.
 
     This is the thumb, which hangs on the palm by itself: the skin of the first web counts as
     fingers, as that between the other fingers does.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How people differ in shape, from MakeHuman's macro targets: ``body_models/shapes.npz``.
+"""Shape variation of people, from MakeHuman's macro targets: ``body_models/shapes.npz``.
 
 Many people are drawn at random, and each gets a rig whose joints are displaced at random, as
 rigs disagree on where a hip or a shoulder is. The canonical avatar is posed onto each of them as
@@ -36,7 +36,7 @@ FIELDS: Final = 32
 
 _SEED: Final = 6
 _AVERAGE_EVERY: Final = 4
-"""Every so many-th is the average adult, of whom only the joints are displaced."""
+"""Period of the average adult among the samples; of this one only the joints are displaced."""
 
 _JOINTS_M: Final = {
     "upperleg01": (0.015, 0.015, 0.025),
@@ -155,7 +155,7 @@ def avatar_triangles(avatar: Avatar) -> I64:
 
 
 def _missed(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping, mirror: I64) -> F64:
-    """What posing misses of a person, (V, 3), in the avatar's rest space; symmetric."""
+    """Error of posing the canonical avatar onto a person, (V, 3), in its rest space; symmetric."""
     bodies = skeletons_of(avatar, target, mapping)
     moved = matrices(avatar, bodies)
     truth = apply(np.linalg.inv(bodies.to_target), target.vertices)

@@ -29,7 +29,7 @@ def bone_order(rig: dict[str, Any]) -> tuple[str, ...]:
 
 
 def rest_matrix(head: F64, tail: F64, roll: float) -> F64:
-    """A bone's rest matrix, as Blender makes it from an edit bone.
+    """Rest matrix of a bone, computed as Blender does from an edit bone.
 
     The bone's y axis points along the bone; x and z follow from the shortest turn that takes
     +Y there, then from ``roll`` about the bone.

@@ -43,7 +43,7 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Skins:
-    """The coarse skin that becomes the avatar, and the dense skin that it is a part of."""
+    """Coarse skin that becomes the avatar, and the dense skin subdivided from it."""
 
     avatar: Skin
     dense: Skin
@@ -155,7 +155,7 @@ def make(source: Source, bone_names: tuple[str, ...]) -> Skins:
 
 
 def reshape(skins: Skins, places: F64, height_m: float | None) -> Skins:
-    """The same skins on another shape of the base mesh.
+    """Move the skins onto another shape of the base mesh.
 
     Parameters
     ----------

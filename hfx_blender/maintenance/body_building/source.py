@@ -47,7 +47,7 @@ average muscle and weight; no target for the middle of height and proportions.""
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What is read: a quad mesh with helper geometry, its rig, its weights."""
+    """Data read from MakeHuman: a quad mesh with helper geometry, its rig, its weights."""
 
     vertices: F64  # (V, 3) body, helpers and joint cubes; metres, Z up; not yet scaled
     faces: I32  # (F, 4) the body only

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx body stats``: how evenly a model's vertices are spaced, beside what was wanted."""
+"""``hfx body stats``: evenness of a model's vertices against their target spacing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Row:
-    """One part of one model. Distances in millimetres, None where there is nothing to measure."""
+    """Statistics of one part of one model, mm; None where there is nothing to measure."""
 
     modality: str
     part: str
@@ -59,7 +59,7 @@ def spacing_m(model: PerceptualModel) -> tuple[F64, F64]:
 
 
 def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, Any]:
-    """What the manifest and the provenance say of a model, for each part.
+    """Statistics of a model for the manifest and the provenance, by part.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, 
 
 
 def decimated(half: Half, gaps_m: F64, errors_m: F64) -> dict[str, Any]:
-    """What the manifest says of the paper's own way, for each part of the left half."""
+    """Statistics of the paper's own decimation for the manifest, for each part of the left half."""
     ends = edges_of(half.triangles, len(half.points)).ends
     lengths = np.linalg.norm(half.points[ends[:, 0]] - half.points[ends[:, 1]], axis=1)
     result: dict[str, Any] = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two-point thresholds: how far apart two touches must be to be felt as two.
+"""Two-point thresholds: smallest distance at which two touches are felt as two.
 
 Source: Danieau et al., VRST 2018, section 3.1 (after Weber, Weinstein and others) and Table 1.
 All in millimetres, in the order of :data:`~.parts.PARTS`.
@@ -29,15 +29,15 @@ LITERATURE_MM: Final[Targets] = {
     "vibration": (2.5, 20.0, 50.0, 25.0, 16.0, 10.0, 2.0, 30.0, 30.0, 20.0, 10.0),
     "temperature": (50.0, 50.0, 150.0, 150.0, 19.0, 19.0, 19.0, 150.0, 150.0, 150.0, 150.0),
 }
-"""The thresholds that the paper names: what the shipped models are made to."""
+"""Thresholds named in the paper, to which the shipped models are made."""
 
 TABLE_1_MM: Final[Targets] = {
     "pressure": (7.72, 13.0, 22.3, 15.3, 15.2, 7.2, 2.59, 25.2, 27.6, 17.3, 7.58),
     "vibration": (2.62, 20.1, 50.9, 25.5, 16.1, 10.0, 1.93, 30.0, 30.5, 20.5, 10.0),
     "temperature": (48.8, 50.4, 150.4, 150.0, 20.0, 20.0, 20.0, 149.0, 155.5, 147.7, 147.7),
 }
-"""What the authors got. Their vibration sole repeats the dorsum of the hand (16.1); the text
-says 10, which stands here."""
+"""Results of the authors. Their vibration sole repeats the dorsum of the hand (16.1); the text says
+10, which stands here."""
 
 TABLE_1_SD_MM: Final[Targets] = {
     "pressure": (3.50, 6.94, 14.3, 12.6, 10.4, 4.56, 1.64, 16.2, 19.1, 9.0, 4.7),

@@ -58,7 +58,7 @@ def uncross(mesh: Remesher) -> None:
 
 
 def _clusters(crossing: I64) -> list[I64]:
-    """Vertices of the crossings, those that hang together as one."""
+    """Connected groups of crossings, as vertices."""
     found: list[set[int]] = []
     for row in crossing.tolist():
         joined = set(row).union(*(each for each in found if each & set(row)))
@@ -78,7 +78,7 @@ class _State:
 
 
 class _Patch:
-    """What may change around a crossing, and all that it must not run through."""
+    """Surroundings of a crossing: triangles that may change, and those not to be crossed."""
 
     def __init__(self, mesh: Remesher, cluster: I64, may_move: Bool) -> None:
         from scipy.spatial import cKDTree
@@ -108,7 +108,7 @@ class _Patch:
         self.sparse_tree = cKDTree(self.skin[:: max(1, len(self.skin) // _DEPTH_SAMPLES)])
 
     def freed(self) -> _State | None:
-        """The best state without a crossing; None if there is none to be found."""
+        """Find the best state without a crossing; None if there is none."""
         for seed in range(_TRIES):
             found = self._annealed(np.random.default_rng(seed))
             if found is not None:
@@ -151,7 +151,7 @@ class _Patch:
         return replace(state, cost=float(cost), crossing=len(found))
 
     def _crossings(self, state: _State, own: I64) -> I64:
-        """Crossings of what may change, with itself and with all around it."""
+        """Find crossings of the movable part, with itself and its surroundings."""
         points = state.points
         found = []
         for ends, corners in (
@@ -170,7 +170,7 @@ class _Patch:
         return np.concatenate(found)
 
     def _flipped(self, state: _State, rng: np.random.Generator) -> _State | None:
-        """Another diagonal in one pair of triangles; None where that would tear a part apart."""
+        """Flip one diagonal, chosen at random; None where that would tear a part apart."""
         edges = mesh_edit.edges_of(state.triangles, len(state.points))
         inner = np.flatnonzero(self.own[edges.triangle].all(axis=1) & ~edges.is_border)
         edge = rng.choice(inner)
@@ -191,7 +191,7 @@ class _Patch:
         return replace(state, triangles=triangles)
 
     def _moved(self, state: _State, rng: np.random.Generator) -> _State | None:
-        """One vertex a little way along the skin; None where that leaves its part."""
+        """Move one random vertex a little along the skin; None where it would leave its part."""
         vertex = rng.choice(self.movable)
         place = state.points[vertex] + rng.normal(0.0, rng.choice(_MOVES_M), 3)
         nearest = int(self.tree.query(place)[1])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Another person than the average adult: the values, and the shape targets that they mix."""
+"""Body variants: MakeHuman's macro values, and the shape targets that they mix."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Variant:
         return ",".join(f"{name}={value:g}" for name, value in self.values().items())
 
     def values(self) -> dict[str, float]:
-        """What describes the person, by name; no height where the source decides it."""
+        """Values that describe the person, by name; no height where the source decides it."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
     @property
     def suffix(self) -> str:
-        """What tells its ids from the canonical ones: ``+`` and eight digits of a hash."""
+        """Suffix of the variant's ids: ``+`` and eight digits of a hash."""
         text = ",".join(f"{name}={value!r}" for name, value in self.values().items())
         return f"+{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
@@ -86,7 +86,7 @@ def parse(text: str) -> Variant:
 
 
 def target_shares(variant: Variant) -> dict[str, float]:
-    """Shape targets and their shares, combined as MakeHuman does.
+    """Shares of shape targets, combined as MakeHuman does.
 
     A share is the product over the axes that the target is made for (gender, age, muscle,
     weight), each axis linear between its two nearest targets; the three origins have a third

@@ -27,7 +27,7 @@ from .variant import Variant, target_shares
 
 @dataclass(frozen=True, eq=False)
 class Original:
-    """The average adult, that every variant is shaped from."""
+    """The average adult, from which every variant is shaped."""
 
     folder: Path
     skins: Skins
@@ -47,7 +47,7 @@ class Person:
 
 
 def original(source: Path | None) -> Original:
-    """The skin that the canonical models were made on.
+    """Read the skin that the canonical models were made on.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def model(canonical: PerceptualModel, someone: Person) -> PerceptualModel:
 
 
 def _moved(canonical: PerceptualModel, someone: Person) -> F64:
-    """Places of the vertices on the variant's skin; those of the right side are not set.
+    """Move the vertices to the variant's skin; those of the right side are not set.
 
     Vertices raised over the skin, so that their triangles lie on it, keep their rise in
     proportion to the size of the skin below.
@@ -150,7 +150,7 @@ def _moved(canonical: PerceptualModel, someone: Person) -> F64:
 
 
 def _both_sides(canonical: PerceptualModel, vectors: F64) -> F64:
-    """Vectors of the left side mirrored to the right, those of the midline without x."""
+    """Mirror vectors of the left side to the right; those of the midline lose x."""
     result = vectors.copy()
     right = canonical.side == RIGHT
     result[right] = vectors[canonical.mirror[right]] * (-1.0, 1.0, 1.0)

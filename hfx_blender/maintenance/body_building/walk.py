@@ -51,7 +51,7 @@ _FINGER_CURL_DEG: Final = 11.0
 
 
 def make(avatar: Avatar) -> WalkCycle:
-    """One cycle, left heel strike first.
+    """Make one cycle, left heel strike first.
 
     Rotations are made as turns in rest space (what a bone does to the body at rest) and turned
     into Blender's bone-local quaternions at the end.
@@ -75,7 +75,7 @@ def make(avatar: Avatar) -> WalkCycle:
 
 
 class _Foot:
-    """Where a foot touches the ground, from its shape at rest, and how it moves."""
+    """Motion of one foot, and the point of its rest shape that touches the ground."""
 
     def __init__(self, avatar: Avatar, side: str) -> None:
         bones = avatar.skeleton
@@ -103,7 +103,7 @@ class _Foot:
         return float(np.radians(_smooth(phase, knots, degrees)))
 
     def turn(self, phase: float) -> F64:
-        """What the foot does to its rest shape."""
+        """Rotation of the foot from its rest shape, (3, 3)."""
         yaw = self.sign * np.radians(_TOE_OUT_DEG)
         return _about(2, yaw) @ _about(0, -self.pitch(phase)) @ _about(2, -self.rest_yaw)
 
@@ -183,7 +183,7 @@ def _posture(
 
 
 def _hip_drop(feet: Mapping[str, _Foot]) -> float:
-    """How far the hips are lowered, so that no leg is overstretched in the whole cycle."""
+    """Distance by which the hips are lowered, so that no leg is ever overstretched."""
     foot = feet["L"]
     reach = _LEG_REACH * (
         np.linalg.norm(foot.knee - foot.hip) + np.linalg.norm(foot.ankle - foot.knee)
@@ -302,7 +302,7 @@ def _about_axis(axis: F64, angle: float) -> F64:
 
 
 def _shortest(start: F64, end: F64) -> F64:
-    """The smallest turn that takes one direction to the other."""
+    """Smallest rotation that takes one direction to the other, (3, 3)."""
     start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
     axis = np.cross(start, end)
     sine = float(np.linalg.norm(axis))
@@ -312,7 +312,7 @@ def _shortest(start: F64, end: F64) -> F64:
 
 
 def _mix(one: F64, other: F64, share: float) -> F64:
-    """A turn between two, along the shortest way."""
+    """Interpolate two rotations along the shortest path."""
     w, *xyz = _quaternions((one.T @ other)[None])[0]
     sine = float(np.linalg.norm(xyz))
     if sine < 1e-9:

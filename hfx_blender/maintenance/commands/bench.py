@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx bench``: what things cost on this machine, how exact they are, and how others do it."""
+"""``hfx bench``: measures cost and accuracy on this machine, and the usual alternatives."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def _build(options: argparse.Namespace, console: Console) -> int:
 
 
 def _folder(options: argparse.Namespace, name: str, wanted: str | None) -> Path:
-    """Where the set goes."""
+    """Folder of the new set."""
     if options.install is not None and options.output is not None:
         raise UsageError("--install has a folder of its own: it cannot have -o DIR too.")
     if options.install is not None:

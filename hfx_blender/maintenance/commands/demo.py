@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx demo``: the garage of HFX Studio's study, from an empty scene to what was felt."""
+"""``hfx demo``: the garage of HFX Studio's study, from an empty scene to the results."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Build, save, open again, export, draw, and say what happened."""
+    """Build, save, open again, export, draw, and report."""
     if options.scene == "belt":
         from .demo_belt import run as run_belt
 
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 def _draw(
     scene_file: Path, track_file: Path, folder: Path, console: Console
 ) -> dict[str, str] | None:
-    """Draw the pictures; where Blender cannot, only they are missing."""
+    """Draw the pictures; returns their paths, or None if this machine cannot."""
     console.say()
     console.say("Drawing four pictures; this can take a minute ...")
     if blender_session.inside_blender():  # a whole Blender cannot be started as a Python module
@@ -98,7 +98,7 @@ def _draw(
 
 
 def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
-    """Draw in this process; what went wrong."""
+    """Draw in this process; returns the error."""
     from ..demo import pictures
 
     try:
@@ -109,7 +109,7 @@ def _draw_here(scene_file: Path, track_file: Path, folder: Path) -> str | None:
 
 
 def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
-    """Draw in a process of its own, which may crash; what went wrong."""
+    """Draw in a separate process, which may crash; returns the error."""
     command = own_processes.command("maintenance.demo.pictures", scene_file, track_file, folder)
     try:
         done = own_processes.run(command, _PICTURE_LIMIT_S)

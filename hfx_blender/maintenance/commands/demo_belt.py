@@ -14,7 +14,7 @@ STEM = "belt"
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
-    """Build, save, open again, export, sound, draw, and say what happened."""
+    """Build, save, open again, export, sound, draw, and report."""
     bpy = blender_session.start()
 
     from ...devices.configuration import load_device

@@ -58,7 +58,7 @@ def _add_walker() -> bpy.types.Object:
 
 
 def _add_particle() -> bpy.types.Collection:
-    """The one haptic sphere, in a collection of its own that is in no scene."""
+    """Add the only haptic sphere, in a collection of its own that is in no scene."""
     bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE", radius=RADIUS_M, name=PARTICLE)
     particle = bpy.context.object
     hfx = particle.hfx
@@ -78,7 +78,7 @@ def _add_particle() -> bpy.types.Collection:
 
 
 def _add_forces(collection: bpy.types.Collection, body: bpy.types.Object) -> None:
-    """What keeps the swarm round the walker's waist, and lets it bounce off him."""
+    """Add the forces that hold the swarm round the walker's waist and bounce it off him."""
     pull = _follower(collection, "Pull", body)
     pull.field.type = "HARMONIC"
     pull.field.strength = 1.6

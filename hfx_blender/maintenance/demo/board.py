@@ -115,7 +115,7 @@ def _fingertip() -> F64:
 def _square(
     collection: bpy.types.Collection, title: str, like: bpy.types.Object | None
 ) -> bpy.types.Object:
-    """A square; squares of one material share its mesh and its maps."""
+    """Make a square; squares of one material share its mesh and its maps."""
     if like is None:
         half = SQUARE_M / 2.0
         mesh = bpy.data.meshes.new(title.split()[0])
@@ -141,7 +141,7 @@ def _make_felt(square: bpy.types.Object, name: str) -> None:
 
 
 def _friction(name: str) -> bpy.types.Sound:
-    """A second of what a nail sounds like on a material: its own profile, at audio rate."""
+    """Make a second of the sound of a nail on a material: its own profile, at audio rate."""
     field, _ = MATERIALS[name].make(_TEXELS)
     texture = SurfaceTexture(field, None, Renderer.DIRECT)
     way = line((0.0, 0.0), np.pi / 3.0, _SPEED_M_S, _SPEED_M_S)
@@ -158,7 +158,7 @@ def _friction(name: str) -> bpy.types.Sound:
 
 
 def _material(name: str) -> bpy.types.Material:
-    """A look that fits: the relief as bump, once for each square."""
+    """Make a material to match: the relief as bump, once for each square."""
     kind = MATERIALS[name].kind
     material = bpy.data.materials.new(MATERIALS[name].title)
     material.diffuse_color = (*_COLOURS[kind], 1.0)
@@ -193,7 +193,7 @@ def _material(name: str) -> bpy.types.Material:
 
 
 def _add_cover(collection: bpy.types.Collection, board: bpy.types.Object) -> None:
-    """What hides the squares from who is to tell them apart by touch; off at first."""
+    """Add a cover that hides the squares for tests of touch alone; off at first."""
     half = SQUARE_M * SQUARES / 2.0
     mesh = bpy.data.meshes.new("Cover")
     corners = [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)]

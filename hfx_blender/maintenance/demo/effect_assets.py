@@ -36,7 +36,7 @@ _SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")  # of names that are 
 
 
 def catalog_id(path: str) -> str:
-    """The same on every computer."""
+    """Identifier of a catalog, equal on every computer."""
     return str(uuid.uuid5(_SPACE, f"hfx_blender/{path}"))
 
 

@@ -30,7 +30,7 @@ DEVICES = ("forearm_band_left", "back_pad", "pressure_vest", "insoles", "fan_hea
 
 @dataclass(frozen=True)
 class Task:
-    """One task of the study: when it is, and which effects belong to it."""
+    """Task of the study: its times and its effects."""
 
     name: str
     title: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of the avatar coloured by what it felt, at the telling moments of the demo.
+"""Pictures of the avatar with haptic colours, at the key moments of the demo.
 
 Rendered by Cycles on the processor, which needs neither display nor GPU. Run as a program of
 its own (``python -m hfx_blender.maintenance.demo.pictures SCENE TRACK FOLDER``), so that a machine
@@ -126,7 +126,7 @@ def _colour(avatar: bpy.types.Object, samples: list[Sample], header: TrackHeader
 
 
 def _spread(avatar: np.ndarray, model: np.ndarray, count: int = 3) -> Spread:
-    """How a model's vertices colour an avatar's: by the nearest few."""
+    """Interpolation from a model's vertices to an avatar's, by the nearest few."""
     tree = KDTree(len(model))
     for index, vertex in enumerate(model.tolist()):
         tree.insert(vertex, index)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stands in the demo's garage: walls, a car, a fire, people, light. Nothing haptic."""
+"""Props of the demo's garage: walls, a car, a fire, people, light. Nothing haptic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _Vector = tuple[float, float, float]
 
 
 def furnish(scene: bpy.types.Scene, fire: _Place, people: list[_Place]) -> None:
-    """Put everything that can be seen into the scene."""
+    """Add all visible props to the scene."""
     collection = bpy.data.collections.new("Garage")
     scene.collection.children.link(collection)
     grey = _material("Concrete", (0.32, 0.32, 0.33))
@@ -33,7 +33,7 @@ def furnish(scene: bpy.types.Scene, fire: _Place, people: list[_Place]) -> None:
 
 
 def add_lightning(frames: list[int]) -> None:
-    """A lamp that flashes at some frames."""
+    """Add a lamp that flashes at some frames."""
     lamp = bpy.data.lights.new("Lightning", "SUN")
     lamp.color = (0.75, 0.82, 1.0)
     flash = bpy.data.objects.new("Lightning", lamp)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A demo's scene as a file that the user can open, change and export again."""
+"""Demo scenes as files that the user can open, change and export again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...errors import OutputError
 
 
 def build_and_open(build: Callable[[], object], path: Path) -> None:
-    """Build a scene, save it, and open the file: from here on it is a scene like any other.
+    """Build a scene, save it, and open the file like any other.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The demo in words: what was felt in each task, and which devices played it."""
+"""Summary of the demo in words: samples and devices of each task."""
 
 from __future__ import annotations
 

@@ -22,8 +22,7 @@ SCRIPT = "def render(haptics):\n    return haptics.values * 0.5\n"
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's own devices, each with a script; none is approved."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data" / "hfx")
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
     made = tmp_path / "devices"
     made.mkdir()
     monkeypatch.setenv("HFX_DEVICES", str(made))
@@ -79,7 +78,7 @@ def test_many_who_approve_at_once_lose_nothing(folder):
 
 @pytest.mark.parametrize("content", [b"", b"[]", b"{", b'{"short": "a.py"}', b"[" * 99999])
 def test_a_damaged_list_is_told_and_not_overwritten(folder, content, capsys):
-    resources.approved_scripts().parent.mkdir(parents=True)
+    resources.approved_scripts().parent.mkdir(parents=True, exist_ok=True)
     resources.approved_scripts().write_bytes(content)
     assert str(resources.approved_scripts()) in approval.fault_of_list()
     for work in (approval.approve, approval.revoke):

@@ -86,7 +86,7 @@ def test_a_stop_forgets_what_waits_and_so_does_an_arm() -> None:
     lane.feed(playing())
     lane.stop("enough")
     assert not lane._waiting
-    lane._waiting.append((0.0, playing()))  # one that slipped through
+    lane._waiting.add(playing(), 0.0)  # one that slipped through
     lane.arm()
     assert not lane._waiting
 

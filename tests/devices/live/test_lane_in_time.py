@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from fake_time import BAND, FakeClock, Played, frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.devices.live import lane as lane_module
-from hfx_blender.devices.live.lane import FREEZE_S, MAX_OFFSET_S
+from hfx_blender.devices.live import waiting
+from hfx_blender.devices.live.lane import FREEZE_S
+from hfx_blender.devices.live.waiting import MAX_OFFSET_S
+from hfx_blender.engine.rendering.device import DeviceConfig
 
 RATES = (24, 25.25, 30, 50, 50.4, 60, 72, 90, 120, 144, 240)
 SILENT_WITHIN_S = 0.05
@@ -108,9 +111,55 @@ def test_a_flood_of_frames_takes_only_so_much_memory_and_the_newest_is_played() 
     for k in range(30_000):
         played.lane.feed(frame(10.0 if k < 29_000 else 0.0))
         played.clock.now_s += 0.0001
-    assert len(played.lane._waiting) <= (MAX_OFFSET_S + FREEZE_S) / lane_module._LEAST_APART_S + 2
+    assert len(played.lane._waiting) <= (MAX_OFFSET_S + FREEZE_S) / waiting._LEAST_APART_S + 2
     played.run(1.2)
     assert not played.port.is_loud()
+
+
+def updating_every(*intervals_ms: float) -> DeviceConfig:
+    """The band with actuators that are updated so often, in turn."""
+    kinds = [
+        replace(a.type, update_interval_ms=intervals_ms[k % len(intervals_ms)])
+        for k, a in enumerate(BAND.actuators)
+    ]
+    parts = zip(BAND.actuators, kinds, strict=True)
+    return replace(BAND, actuators=tuple(replace(a, type=k) for a, k in parts))
+
+
+@pytest.mark.parametrize("rate", [24, 30, 50, 72, 120, 240])
+@pytest.mark.parametrize("offset_ms", [0, 13, 333, 1000])
+@pytest.mark.parametrize("around", [(0.0,), (3.0,), (1.0, 2.0)])
+@pytest.mark.parametrize("intervals_ms", [(10.0,), (5.0, 20.0), (10.0, 50.0)])
+def test_a_lone_frame_is_at_full_strength_for_one_update_however_early_the_next_comes(
+    rate: float, offset_ms: int, around: tuple[float, ...], intervals_ms: tuple[float, ...]
+) -> None:
+    played = Played(device=updating_every(*intervals_ms), offset_s=offset_ms / 1000.0)
+    before, after = round(0.15 * rate), round((0.15 + offset_ms / 1000.0) * rate)
+    for k in range(before + after):
+        played.lane.feed(frame(10.0 if k == before else around[k % len(around)]))
+        played.run((0.55 if k == before else 1.0) / rate)
+    for actuator in range(len(intervals_ms)):
+        given = [(t, float(v[2 * actuator])) for t, v in played.port.given]
+        full_s = [after - t for (t, v), (after, _) in pairwise(given) if v == 10.0]
+        assert sum(full_s) > min(intervals_ms) / 1000.0 - 1e-4
+
+
+@pytest.mark.parametrize("interval_ms", [5.0, 16.0, 20.0, 25.0, 50.0])
+@pytest.mark.parametrize("rate", [24, 60, 240])
+def test_silence_after_changes_that_come_faster_than_updates_is_not_late(
+    rate: float, interval_ms: float
+) -> None:
+    for early in (0.05, 0.3, 0.7):
+        played = Played(device=updating_every(interval_ms))
+        for k in range(round(0.2 * rate)):
+            played.lane.feed(frame(8.0 + k % 3))
+            played.run(1.0 / rate)
+        played.lane.feed(frame(10.0))
+        played.run(max(early / rate, 0.0011))
+        asked_s = played.clock.now_s
+        played.lane.feed(frame(0.0))
+        played.run(0.2)
+        assert played.port.last_loud_s() - asked_s <= SILENT_WITHIN_S + 1e-4
 
 
 # Nothing new

@@ -46,18 +46,19 @@ HOSTILE = {
 
 
 @pytest.fixture(scope="module")
-def client() -> Iterator[LiveClient]:
-    """One output process for all of these."""
-    made = LiveClient()
-    yield made
-    made.close()
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveClient]:
+    """One output process for all of these, and one list of approvals."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path_factory.mktemp("data")))
+        made = LiveClient()
+        yield made
+        made.close()
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(client: LiveClient, tmp_path: Path) -> Path:
     """The user's own devices; nothing is approved."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data" / "hfx")
+    resources.approved_scripts().unlink(missing_ok=True)
     made = tmp_path / "devices"
     made.mkdir()
     text = (resources.device_configs() / "forearm_band.json").read_text()
@@ -73,6 +74,7 @@ def connect(client: LiveClient, folder: Path, source: str, log: Path) -> None:
     (folder / "my_band.py").write_text(source)
     script = approval.script_of(NAME, folder)
     assert script is not None
+    approval.approve(script)
     client.disconnect("scripted")
     client.connect(
         "scripted",
@@ -203,11 +205,31 @@ def test_a_script_that_changed_since_it_was_approved_is_not_run(
     path.write_text(HALF)
     script = approval.script_of(NAME, folder)
     assert script is not None
+    approval.approve(script)
     path.write_text(f"open({str(tmp_path / 'was_run')!r}, 'w')\n" + HALF)
     client.disconnect("scripted")
     client.connect("scripted", NAME, {"kind": "simulator"}, folder=folder, script=script.as_wish())
     wait(client, lambda: client.devices["scripted"].state == "fault")
     assert "has changed since it was approved" in client.devices["scripted"].text
+    assert not (tmp_path / "was_run").exists()
+
+
+@pytest.mark.parametrize("name", ["my_band.py", "../data/my_band.py"])
+def test_a_script_that_nobody_approved_is_not_run_whoever_asks(
+    client: LiveClient, folder: Path, tmp_path: Path, name: str
+) -> None:
+    path, configuration = folder / name, folder / "my_band.json"
+    path.parent.resolve().mkdir(exist_ok=True)
+    path.write_text(f"open({str(tmp_path / 'was_run')!r}, 'w')\n" + HALF)
+    wish = {
+        "path": str(path),
+        "configuration": str(configuration),
+        "fingerprint": approval.fingerprint(path, configuration),
+    }
+    client.disconnect("scripted")
+    client.connect("scripted", NAME, {"kind": "simulator"}, folder=folder, script=wish)
+    wait(client, lambda: client.devices["scripted"].state == "fault")
+    assert "my_band.py is not approved; read it" in client.devices["scripted"].text
     assert not (tmp_path / "was_run").exists()
 
 
@@ -270,7 +292,7 @@ def test_what_changed_while_it_was_looked_at_is_not_approved(folder: Path) -> No
 @pytest.mark.parametrize("content", [b"", b"[]", b"\xff", b"{", b'"all"', b"[" * 99999])
 def test_a_damaged_list_of_approvals_approves_nothing(folder: Path, content: bytes) -> None:
     (folder / "my_band.py").write_text(HALF)
-    resources.approved_scripts().parent.mkdir(parents=True)
+    resources.approved_scripts().parent.mkdir(parents=True, exist_ok=True)
     resources.approved_scripts().write_bytes(content)
     assert not approval.script_of(NAME, folder).is_approved
 

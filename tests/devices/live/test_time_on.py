@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_time import FakeClock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_process import is_loud, rows_of, wait
@@ -217,9 +218,9 @@ def test_two_connections_of_one_device_share_one_account(pieces):
 # Kept beyond the process.
 
 
-def used(folder: Path, seconds: float, now_s: float = 1000.0) -> KeptAccounts:
+def used(folder: Path, seconds: float, clock: FakeClock) -> KeptAccounts:
     """Accounts of a device that was on for so long and was stopped then."""
-    kept = KeptAccounts(folder)
+    kept, now_s = KeptAccounts(folder, clock), clock.now()
     tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
     tally.guard.rested(now_s)
     tally.guard.reset()
@@ -229,10 +230,10 @@ def used(folder: Path, seconds: float, now_s: float = 1000.0) -> KeptAccounts:
     return kept
 
 
-def left_s(folder: Path, now_s: float) -> float:
+def left_s(folder: Path, clock: FakeClock) -> float:
     """How long the device may be on in a new process."""
-    tally = Tally(limited(2.0, 1.0), (KeptAccounts(folder).of("it"),))
-    tally.guard.rested(now_s)
+    tally = Tally(limited(2.0, 1.0), (KeptAccounts(folder, clock).of("it"),))
+    tally.guard.rested(clock.now())
     tally.guard.reset()
     steps = 0
     while steps < 1000 and tally.step(15.0):
@@ -241,60 +242,65 @@ def left_s(folder: Path, now_s: float) -> float:
 
 
 @pytest.fixture
-def clocks(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
-    """Clocks that the test moves."""
-    now = {"wall": 1e9, "monotonic": 1000.0}
-    monkeypatch.setattr(kept_accounts, "time", type("Time", (), {"time": lambda: now["wall"]}))
-    moved = type("Clock", (), {"now": lambda: now["monotonic"]})
-    monkeypatch.setattr(kept_accounts, "SYSTEM", moved)
-    return now
+def clock() -> FakeClock:
+    """The clock of output processes."""
+    return FakeClock()
 
 
-def test_an_account_outlives_its_process(tmp_path, clocks):
-    used(tmp_path, 1.5).keep()
-    assert left_s(tmp_path, 1000.0) == pytest.approx(0.5)
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    """The clock that users set."""
+    found = FakeClock()
+    found.now_s = 1e9
+    monkeypatch.setattr(kept_accounts, "time", type("Time", (), {"time": found.now}))
+    return found
 
 
-def test_time_without_a_process_is_rest(tmp_path, clocks):
-    used(tmp_path, 1.5).keep()
-    clocks["wall"] += 0.25
-    clocks["monotonic"] += 0.25
-    assert left_s(tmp_path, 1000.25) == pytest.approx(1.0, abs=STEP_S)
+def test_an_account_outlives_its_process(tmp_path, clock, wall):
+    used(tmp_path, 1.5, clock).keep()
+    assert left_s(tmp_path, clock) == pytest.approx(0.5)
+
+
+def test_time_without_a_process_is_rest(tmp_path, clock, wall):
+    used(tmp_path, 1.5, clock).keep()
+    wall.now_s += 0.25
+    clock.now_s += 0.25
+    assert left_s(tmp_path, clock) == pytest.approx(1.0, abs=STEP_S)
 
 
 @pytest.mark.parametrize(
     ("wall_s", "monotonic_s"), [(1e6, 0.0), (-1e6, 10.0), (0.0, 10.0), (1e6, -1000.0)]
 )
-def test_a_clock_that_was_set_is_no_rest(tmp_path, clocks, wall_s, monotonic_s):
-    used(tmp_path, 1.5).keep()
-    clocks["wall"] += wall_s
-    clocks["monotonic"] += monotonic_s
-    assert left_s(tmp_path, clocks["monotonic"]) == pytest.approx(0.5)
+def test_a_clock_that_was_set_is_no_rest(tmp_path, clock, wall, wall_s, monotonic_s):
+    used(tmp_path, 1.5, clock).keep()
+    wall.now_s += wall_s
+    clock.now_s += monotonic_s
+    assert left_s(tmp_path, clock) == pytest.approx(0.5)
 
 
-def test_who_was_killed_counts_as_on(tmp_path, clocks):
-    kept = KeptAccounts(tmp_path)
+def test_who_was_killed_counts_as_on(tmp_path, clock, wall):
+    kept = KeptAccounts(tmp_path, clock)
     tally = Tally(limited(2.0, 1.0), (kept.of("it"),))
     tally.guard.rested(1000.0)
     tally.guard.reset()
     tally.step(15.0)
     kept.keep()  # and no more
-    assert left_s(tmp_path, 1000.0) == 0.0
+    assert left_s(tmp_path, clock) == 0.0
 
 
 @pytest.mark.parametrize(
     "content", ["", "{", "[]", "1", '{"filled": "x"}', '{"filled": [NaN]}', "[" * 100_000]
 )
-def test_a_damaged_account_rests_first(tmp_path, clocks, content):
-    used(tmp_path, 0.1).keep()
+def test_a_damaged_account_rests_first(tmp_path, clock, wall, content):
+    used(tmp_path, 0.1, clock).keep()
     (path,) = tmp_path.iterdir()
     path.write_text(content)
-    assert left_s(tmp_path, 1000.0) == 0.0
+    assert left_s(tmp_path, clock) == 0.0
 
 
-def test_what_cannot_be_kept_stops_nothing(tmp_path, caplog):
+def test_what_cannot_be_kept_stops_nothing(tmp_path, clock, caplog):
     (tmp_path / "file").write_text("")
-    kept = used(tmp_path / "file" / "folder", 1.5)
+    kept = used(tmp_path / "file" / "folder", 1.5, clock)
     kept.keep()
     kept.keep()
     assert len(caplog.records) <= 2  # told once when read, once when written
@@ -338,8 +344,7 @@ def test_a_program_on_this_computer_is_one_by_whatever_name(host):
 @pytest.mark.parametrize("between", ["stop", "connect", "process"])
 def test_no_way_round_the_time_limit_of_a_live_device(tmp_path, monkeypatch, between):
     """1 s on in all, as its rest takes an hour."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr(resources, "_user_data", lambda: tmp_path / "data" / "hfx")
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data" / "hfx"))
     folder = tmp_path / "devices"
     folder.mkdir()
     content = json.loads((resources.device_configs() / "forearm_band.json").read_text())

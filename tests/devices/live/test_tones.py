@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import types
 from dataclasses import replace
@@ -290,7 +291,7 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     lane._output, lane._is_armed = ears, True  # its thread is this one
     lane.feed(both(3.0, 4.0))
     # 100 m/s^2 per second: of 5 m/s^2 together 1 after 10 ms, all of it after 50 ms.
-    newest = lane._waiting.popleft()[1]
+    newest = lane._waiting.taken(math.inf, 0.0)
     now = lane._clock.now()
     for k in range(8):
         lane._step(now + 0.01 * k, 0.01, newest if k == 0 else None, lane._generation)

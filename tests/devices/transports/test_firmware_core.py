@@ -5,12 +5,12 @@ import struct
 import zlib
 
 import pytest
-from firmware_core import Board, built, compiler
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.devices.live import wire
 from hfx_blender.devices.live.wire import Kind, Reason
+from hfx_blender.maintenance.bench.firmware_core import Board, built, compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 

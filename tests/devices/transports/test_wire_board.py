@@ -2,14 +2,12 @@
 """The host's side of our protocol, against the firmware's own core behind a pseudo-terminal."""
 
 import os
-import select
 import threading
 import time
 
 import numpy as np
 import pytest
 from bench_devices import device, vibration
-from firmware_core import Board, built, compiler
 
 from hfx_blender.devices.live import wire
 from hfx_blender.devices.live.opening import open_output
@@ -20,6 +18,7 @@ from hfx_blender.engine.rendering.device_output import (
     SerialTransport,
     WireEncoder,
 )
+from hfx_blender.maintenance.bench.firmware_core import PluggedBoard, built, compiler
 
 pytest.importorskip("serial")
 pytestmark = pytest.mark.skipif(
@@ -31,33 +30,15 @@ TWO = device(vibration(fixed=True), vibration(maximum=20.0), output=OUTPUT)
 HALF = np.array([5.0, 175.0, 10.0, 80.0])
 
 
-class LiveBoard(Board):
+class LiveBoard(PluggedBoard):
     """The core on a terminal, on a clock that only the test moves."""
 
     def __init__(self, library, terminal, channels=6):
-        super().__init__(library, channels)
-        self._terminal = terminal
-        self._is_over = False
-        self.is_deaf = False
         self.clock_ms = 1
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        super().__init__(library, terminal.master, channels)
 
-    def _run(self):
-        master = self._terminal.master
-        while not self._is_over:
-            if select.select([master], [], [], 0.002)[0]:
-                content = os.read(master, 4096)
-                if not self.is_deaf:
-                    self.take(content)
-            self.wait(self.clock_ms - self.now_ms)
-            if self.sent:
-                content, self.sent[:] = bytes(self.sent), b""
-                os.write(master, content)
-
-    def close(self):
-        self._is_over = True
-        self._thread.join()
+    def clock(self):
+        return self.clock_ms
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from mesh_twins import MESHES, needs_library, probes, twins, without_library
 from hfx_blender.engine.native import mesh_crossing as native_crossing
 from hfx_blender.engine.volume.mesh_distance import TriangleTree, leaf_order
 from hfx_blender.engine.volume.sweep import clearance, passage
+from hfx_blender.engine.volume.ways import Ways
 
 pytestmark = needs_library
 
@@ -105,7 +106,7 @@ def test_a_way_along_the_face_of_a_box_of_the_tree_is_within_it() -> None:
     assert tree is not None
     for side in (-0.5, 0.5):
         starts, ends = np.array([[side], [-1.0], [0.2]]), np.array([[side], [1.0], [0.2]])
-        first, last = native_crossing.crossings(tree, 0.0, np.zeros(3), starts, ends)
+        first, last = native_crossing.crossings(tree, 0.0, np.zeros(3), Ways.straight(starts, ends))
         np.testing.assert_allclose([first[0], last[0]], [0.25, 0.75], rtol=1e-12)
 
 

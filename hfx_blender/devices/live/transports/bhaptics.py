@@ -20,7 +20,7 @@ from .websocket import WebSocket
 F64 = npt.NDArray[np.float64]
 
 DURATION_MS: Final = 100
-"""How long the Player holds a frame: silence comes from it if we fall silent."""
+"""Time for which the Player holds a frame, ms: then it is silent, if we are."""
 
 INTERVAL_S: Final = 0.02
 _PATH: Final = "/v2/feedbacks?app_id=hfx_blender&app_name=HFX"
@@ -32,7 +32,7 @@ _OTHER_HAND: Final = {
 
 
 class BhapticsOutput:
-    """A device that the bHaptics Player drives.
+    """Output to a device that the bHaptics Player drives.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class BhapticsOutput:
         self._socket = WebSocket(host, port, _PATH, lambda _text: None)
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,); at most every 20 ms, which is what the Player takes."""
+        """Hand over values (columns,); at most every 20 ms, the Player's own rate."""
         self._socket.check()
         now = time.monotonic()
         if now < self._sent_s + INTERVAL_S or not self._socket.has_room:
@@ -79,7 +79,7 @@ class BhapticsOutput:
             self._socket.send(json.dumps({"Submit": frames}))
 
     def stop(self) -> None:
-        """Turn off everything of this device."""
+        """Switch off all actuators of this device."""
         self._was_on = set()
         with suppress(OutputLostError):
             frames = [self._off(each) for each in self._positions]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A device of a Buttplug v4 server such as Intiface (docs.buttplug.io, messages in JSON)."""
+"""Output to a device of a Buttplug v4 server such as Intiface (docs.buttplug.io, JSON messages)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LEAST_INTERVAL_S: Final = 0.02
 
 
 class ButtplugOutput:
-    """One device behind a Buttplug server.
+    """Output to one device behind a Buttplug server.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class ButtplugOutput:
             raise
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,): a command for each that changed, as often as it takes."""
+        """Hand over values (columns,): a command for each changed one, at the device's own rate."""
         self._check()
         now = time.monotonic()
         if now < self._given_s + self._interval_s or not self._socket.has_room:
@@ -88,7 +88,7 @@ class ButtplugOutput:
             self._socket.send(json.dumps([command]), is_urgent=True)
 
     def close(self) -> None:
-        """Leave the server; it stops what we used."""
+        """Disconnect from the server; it stops our device."""
         self._socket.close()
 
     def _greet(self) -> None:
@@ -101,7 +101,7 @@ class ButtplugOutput:
         self._ping_s = ping_ms / 1000.0 if isinstance(ping_ms, int | float) else 0.0
 
     def _find(self) -> None:
-        """Choose the first device whose name and features fit."""
+        """Choose the first device with matching name and features."""
         self._ask("RequestDeviceList")
         devices = self._answer(lambda: self._devices, "a list of devices")
         for each in devices.values():
@@ -194,7 +194,7 @@ class ButtplugOutput:
 
 
 def _level(share: float, rest: float, low: int, high: int) -> int:
-    """A share 0..1 in a feature's whole numbers; a signed one is 0 where the device rests."""
+    """Convert a share 0..1 to a feature's whole numbers; a signed feature rests at 0."""
     if low >= 0:
         return round(low + share * (high - low))
     if share >= rest:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A log instead of hardware: one CSV row each time values are sent or the device is stopped."""
+"""Log in place of hardware: one CSV row for each set of values or stop."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ from ..output import OutputLostError
 F64 = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 256 << 20
-"""Then the log ends with an error: a forgotten one must not fill the disk."""
+"""Size at which the log ends with an error, bytes: a forgotten one must not fill the disk."""
 
 
 class CsvLog:
-    """Writes ``time_s`` since the log began, ``event`` (values, stop), then one column a channel.
+    """Writer of ``time_s`` since the log began, ``event`` (values, stop), then one column a
+    channel.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OSC 1.0 over UDP: addresses of our own, or those of VRChat's parameters.
+"""OSC 1.0 over UDP: our own addresses, or those of VRChat's parameters.
 
 Specification: Wright, "The Open Sound Control 1.0 Specification" (2002).
 """
@@ -29,12 +29,12 @@ _BUNDLE: Final = b"#bundle\0" + struct.pack(">Q", 1)  # time tag 1: at once
 
 
 def message(address: str, value: float) -> bytes:
-    """One OSC message with one float32 argument."""
+    """OSC message with one float32 argument."""
     return _padded(address) + _padded(",f") + struct.pack(">f", value)
 
 
 def bundles(messages: list[bytes]) -> list[bytes]:
-    """Messages as bundles, each small enough for one datagram."""
+    """Bundle messages so that each bundle fits one datagram."""
     found: list[bytes] = []
     now = _BUNDLE
     for each in messages:

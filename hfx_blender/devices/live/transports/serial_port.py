@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A serial port that nobody else has and that is never waited for."""
+"""Serial port, opened exclusively and never waited for."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..output import OutputLostError
 F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
-"""How often stop bytes go out at each stop: a device in the middle of a frame eats the first."""
+"""Number of times that stop bytes are sent: a device in the middle of a frame loses the first."""
 
 # pyserial's URLs (socket://, spy://...) reach out or write files; only names of ports pass.
 _PORT: Final = re.compile(
@@ -34,12 +34,12 @@ _registry = threading.Lock()
 
 
 def is_port_name(name: str) -> bool:
-    """Whether a text names a serial port, and nothing else."""
+    """Test a text for the name of a serial port, and nothing else."""
     return _PORT.fullmatch(name) is not None
 
 
 class SerialPort:
-    """Bytes to and from one port.
+    """Byte stream of one port.
 
     A frame that was begun is finished before the next; of frames that wait only the newest
     counts, so a port that stalls costs no memory and no time.
@@ -92,7 +92,7 @@ class SerialPort:
     _is_posix: Final = os.name == "posix"
 
     def write_newest(self, frame: bytes) -> None:
-        """Hand over a frame, or let it wait in place of one that waits.
+        """Write a frame, or let it replace one that waits.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class SerialPort:
         self._push()
 
     def read(self) -> bytes:
-        """What has come in, at most 4 KiB.
+        """Received bytes, at most 4 KiB.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class SerialPort:
 
 
 class SerialFrames:
-    """A device on a serial port that takes frames of its own kind.
+    """Output to a device on a serial port that takes frames of its own kind.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class SerialFrames:
 
 
 def _reserved(name: str) -> tuple[str, int]:
-    """Enter a port into the list of open ones, by its real path and its device number.
+    """Register a port as open, by its real path and its device number.
 
     Two names may lead to one port, and the system lets two programs open it.
     """

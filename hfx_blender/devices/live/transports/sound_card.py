@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A multichannel sound card through PortAudio: one channel for each vibration actuator.
+"""Output to a multichannel sound card through PortAudio: one channel for each vibration actuator.
 
 An actuator that takes a waveform plays the sum of its tones, any other the one sine of its values;
 a tone is a sine, or the waveform that the actuator's type names.
@@ -26,7 +26,8 @@ from ..waveform import SumOfTones
 F64 = npt.NDArray[np.float64]
 
 DEAD_MAN_S: Final = 0.25
-"""Without values for so long a card falls silent by itself: its thread outlives ours."""
+"""Time without values after which a card falls silent by itself, seconds: its thread
+outlives ours."""
 
 MAX_FREQUENCY_HZ: Final = 1000.0
 RATE_HZ: Final = 48_000
@@ -150,7 +151,7 @@ class SoundCard:
             self._waves.aim(Tones.none(len(self._amplitude_columns)))
 
     def _play(self, outdata: Any, frames: int, _time: Any, _status: Any) -> None:
-        """In PortAudio's thread."""
+        """Fill PortAudio's buffer; called in its thread."""
         outdata[:] = 0.0
         with self._lock:
             if time.monotonic() - self._values_s > DEAD_MAN_S:
@@ -158,7 +159,7 @@ class SoundCard:
             outdata[:, self._first :] = self._waves.block(frames)
 
     def _finished(self) -> None:
-        """The stream has ended; if nobody closed it, the card is gone."""
+        """Note the end of the stream; unless it was closed, the card is lost."""
         if not self._is_closed:
             self._lost = "it was unplugged, or another program took it"
 
@@ -185,7 +186,7 @@ def _library() -> Any:
 
 
 def _columns(device: DeviceConfig) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Where amplitudes and frequencies of vibration actuators stand among the columns."""
+    """Columns of the amplitudes and frequencies of vibration actuators."""
     amplitudes = []
     first = 0
     for actuator in device.actuators:

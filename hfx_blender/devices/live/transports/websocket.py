@@ -88,7 +88,7 @@ class WebSocket:
 
     @property
     def has_room(self) -> bool:
-        """Whether nothing waits to be written; who sends only the newest waits for this."""
+        """Test for an empty write queue; a sender of newest values waits for it."""
         return not self._waiting
 
     def send(self, text: str, *, is_urgent: bool = False) -> None:
@@ -109,7 +109,7 @@ class WebSocket:
         self._check()
 
     def close(self) -> None:
-        """End the connection, after what waits if that takes no time; may be called again."""
+        """Close the connection, after pending data if that takes no time; may be called again."""
         if not self._is_closed:
             self._is_closed = True
             with suppress(OutputLostError):
@@ -221,7 +221,7 @@ class WebSocket:
 
 
 def _frame(code: int, payload: bytes) -> bytes:
-    """A masked frame, as a client has to send it."""
+    """Masked frame, as a client has to send it."""
     size = len(payload)
     if size < 126:
         head = struct.pack(">BB", 0x80 | code, 0x80 | size)

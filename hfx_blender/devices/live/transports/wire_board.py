@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A board with our firmware: configured first, then fed; what it says ends up as one sentence."""
+"""Output to a board with our firmware: configured first, then fed; reports become sentences."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class WireBoard:
             raise
 
     def send(self, values: F64) -> None:
-        """Hand over values (columns,); a board that was stopped is configured anew first."""
+        """Hand over values (columns,); a stopped board is configured anew first."""
         if self._is_stopped:
             self._begin(ANSWER_S)
         self._listen()
@@ -77,7 +77,7 @@ class WireBoard:
         self._port.write_newest(self._frame(wire.Kind.VALUES, payload))
 
     def stop(self) -> None:
-        """Stop, before anything that waits; the board then takes no values."""
+        """Stop the board, before anything that waits; it then takes no values."""
         self._is_stopped, self._is_ready = True, False
         with suppress(OutputLostError):
             frames = [self._frame(wire.Kind.STOP) for _ in range(STOPS)]
@@ -88,7 +88,7 @@ class WireBoard:
         self._port.close()
 
     def _begin(self, patience_s: float) -> None:
-        """Ask for a new session: values of the last one are void."""
+        """Request a new session: values of the last one become void."""
         self._configuration = wire.configuration(
             secrets.randbits(32), len(self._channels), *self._time_limits_ms
         )

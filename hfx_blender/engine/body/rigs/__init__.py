@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigs that others made: which of their bones is which of the canonical skeleton."""
+"""Foreign rigs: mapping of their bones to the canonical skeleton."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From understood bone names to the canonical bones that they are counterparts of."""
+"""Assigns canonical bones to a rig's bones, from the names that were understood."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _canonical_names(names: Iterable[str]) -> dict[str, str]:
 
 
 class _Assignment(Digits):
-    """The steps share what was read, and what is found so far."""
+    """Steps of the assignment, which share the names read and the counterparts found so far."""
 
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig)
@@ -110,21 +110,23 @@ class _Assignment(Digits):
         self._put_chain(side, bones, (thigh, below, self._take("foot", side)))
 
     def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
-        """Bones that are clearly a joint's, then those whose name could be another's."""
+        """Unambiguous bones of a joint, then those that could belong to another."""
         marked = bool(clear) and self.names[clear[0]].rank < 0
         return clear if marked else [*clear, *doubtful]
 
     def _put_chain(
         self, side: str, bones: Sequence[str], candidates: Sequence[Sequence[str]]
     ) -> None:
-        """Bones of one limb that hang on each other: what is left of another rig does not."""
+        """Assign the bones of one limb that form a chain; leftovers of another rig do not."""
         known = [(bone, names) for bone, names in zip(bones, candidates, strict=True) if names]
         choices = product(*(names[:_TRIED] for _, names in known))
         best = max(choices, key=lambda chain: self._links(chain))  # the first of the best
         self.found |= {f"{bone}.{side}": name for (bone, _), name in zip(known, best, strict=True)}
 
     def _complete(self) -> None:
-        """A joint whose bones have names of their own: the only children of those above them."""
+        """Assign joints whose bones have uninformative names: the only children of those above
+        them.
+        """
         for above, below in _NEXT:
             added = {}
             for side in "LR":
@@ -166,7 +168,7 @@ class _Assignment(Digits):
             self._put(f"{second}.{side}", sorted(close, key=misses.__getitem__))
 
     def _begins_before(self, twist: str, main: str, following: str) -> bool:
-        """Whether a twist bone is nearer to a limb's beginning than the limb's named bone."""
+        """Test a twist bone: is it nearer to a limb's beginning than the limb's named bone?"""
         end = self.rig.head(following)
         length, own = (float(np.linalg.norm(self.rig.head(n) - end)) for n in (twist, main))
         return length > (1.0 + 2.0 * _SPLIT_TOLERANCE) * own
@@ -263,7 +265,7 @@ def _chain(
 
 
 def _fraction(start: F64, end: F64, point: F64) -> float:
-    """Where a point lies between two others, along the line through them."""
+    """Position of a point along the line from one point (0) to another (1)."""
     line = end - start
     length_squared = float(line @ line)
     return float((point - start) @ line) / length_squared if length_squared > 0 else 0.0

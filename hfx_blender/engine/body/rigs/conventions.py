@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The naming convention of a rig, told by bones that only it has."""
+"""Naming convention of a rig, recognised by bones unique to it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fingers and toes among understood bone names: which rig's joint is which of ours."""
+"""Mapping of fingers and toes among understood bone names."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .rig import Rig, canonical_heads
 
 
 class Digits:
-    """What was read of a rig, slots by side; what is found so far; and the steps for digits."""
+    """Assignment of digits: bones read by slot and side, counterparts found so far."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -59,7 +59,7 @@ class Digits:
                 self._put(f"finger{number}-{joint}.{side}", [name])
 
     def _once(self, chain: Sequence[str]) -> list[str]:
-        """One bone for each number, the one of the lowest rank."""
+        """Keep one bone for each number, the one of the lowest rank."""
         by_number: dict[tuple[str, ...], str] = {}
         for name in chain:  # in order of rank
             by_number.setdefault(self.names[name].numbers, name)
@@ -70,7 +70,7 @@ class Digits:
     def _is_thumb_without_base(
         self, hand: str | None, chain: Sequence[str], joints: dict[str, list[str]]
     ) -> bool:
-        """Whether a thumb of two bones begins at its knuckle, as in MikuMikuDance."""
+        """Test a thumb of two bones: does it begin at its knuckle, as in MikuMikuDance?"""
         if hand is None or len(chain) != 2 or not joints["index"]:
             return False
         wrist, thumb, index = (self.rig.head(n) for n in (hand, chain[0], joints["index"][-1]))
@@ -85,7 +85,7 @@ class Digits:
         return bool(abs(share - shares[1]) < abs(share - shares[0]))
 
     def _from_wrist(self, hand: str, chain: Sequence[str]) -> bool:
-        """Whether the first of four joints is a metacarpal (else the last is a fingertip)."""
+        """Test a chain of four joints: is the first a metacarpal (else the last is a fingertip)?"""
         wrist, first, second = (self.rig.head(name) for name in (hand, *chain[:2]))
         return bool(np.linalg.norm(first - wrist) < np.linalg.norm(second - first))
 

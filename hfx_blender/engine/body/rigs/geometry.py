@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the joints of a rest pose tell: its left, back and up; a human by hierarchy alone."""
+"""Geometry of a rest pose: its left, back and up; a human recognised by hierarchy alone."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def frame_from_heads(heads: Mapping[str, F64]) -> F64:
 
 
 def named_left(heads: Mapping[str, F64]) -> F64 | None:
-    """Unit vector from the bones called right to those called left; None if none are apart."""
+    """Unit vector from right to left bones, by name; None if all coincide."""
     total = np.zeros(3)
     for bone in _PAIRED:
         if f"{bone}.L" in heads and f"{bone}.R" in heads:
@@ -52,7 +52,7 @@ def named_left(heads: Mapping[str, F64]) -> F64 | None:
 
 
 def geometric_left(heads: Mapping[str, F64]) -> F64 | None:
-    """The body's left as its feet point; None without toes or if the feet disagree."""
+    """Direction of the body's left, from its feet; None without toes or if the feet disagree."""
     up = _up(heads)
     if up is None:
         return None
@@ -148,7 +148,7 @@ def _swap(found: dict[str, str], limb: Sequence[str]) -> None:
 
 
 def _apart(heads: Mapping[str, F64], left: F64) -> bool:
-    """Whether both pairs lie mainly across the body: not, say, a table or a centipede."""
+    """Test the limbs: do both pairs lie mainly across the body (not, say, in a table)?"""
     trunk = _high(heads) - _low(heads)
     for bone in ("upperleg01", "upperarm01"):
         across = heads[f"{bone}.L"] - heads[f"{bone}.R"]
@@ -160,7 +160,7 @@ def _apart(heads: Mapping[str, F64], left: F64) -> bool:
 
 
 def _trunk(rig: Rig, reach: Mapping[str, float], first: str) -> list[str]:
-    """Bones from above the pelvis to the one that holds the arms; empty if none does."""
+    """Bones from above the pelvis to the one that carries the arms; empty if none does."""
     chain = [first]
     while not _pairs(rig, reach, chain[-1]):
         if len(rig.children[chain[-1]]) != 1:
@@ -178,7 +178,7 @@ def _straight(rig: Rig, first: str) -> list[str]:
 
 
 def _pairs(rig: Rig, reach: Mapping[str, float], name: str) -> list[tuple[str, str]]:
-    """Children of a bone that are as long as each other, two by two, and long beside the body."""
+    """Pairs of children of a bone with equal length, long relative to the body."""
     longest = max(reach.values(), default=0.0)
     return [
         (a, b)
@@ -190,7 +190,7 @@ def _pairs(rig: Rig, reach: Mapping[str, float], name: str) -> list[tuple[str, s
 
 
 def _reaches(rig: Rig) -> dict[str, float]:
-    """Longest way down the hierarchy from each bone's head, metres."""
+    """Longest path down the hierarchy from each bone's head, metres."""
     reach: dict[str, float] = {}
     for name in sorted(rig.bones, key=rig.depth, reverse=True):
         below = [

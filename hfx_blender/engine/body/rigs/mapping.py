@@ -43,7 +43,7 @@ _SIDES: Final = (".L", ".R")
 
 @dataclass(frozen=True)
 class BoneMapping:
-    """Which bone of an avatar moves each bone of the canonical skeleton.
+    """Mapping from each bone of the canonical skeleton to the bone of an avatar that moves it.
 
     Every canonical bone is in exactly one of ``bones`` and ``fallbacks``.
     """
@@ -161,7 +161,7 @@ def from_json(text: str) -> BoneMapping:
 
 
 def frame_of(bones: Sequence[RigBone], mapping: BoneMapping) -> F64:
-    """The avatar's own frame in its armature's space.
+    """Axes of the avatar itself in its armature's space.
 
     Returns
     -------
@@ -222,7 +222,7 @@ def _mapping(convention: str, found: Mapping[str, str], notes: Sequence[str]) ->
 
 
 def _followed(canonical: str, bones: Mapping[str, str]) -> str:
-    """The avatar bone that a canonical bone without counterpart follows."""
+    """Avatar bone that a canonical bone without counterpart follows."""
     side = canonical[-2:]
     if canonical.startswith("toe"):
         # A single toe bone moves all toes.

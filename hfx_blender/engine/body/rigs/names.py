@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading bone names: which body joint, on which side, a rig's bone is called after.
+"""Parses bone names: the body joint and the side that a rig's bone is named after.
 
 A name counts only if all of it is understood (after the side, numbers and the rig's own
 prefix are taken away), so that ``hand_ik.L``, ``upperarm_correctiveRoot_l`` or ``ORG-thigh.L``
@@ -108,7 +108,7 @@ _KNOWN_PREFIX: Final = re.compile(
 
 @dataclass(frozen=True)
 class BoneName:
-    """What a name says: the joint (``slot``), ``side`` ("L", "R" or "") and its numbers."""
+    """Meaning of a bone name: the joint (``slot``), ``side`` ("L", "R" or "") and its numbers."""
 
     slot: str
     side: str
@@ -123,7 +123,7 @@ def plain(name: str) -> str:
 
 
 def is_deform(name: str) -> bool:
-    """Whether a name carries Blender's mark of a deforming bone ("DEF-")."""
+    """Test a name for Blender's mark of a deforming bone ("DEF-")."""
     return re.match(r"(?i:def)[\s_\-.]", name) is not None
 
 

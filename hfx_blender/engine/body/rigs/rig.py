@@ -24,7 +24,7 @@ _ENOUGH: Final = 10
 
 @dataclass(frozen=True)
 class RigBone:
-    """One bone of an avatar's armature in rest pose; metres, armature space."""
+    """Bone of an avatar's armature in rest pose; metres, armature space."""
 
     name: str
     parent: str | None
@@ -69,7 +69,7 @@ class Rig:
                 self.children[parent].append(name)
 
     def ancestors(self, name: str) -> Iterator[str]:
-        """The bones above one, nearest first."""
+        """Yield the ancestors of a bone, nearest first."""
         seen = {name}
         above = self.parent[name]
         while above is not None and above not in seen:
@@ -78,15 +78,15 @@ class Rig:
             above = self.parent[above]
 
     def depth(self, name: str) -> int:
-        """How many bones are above one."""
+        """Number of ancestors of a bone."""
         return sum(1 for _ in self.ancestors(name))
 
     def head(self, name: str) -> F64:
-        """Where a bone begins, (3,) metres."""
+        """Start of a bone, (3,) metres."""
         return np.array(self.by_name[name].head, np.float64)
 
     def tail(self, name: str) -> F64:
-        """Where a bone ends, (3,) metres."""
+        """End of a bone, (3,) metres."""
         return np.array(self.by_name[name].tail, np.float64)
 
 

@@ -5,6 +5,7 @@
 #ifndef HFX_PASSING_H
 #define HFX_PASSING_H
 
+#include "drift.h"
 #include "posed_pair.h"
 
 #define STEP_KINDS 7  // powers of two up to MOST_STEPS
@@ -21,18 +22,10 @@ typedef struct {
   double when, change;  // of how much is inside
 } event;
 
-// Where a point is on the way, (steps + 1, 3); see Drift.path.
+// Where a point is on the way, (steps + 1, 3).
 static inline void path_of(const hfx_drift *drift, int64_t steps, int kind, int64_t interval,
                     const double before[3], const double after[3], double path[][3]) {
-  for (int i = 0; i < 3; i++) path[0][i] = before[i], path[steps][i] = after[i];
-  for (int64_t k = 1; k < steps; k++) {
-    double share = (double)k / (double)steps;
-    const double *one = drift->before[kind] + 16 * (k * drift->intervals + interval);
-    const double *other = drift->after[kind] + 16 * (k * drift->intervals + interval);
-    for (int i = 0; i < 3; i++)
-      path[k][i] = (1.0 - share) * (hfx_dot(one + 4 * i, before) + one[4 * i + 3]) +
-                   share * (hfx_dot(other + 4 * i, after) + other[4 * i + 3]);
-  }
+  hfx_path(drift->before[kind], drift->after[kind], drift->intervals, interval, steps, before, after, path);
 }
 
 // See swept._along.

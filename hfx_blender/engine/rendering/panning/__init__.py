@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panning: how a place between actuators is shown by its neighbours.
+"""Panning: a place between actuators is rendered by its neighbours.
 
 Every scheme is a small object made from an actuator layout once, with one method:
 ``gains(points)`` takes places, (n, D) metres or directions, and yields (n, A) gains.
@@ -19,7 +19,7 @@ class Panning(Protocol):
     """A rendering scheme for one layout of A actuators."""
 
     def gains(self, points: F64) -> F64:
-        """How strongly each actuator is driven for each place, (n, A), never negative.
+        """Gain of each actuator for each place, (n, A), never negative.
 
         A place that is not finite drives nothing.
         """

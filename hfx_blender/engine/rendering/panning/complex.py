@@ -25,7 +25,7 @@ _PAIRS_AT_ONCE: Final = 1 << 17
 _ON_IT_M: Final = 1e-12
 
 _FARTHEST_M: Final = 1e6
-"""Where what is farther away is taken to be: the squares of larger numbers may overflow."""
+"""Distance that replaces larger ones, metres: the squares of larger numbers may overflow."""
 
 SAME_PLACE: Final = 1e-9
 """Actuators closer than this share of the layout's extent stand at one place."""
@@ -76,7 +76,7 @@ class ActuatorComplex:
         return (of_places / np.maximum(crowd, 1))[:, self.place_of], distances
 
     def _nearest(self, points: F64, blend: float) -> tuple[I64, I64, F64, F64]:
-        """Places near n points: whose, on which simplex, corners' weights; and least distances."""
+        """Nearest simplices to n points: point, simplex, corner weights; and least distances."""
         row, simplex = self._candidates(points, blend)
         corners = self.places[self.simplices[simplex]]
         weights = barycentric(points[row], corners)
@@ -106,7 +106,7 @@ class ActuatorComplex:
         return middles, np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
 
     def _candidates(self, points: F64, blend: float) -> tuple[I64, I64]:
-        """Points and simplices, in order, that may be near enough: by balls round these."""
+        """Candidate pairs of points and simplices, in order, by bounding balls."""
         middles, radii_m = self._balls
         squares = sum((points[:, axis, None] - middles[None, :, axis]) ** 2 for axis in range(3))
         away_m = np.sqrt(squares)
@@ -117,7 +117,7 @@ class ActuatorComplex:
 
 
 def merged_places(positions: F64) -> tuple[F64, I64]:
-    """Places (P, D) of actuators (A, D), and the place of each; equal positions are one place."""
+    """Merge equal positions of actuators (A, D) into places (P, D), and the place of each."""
     positions = np.asarray(positions, np.float64)
     if positions.ndim != 2 or not len(positions) or not np.isfinite(positions).all():
         raise ValueError(f"expected finite positions (A, D), A > 0, got {positions.shape}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Between which actuators a phantom sensation may be: on one limb, and not far apart on the skin.
+"""Neighbours of a phantom sensation: actuators on one limb, and not far apart on the skin.
 
 Whatever a scheme asks for, no two actuators play one place together that are on different limbs or
 more than 200 mm of skin apart: over such a gap nobody feels one sensation between them.
@@ -32,7 +32,7 @@ _ELLIPSOID_MARGIN_M: Final = 0.01
 
 _MEASURED_ONE_BY_ONE: Final = 64
 _SOURCES_AT_ONCE: Final = 64
-"""Distances from so many places are held together: 20 MiB on the finest body model."""
+"""Number of sources whose distances are held together: 20 MiB on the finest body model."""
 _ROWS_AT_ONCE: Final = 1 << 12
 
 AreJoined = Callable[[I64, I64], Bool]
@@ -47,14 +47,14 @@ _LIMBS: Final = {
 
 
 def limbs_of(model: PerceptualModel) -> I64:
-    """A number for each vertex: that of its limb, or of the head or torso, (V,)."""
+    """Limb of each vertex, or the head or torso, as a number, (V,)."""
     kind = np.array([_LIMBS[part] for part in PARTS])[model.part]
     is_trunk = kind <= 1  # one piece from left to right
     return np.asarray(kind * 3 + np.where(is_trunk, 0, model.side), np.int64)
 
 
 class SkinNeighbours:
-    """Which pairs of A actuators are neighbours enough to share a place.
+    """Pairs of A actuators that are near enough to share a place.
 
     Only pairs that somebody asks for are measured, as few of a large array ever play together.
 
@@ -76,7 +76,7 @@ class SkinNeighbours:
         self._skin: SkinDistances | None = None
 
     def are_joined(self, one: I64, other: I64) -> Bool:
-        """Whether pairs of actuators are on one limb, and near along the skin, (k,)."""
+        """Test pairs of actuators for being on one limb, and near along the skin, (k,) bool."""
         straight_m = np.linalg.norm(self._centres[one] - self._centres[other], axis=1)
         found = (straight_m <= MAX_SPAN_M) & (self._limb[one] == self._limb[other])
         doubtful = np.flatnonzero(found & (straight_m > _SURELY_NEAR_M))
@@ -98,13 +98,13 @@ class SkinNeighbours:
             self._measured[pair] = self._is_near(*pair)
 
     def _near_by_edges(self, pairs: I64) -> Bool:
-        """Which pairs a way along edges joins, which is never shorter than the skin's."""
+        """Test pairs for a path along edges, which is never shorter than the skin's, (k,) bool."""
         allowed_m = np.full(len(pairs), MAX_SPAN_M)
         lengths_m = along_edges_m(edge_graph(self._model), self._anchors[pairs], allowed_m)
         return np.isfinite(lengths_m)
 
     def _is_near(self, one: int, other: int) -> bool:
-        """Whether a way along the skin is short enough: it stays in an ellipsoid round both."""
+        """Test for a short path along the skin: it stays in an ellipsoid round both."""
         model, anchor = self._model, int(self._anchors[other])
         self._skin = self._skin or SkinDistances(model.vertices, model.triangles)
         source = self._skin.nearest(self._centres[one])
@@ -118,7 +118,7 @@ class SkinNeighbours:
 
 
 def edge_graph(model: PerceptualModel) -> Any:
-    """The model's edges as a sparse matrix (V, V) of lengths, for scipy's ways through graphs."""
+    """Edge graph of the model as a sparse matrix (V, V) of lengths, for scipy's graph searches."""
     from scipy.sparse import coo_array, csr_array
 
     points = model.vertices.astype(np.float64)
@@ -128,7 +128,7 @@ def edge_graph(model: PerceptualModel) -> Any:
 
 
 def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
-    """Lengths (k,) of the ways along edges between pairs of vertices (k, 2).
+    """Lengths (k,) of the shortest paths along edges between pairs of vertices (k, 2).
 
     Infinite: longer than is allowed, (k,).
     """
@@ -149,7 +149,7 @@ def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:
 
 
 def parted(gains: F64, are_joined: AreJoined) -> F64:
-    """Gains (n, A) of which no two actuators that are not joined play together.
+    """Restrict gains (n, A) so that no two unjoined actuators play together.
 
     Of two that are not, the weaker is silent, and the stronger fades out until both are as
     strong: on a gap between two, from a quarter of the way to the middle. So nothing jumps.

@@ -30,7 +30,8 @@ _TURNS: Final = (0, -1, 1)
 
 
 class PlanarPanning:
-    """Between the actuators of a flat pad; beyond their hull, its nearest place is shown.
+    """Panning between the actuators of a flat pad; beyond their hull, its nearest place is
+    rendered.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def _triangulated(positions: F64) -> ActuatorComplex:
 
 
 def _closed(positions: F64, closed_m: float) -> ActuatorComplex:
-    """The layout once more on either side of itself: joined, and alike at both ends."""
+    """Layout with copies of itself on either side: joined, and equal at both ends."""
     places, place_of = merged_places(positions)
     shifts = [np.array([turn * closed_m, 0.0]) for turn in _TURNS]
     every = np.concatenate([places + shift for shift in shifts])

@@ -17,7 +17,7 @@ I64 = npt.NDArray[np.int64]
 
 
 class RingPanning:
-    """Round a belt: the two neighbours of a direction share its power.
+    """Panning round a belt: the two neighbours of a direction share its power.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class RingPanning:
 
 
 class LinePanning:
-    """Along a strip: the two neighbours of a place share its power; beyond an end, the end.
+    """Panning along a strip: the two neighbours of a place share its power; beyond an end, the end.
 
     Parameters
     ----------

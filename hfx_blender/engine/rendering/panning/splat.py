@@ -13,7 +13,7 @@ _SPREAD = 4.0
 
 
 class NearestPanning:
-    """The nearest actuator plays everything.
+    """Panning to the nearest actuator, which plays everything.
 
     Schneider et al., UIST 2015, for dense grids. Its output jumps half way between two
     actuators: take another scheme where things glide.
@@ -37,7 +37,7 @@ class NearestPanning:
 
 
 class GaussianSplatting:
-    """Each actuator plays exp(-d^2 / (2 sigma^2)) of what is felt at distance d.
+    """Gaussian splatting: each actuator plays exp(-d^2 / (2 sigma^2)) of a sensation at distance d.
 
     After the Gaussian footprints of Westover ("Footprint evaluation for volume rendering",
     SIGGRAPH 1990); no paper on touch is known to us that uses them so.

@@ -25,16 +25,16 @@ I64 = npt.NDArray[np.int64]
 I32 = npt.NDArray[np.int32]
 
 _ROUND_ABOUT: Final = 1.7
-"""How much longer the way along the skin may be than straight on (half round a limb: 1.57)."""
+"""Largest ratio of the path along the skin to the straight one (half round a limb: 1.57)."""
 
 _HOLLOW: Final = 0.1
 
 _BLEND: Final = 0.2
-"""How much farther another triangle of actuators may be and still have a part in a place."""
+"""Relative distance up to which another triangle of actuators still takes part in a place."""
 
 
 class SurfaceNeighbours:
-    """Which of P places on the skin may be joined, and how long the way between them is.
+    """Pairs of P places on the skin that may be joined, and the length of the path between them.
 
     Pairs are measured when somebody asks for them.
     """
@@ -47,7 +47,7 @@ class SurfaceNeighbours:
         self._known: dict[tuple[int, int], float] = {}
 
     def lengths_m(self, pairs: I64) -> F64:
-        """Lengths along the skin (k,) of the ways between pairs (k, 2); infinite: not joined."""
+        """Lengths along the skin (k,) of the paths between pairs (k, 2); infinite if not joined."""
         asked = [(a, b) if a < b else (b, a) for a, b in pairs.tolist()]
         new = [pair for pair in dict.fromkeys(asked) if pair not in self._known]
         if new:
@@ -70,7 +70,7 @@ class SurfaceNeighbours:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGains:
-    """How strongly each of A actuators is driven by each vertex that the device reaches."""
+    """Gain of each of A actuators for each vertex that the device reaches."""
 
     vertices: I32  # (n,) ascending
     gains: F64  # (n, A)
@@ -144,13 +144,14 @@ def _cells(graph: Any, anchors: I64) -> tuple[I64, F64]:
 
 
 def _meeting(triangles: I64, nearest: I64) -> I64:
-    """Which cells meet in a triangle of skin, (n, 3), ascending in each row."""
+    """Cells that meet in a triangle of skin, (n, 3), ascending in each row."""
     cells = nearest[triangles]
     return np.unique(np.sort(cells[(cells >= 0).all(axis=1)], axis=1), axis=0)
 
 
 def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDArray[np.bool_]:
-    """Which pairs of places, (k,), see each other from outside, as two fingertips do.
+    """Test pairs of places, (k,), for free sight of each other from outside, as two fingertips
+    have.
 
     The way straight on may leave the body by a tenth of its length: skin is hollow in places.
     """

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is kept beside the user's data: two processes that write at the same time lose nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hfx_blender import own_processes, resources
+from hfx_blender.atomic_files import amend_json
+from hfx_blender.devices import surface_calibration
+from hfx_blender.playback import live_settings
+
+COUNT = 30
+STORES = {
+    "connections": "playback.live_settings import LiveSettings, store as _store\n"
+    "store = lambda name: _store(name, LiveSettings(port=name))",
+    "calibration": "devices.surface_calibration import store as _store\n"
+    "store = lambda name: _store(7.0, name)",
+}
+PROGRAM = """
+import sys
+from hfx_blender.{store}
+print("ready", flush=True)
+sys.stdin.read(1)
+for k in range({count}):
+    store(sys.argv[1] + str(k))
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the user's data is."""
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
+    return tmp_path / "data"
+
+
+@pytest.mark.parametrize("what", STORES)
+def test_two_processes_that_write_at_the_same_time_lose_nothing(what: str) -> None:
+    program = PROGRAM.format(store=STORES[what], count=COUNT)
+    processes = [
+        own_processes.start(own_processes.program(program, name), stdin=-1, stdout=-1, text=True)
+        for name in ("one", "other")
+    ]
+    for each in processes:
+        assert each.stdout.readline() == "ready\n"
+    for each in processes:
+        each.communicate("x")
+        assert each.returncode == 0
+    load = live_settings.load if what == "connections" else surface_calibration.load
+    assert sorted(load()) == sorted(f"{name}{k}" for name in ("one", "other") for k in range(COUNT))
+
+
+def test_what_raises_while_it_amends_leaves_the_file_and_no_lock(folder: Path) -> None:
+    path = folder / "a.json"
+    amend_json(path, lambda: {"a": 1})
+    with pytest.raises(ZeroDivisionError):
+        amend_json(path, lambda: {"b": 1 // 0})
+    amend_json(path, lambda: {**json.loads(path.read_bytes()), "c": 2})
+    assert json.loads(path.read_bytes()) == {"a": 1, "c": 2}
