@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 
 from .atomic_files import atomic_file
-from .devices.configuration import load_device
+from .devices.configuration import device_of_blend
 from .devices.script_rendering import Rendered, rendering
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
@@ -384,14 +384,8 @@ def _named(
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
-    """Load the devices that a scene names. A .blend names devices, it never chooses files."""
-    for device in scene.hfx.devices:
-        if "/" in device.name or "\\" in device.name or device.name.endswith(".json"):
-            raise InputError(
-                f"Scene '{scene.name}' asks for the device file '{device.name}': a .blend may "
-                "name devices only. Choose the file with --device."
-            )
-    return tuple(load_device(device.name) for device in scene.hfx.devices)
+    """Load the devices that a scene names."""
+    return tuple(device_of_blend(device.name) for device in scene.hfx.devices)
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:

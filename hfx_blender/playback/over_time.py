@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from ..devices.configuration import load_device
+from ..devices.configuration import device_of_blend
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.modality import MODALITIES, neutral_temperature_c
@@ -185,9 +185,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
     found = []
     for item in scene.hfx.devices:
         try:
-            if "/" in item.name or "\\" in item.name or item.name.endswith(".json"):
-                raise InputError(f"'{item.name}' is not a name; a .blend never chooses files.")
-            found.append(load_device(item.name))
+            found.append(device_of_blend(item.name))
         except HfxError as error:
             faults.append(str(error))
     return found
