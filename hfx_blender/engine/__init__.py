@@ -8,6 +8,7 @@ Modules and packages, lowest first: each imports only from those above it in thi
 counters          numbers of what the engine did
 indexing          index arithmetic within groups of different sizes
 matmul            products of matrices that start no threads
+ways              ways of points between two samples
 tolerance         the accepted error
 modality          the four modalities: parameters, units, how effects combine
 native            the compiled loops
