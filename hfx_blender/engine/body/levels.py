@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from . import library
-from .mesh_edit import expand
+from .mesh_edges import expand
 from .model import PerceptualModel, SkinWeights, load_model
 
 I32 = npt.NDArray[np.int32]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from .mesh_edit import edges_of
+from .mesh_edges import edges_of
 from .surface_locator import SurfaceLocator
 
 F64 = npt.NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from .mesh_edit import expand
+from .mesh_edges import expand
 from .nearest import barycentric
 
 F64 = npt.NDArray[np.float64]

@@ -146,7 +146,7 @@ class Capsule:
     """Points within 1 of the segment from -half_segment to +half_segment on Z.
 
     Its radius is 1, so a capsule of another size is placed by its world matrix times a
-    uniform scale by its radius (see :meth:`of_size`).
+    uniform scale by its radius.
     """
 
     half_segment: float
@@ -154,19 +154,6 @@ class Capsule:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.half_segment) and self.half_segment >= 0.0):
             raise ValueError(f"half_segment: expected 0 or more, got {self.half_segment}")
-
-    @classmethod
-    def of_size(cls, radius: float, height: float) -> Capsule:
-        """A capsule with these proportions; ``height`` is from tip to tip, at least 2 radii.
-
-        To place it, multiply the object's world matrix by ``diag(radius, radius, radius, 1)``.
-        """
-        if not (radius > 0.0 and height >= 2.0 * radius):
-            raise ValueError(f"capsule: height {height} must be at least twice radius {radius}")
-        return cls(0.5 * height / radius - 1.0)
-
-    is_convex: ClassVar[bool] = True
-    steepest_rise: ClassVar[float] = 1.0
 
     @property
     def bounds(self) -> F64:

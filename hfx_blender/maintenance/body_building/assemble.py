@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.body.mesh_edit import F64, I64, edges_of, triangle_normals
+from ...engine.body.mesh_edges import F64, I64, edges_of, triangle_normals
 from ...engine.body.model import Avatar, PerceptualModel, Skeleton, SkinWeights
 from ...engine.body.nearest import locate
 from ...engine.body.parts import CENTRE, LEFT, RIGHT

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...engine.body.cells import CELLS_FILE
 from ...engine.body.library import read_manifest
-from ...engine.body.mesh_edit import F64
+from ...engine.body.mesh_edges import F64
 from ...engine.body.model import (
     AVATAR_ID,
     Avatar,

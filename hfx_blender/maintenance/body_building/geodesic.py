@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...atomic_files import atomic_file
-from ...engine.body.mesh_edit import F64, I64, edges_of
+from ...engine.body.mesh_edges import F64, I64, edges_of
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import RIGHT
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...atomic_files import atomic_file
 from ...engine.body.levels import LEVELS_FILE, Level
-from ...engine.body.mesh_edit import F64, I64
+from ...engine.body.mesh_edges import F64, I64
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import RIGHT
 

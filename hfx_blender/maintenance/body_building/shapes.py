@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body.mesh_edit import F64, I64
+from ...engine.body.mesh_edges import F64, I64
 from ...engine.body.model import Avatar
 from ...engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
 from ...engine.retargeting.joints import skeletons_of

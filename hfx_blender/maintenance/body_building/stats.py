@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.body.mesh_edit import edges_of
+from ...engine.body.mesh_edges import edges_of
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import PARTS
 from .left_skin import Half

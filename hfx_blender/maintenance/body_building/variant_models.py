@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.body.mesh_edit import F64, triangle_normals
+from ...engine.body.mesh_edges import F64, triangle_normals
 from ...engine.body.model import Avatar, PerceptualModel, load_avatar, load_model, manifest, save
 from ...engine.body.nearest import locate
 from ...engine.body.parts import CENTRE, PARTS, RIGHT

@@ -164,17 +164,6 @@ class SoundCard:
             self._lost = "it was unplugged, or another program took it"
 
 
-def interfaces() -> list[str]:
-    """Names of sound cards that can play; none without PortAudio."""
-    try:
-        library = _library()
-        return [
-            str(each["name"]) for each in library.query_devices() if each["max_output_channels"]
-        ]
-    except Exception:
-        return []
-
-
 def _library() -> Any:
     try:
         return importlib.import_module("sounddevice")

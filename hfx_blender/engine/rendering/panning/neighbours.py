@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...body.mesh_edit import edges_of
+from ...body.mesh_edges import edges_of
 from ...body.model import PerceptualModel
 from ...body.parts import PARTS
 from ...body.skin_distance import SkinDistances
