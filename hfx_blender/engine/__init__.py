@@ -5,6 +5,7 @@ Pure Python and numpy; never imports ``bpy``. Two doors: :mod:`.scene` in, :mod:
 
 Modules and packages, lowest first: each imports only from those above it in this list.
 
+arrays            types of arrays
 counters          numbers of what the engine did
 indexing          index arithmetic within groups of different sizes
 matmul            products of matrices that start no threads

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from .active_rows import active_rows, warn_of_point
 from .areas.allocentric import AllocentricAreas
 from .areas.egocentric import EgocentricAreas
 from .areas.on_demand import ON_DEMAND, ON_DEMAND_HERE
 from .areas.sample_run_builder import SampleRunBuilder
+from .arrays import I64
 from .body.model import PerceptualModel, load_model
 from .contact.block_broad_phase import BlockBroadPhase
 from .counters import Counters
@@ -35,8 +35,6 @@ from .tolerance import STANDARD, Tolerance
 
 if TYPE_CHECKING:
     from .native.threads import Threads
-
-I64 = npt.NDArray[np.int64]
 
 
 class Engine:

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ..avatars import avatar_meshes, retargeting
+from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.colouring import PALETTES, Spread
 from ..engine.samples import Sample, SampleRun
@@ -19,8 +19,6 @@ from .evaluation import evaluation
 from .kept_frames import KeptFrames, Meshes
 from .over_time import OverTime
 from .skin_now import Skins
-
-F64 = npt.NDArray[np.float64]
 
 _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
 

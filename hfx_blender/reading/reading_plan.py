@@ -14,10 +14,10 @@ from functools import partial
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ..authoring import effect_values
 from ..avatars import avatar_meshes
+from ..engine.arrays import F64, I64
 from ..engine.body.model import load_model
 from ..engine.scene import (
     AnimationBlock,
@@ -42,10 +42,6 @@ from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
 from .stepped_volumes import SteppedVolumes, is_placeable, near
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import followed, of_read, with_pose
+from ..arrays import I64
 from ..contact import contacts
 from ..contact.block_broad_phase import BlockBroadPhase
 from ..contact.contact_query import ContactQuery
@@ -31,9 +31,6 @@ from .sample_run_builder import SampleRunBuilder
 
 if TYPE_CHECKING:
     from ..native.threads import Threads
-
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
 
 
 class AllocentricAreas:

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import posed_rows, with_pose
+from ..arrays import I64
 from ..samples import SampleRun
 from ..scene import (
     ActuatorArea,
@@ -20,8 +20,6 @@ from ..scene import (
 )
 from . import spot, vector_sensation
 from .sample_run_builder import SampleRunBuilder
-
-I64 = npt.NDArray[np.int64]
 
 
 class EgocentricAreas:

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64, Bool, Weights
 from ..counters import Counters
 from ..native.library import i64
 from ..skin.posed_skin import PosedSkin
@@ -23,12 +23,6 @@ from .compiled_target import Target, is_known
 from .contact_details import Details, tell_deepest
 from .continuous_collision import crossings, passing
 from .narrow_phase import Inside, coverage_weights
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-Weights = npt.NDArray[np.floating[Any]]
 
 _AT_ONCE: Final = 1 << 16
 """Points that are looked at together: with fewer, calls cost more; with more, memory does."""

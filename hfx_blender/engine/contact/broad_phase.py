@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..kinematics.motion import Motion, turns_since_before
 from ..native.skin import PosedBones
 from ..scene import EffectBlock, PoseBlock
@@ -22,11 +22,6 @@ from ..volume.placement import world_bounds
 from ..volume.shape import Falloff, Shape
 from . import continuous_collision
 from .target import Target
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-
 
 _PARTS: Final = 8  # of the way of a turning mesh
 

@@ -9,17 +9,12 @@ from functools import cache
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, U8, Bool
 from ..native.bounds import Outline
 from ..native.library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
 from ..native.skin import PosedBones, UsedBones
 from .compiled_target import PlacedTarget
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-U8 = npt.NDArray[np.uint8]
-Bool = npt.NDArray[np.bool_]
 
 NOT: Final = 0
 COVERED: Final = 1

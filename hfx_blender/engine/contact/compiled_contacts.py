@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import FARTHEST
+from ..arrays import I32, I64, Weights
 from ..native import gathering
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
@@ -21,10 +21,7 @@ from .compiled_target import PlacedTarget, is_known
 from .contact_query import ContactQuery
 from .continuous_collision import Drift
 
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-
-FoundContacts = tuple[I64, I64, I64, I32, gathering.Weights]
+FoundContacts = tuple[I64, I64, I64, I32, Weights]
 """Rows, sets, offsets, vertices and weights; see :class:`.contacts.Contacts`."""
 
 
@@ -74,7 +71,7 @@ def begin(query: ContactQuery) -> Callable[[], FoundContacts] | None:
         return _nothing
     pairs, posing = reached.pairs, _posing(skin, reached)
     columns, column_of = gathering.columns_of(reached.clusters, table)
-    weights: gathering.Weights = np.zeros((len(rows), len(columns)), falloff.precision)
+    weights: Weights = np.zeros((len(rows), len(columns)), falloff.precision)
     drifts = {}
     if reached.most_steps > 1:
         volume, body = target.part("matrices"), target.part("to_world")

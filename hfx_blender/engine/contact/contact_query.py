@@ -6,9 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
+from ..arrays import I64, Bool
 from ..counters import Counters
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
@@ -17,9 +15,6 @@ from .broad_phase import ReachableBounds
 
 if TYPE_CHECKING:
     from ..native.threads import Threads
-
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

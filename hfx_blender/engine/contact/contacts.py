@@ -11,12 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import FARTHEST
+from ..arrays import F64, I32, I64, Weights
 from ..kinematics.motion import largest_stretch
 from ..native import skin as native_skin
 from ..scene import PoseBlock
@@ -28,11 +27,6 @@ from .accumulator import ContactAccumulator
 from .broad_phase import ReachableBounds, VolumeBroadPhase
 from .contact_details import Details
 from .contact_query import ContactQuery
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Weights = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..kinematics.motion import Motion
 from ..skin.posed_skin import PosedSkin
 from ..tolerance import Tolerance
@@ -25,10 +25,6 @@ from ..ways import Ways
 from .contact_details import Details
 from .narrow_phase import WHOLE, Inside, sampled, steps_of, vertex_sample_suffices
 from .target import Target, steepest
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 MESH_WALL_M: Final = 0.001
 """Walls of meshes, whose thickness is not known, are taken to be no thinner than this."""

@@ -13,15 +13,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..skin.posed_skin import PosedSkin
 from ..skin.skin_quads import ROUNDING, diagonals, squares_of, steps_within
 from .target import Target, steepest
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 WHOLE: Final = 1.0 - 1e-9
 """Sum of shares that counts as 1 despite rounding."""

@@ -5,19 +5,14 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
+from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import I32, I64, Bool, Weights
 from .library import INTEGER, POINTER, library, pointer
 from .skin_table import Table
-
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-Weights = npt.NDArray[np.floating[Any]]
 
 _REALS: Final = {4: "single", 8: "double"}
 

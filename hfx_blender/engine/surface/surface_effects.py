@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import followed
+from ..arrays import F32, F64, I32, I64, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
 from ..contact.broad_phase import ReachableBounds
@@ -19,12 +19,6 @@ from ..skin.cell_coverage import BodySkin
 from ..texture.contact_path import ContactFollower, ContactPaths, SurfaceMesh
 from ..texture.contact_rendering import ContactRenderer
 from ..texture.device_range import DeviceRange
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _FINGERS = PARTS.index("fingers")
 _AT_ONCE = 512

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
-
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 SLOW_M_S: Final = 0.02
 FAST_M_S: Final = 0.1

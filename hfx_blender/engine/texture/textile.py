@@ -13,12 +13,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64
 from ..matmul import stacked_product
 from .height_field import HeightField
 from .stroke import Stroke
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 RATE_HZ: Final = 2000.0
 """Lowest rate of the heights; raised by a whole factor where a step would skip a texel."""

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...atomic_files import atomic_file
+from ...engine.arrays import F64, I64
 from ...engine.body.model import PerceptualModel
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device import DeviceConfig
@@ -35,9 +36,6 @@ from .collected import Collected
 from .envelopes import Dense, timescale_of
 from .model import Avatar, Hjif, Vector
 from .perceptions import PITCH_HZ, SUFFIX, Place, document_of, perception_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _WEIGHT_CLASSES: Final = 8
 

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
+from ...engine.arrays import F64, I64, Bool
 from ...engine.body import mesh_edges
-from ...engine.body.mesh_edges import F64, I64, Bool
 from ...engine.body.nearest import locate
 from . import mesh_edit
 from .crossings import crossings

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I64, U8, Bool
 from ...engine.body import mesh_edges
-from ...engine.body.mesh_edges import F64, I64, Bool
 from ...engine.body.parts import CENTRE, RIGHT
 from .skin import Skins
-
-U8 = npt.NDArray[np.uint8]
 
 SAMPLES_ACROSS: Final = 7
 """Sample points of the skin across one cell, about."""

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...engine.body.mesh_edges import F64, I64, Bool, Edges, edges_of, expand, key, triangle_normals
+from ...engine.arrays import F64, I64, Bool
+from ...engine.body.mesh_edges import Edges, edges_of, expand, key, triangle_normals
 
 
 def neighbours(edges: Edges) -> tuple[I64, I64]:

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from ...engine.arrays import F64, I64
 from ...engine.body import mesh_edges
-from ...engine.body.mesh_edges import F64, I64
 from ...engine.body.parts import PARTS
 from .left_skin import Half, LeftSkin, Samples
 from .remesher import HEXAGON

@@ -13,10 +13,9 @@ from typing import Final
 
 import numpy as np
 
+from ...engine.arrays import F64, I64, U8, Bool
 from ...engine.body import mesh_edges
-from ...engine.body.mesh_edges import F64, I64, Bool
 from .crossings import crossings, depth_m, pierced
-from .left_skin import U8
 from .remesher import Remesher
 
 COARSE_M: Final = 0.1

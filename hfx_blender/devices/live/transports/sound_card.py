@@ -17,13 +17,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ....engine.rendering.drive import driven
 from ..output import OutputLostError
 from ..tones import LONE, Tones
 from ..waveform import SumOfTones
-
-F64 = npt.NDArray[np.float64]
 
 DEAD_MAN_S: Final = 0.25
 """Time without values after which a card falls silent by itself, seconds: its thread
