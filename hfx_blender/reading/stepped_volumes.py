@@ -12,10 +12,10 @@ import bpy
 import numpy as np
 
 from .. import compat
-from ..authoring import responses
+from ..authoring import effect_values, responses
 from ..engine.arrays import F64, I64, Bool
 from ..stored_values import limited, limited_row
-from . import effect_values, visibility
+from . import visibility
 from .nearness import Box, swept_boxes
 from .response_values import highest_of
 from .scene_rows import Places

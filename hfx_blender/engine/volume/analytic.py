@@ -152,6 +152,9 @@ class Capsule:
         if not (math.isfinite(self.half_segment) and self.half_segment >= 0.0):
             raise ValueError(f"half_segment: expected 0 or more, got {self.half_segment}")
 
+    is_convex: ClassVar[bool] = True
+    steepest_rise: ClassVar[float] = 1.0
+
     @property
     def bounds(self) -> F64:
         box: F64 = _UNIT_BOX * np.array([1.0, 1.0, 1.0 + self.half_segment])
