@@ -13,8 +13,8 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
+from .engine.arrays import F64
 from .engine.body.model import PerceptualModel, load_model
 from .engine.evaluate import Engine
 from .engine.samples import SampleRun
@@ -29,8 +29,6 @@ from .engine.track import TrackReader
 from .errors import InputError
 from .formats import sound_wav
 from .reading.scene_reader import SceneReader
-
-F64 = npt.NDArray[np.float64]
 
 Progress = Callable[[float], None]
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.volume.mesh import MeshVolume
 from ..engine.volume.shape import Falloff, FalloffKind, Shape
 from ..errors import InputError
 from ..reading_counters import ReadingCounters
 from ..stored_values import limited
 from . import volumes
-
-F64 = npt.NDArray[np.float64]
 
 PARAMETER_PROPERTIES = {
     "vibration": ("amplitude", "frequency"),

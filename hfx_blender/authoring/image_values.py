@@ -7,12 +7,10 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.arrays import F32, F64
 from ..engine.texture.linear_light import height_from_colour, luminance
 from ..engine.texture.scan import fill_holes
 from ..errors import InputError
-
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
 LARGEST = 8192
 """Pixels along an edge of an image that is read: larger ones would take gigabytes."""

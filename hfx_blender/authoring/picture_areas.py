@@ -10,14 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..avatars import avatar_meshes, body_binding
+from ..engine.arrays import F64, I64
 from ..engine.body import areas
 from ..engine.scene import SurfaceAnchors
 from ..errors import InputError
 from . import effects
 from .image_values import pixels_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 def weights(effect: bpy.types.Object, image: bpy.types.Image, channel: str, uv_map: str) -> F64:

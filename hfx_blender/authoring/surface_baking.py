@@ -15,8 +15,8 @@ from typing import Any
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F32, F64, Bool
 from ..engine.texture.linear_light import luminance
 from ..engine.texture.normal_integration import heights_of_normals
 from ..engine.texture.scan import fill_holes
@@ -24,10 +24,6 @@ from ..errors import InputError
 from . import material_relief, surface_uv
 from .material_relief import Relief, Value
 from .surface_uv import Charts
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-Bool = npt.NDArray[np.bool_]
 
 FINEST = 4096
 """Texels along an edge: a bake of more takes gigabytes."""

@@ -18,8 +18,6 @@ from ..errors import InputError
 from ..formats import point_cloud
 from . import image_values, surface_baking, surface_uv
 
-F32 = npt.NDArray[np.float32]
-
 PICTURES = {".png", ".exr", ".tif", ".tiff", ".jpg", ".jpeg"}
 
 _LIKELY_M = (1e-3, 5.0)  # length of a scan

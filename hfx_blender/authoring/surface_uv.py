@@ -9,10 +9,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.arrays import F64, I64
 from ..errors import InputError
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _OUTSIDE = 1e-4  # of a UV unit
 _SMALLEST = 1e-12

@@ -17,8 +17,8 @@ from typing import Any
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.modality import MODALITIES
@@ -32,7 +32,6 @@ from . import avatar_meshes
 FIT = "hfx_fit"
 """ID property of an armature: its bones and meshes as they were, and the arrays of each model."""
 
-F64 = npt.NDArray[np.float64]
 
 _ARRAYS = {
     "vertices": np.float32,

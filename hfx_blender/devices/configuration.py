@@ -79,9 +79,35 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
     return device if own is None else replace(device, surface_drive_per_m=own)
 
 
+def device_of_blend(name: str, folder: Path | None = None) -> DeviceConfig:
+    """Read a device that a .blend names.
+
+    Raises
+    ------
+    InputError
+        The name is a file's, or :func:`load_device` raises it.
+    """
+    refuse_file(name)
+    return load_device(name, folder)
+
+
+def refuse_file(name: str) -> None:
+    """Raise InputError for a file: a .blend may name devices, it never chooses files."""
+    if _is_file(name):
+        raise InputError(
+            f"'{name[:100]}' is a file: a .blend may name devices only, it never chooses files. "
+            "Choose the file with --device."
+        )
+
+
+def _is_file(name_or_path: str | Path) -> bool:
+    text = str(name_or_path)
+    return isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text
+
+
 def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
-    if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
+    if _is_file(name_or_path):
         return _worn(Path(text)) or _read(Path(text))
     for each in _folders(folder) if re.fullmatch(ID_PATTERN, text) else ():
         device = _worn(each / (text + SUFFIX))
@@ -94,7 +120,7 @@ def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
 def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
     """File that :func:`load_device` reads for the same arguments; None if there is none."""
     text = str(name_or_path)
-    if isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text:
+    if _is_file(name_or_path):
         paths = [Path(text)]
     else:
         paths = [each / (text + SUFFIX) for each in _folders(folder)]

@@ -19,9 +19,9 @@ from queue import SimpleQueue
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import own_processes
+from ..engine.arrays import F64
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import Played, renderers_given
 from ..engine.rendering.render import Renderer, blocks
@@ -34,7 +34,6 @@ from .live.haptics import packed
 from .live.messages import Kind, MessageError, json_to, message, read_message, values_from
 from .live.script_process import end_group
 
-F64 = npt.NDArray[np.float64]
 Felt = list[tuple[SampleRun, F64]]
 
 START_S: Final = 60.0

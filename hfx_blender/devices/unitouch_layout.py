@@ -16,13 +16,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel
 from ..engine.body.parts import PARTS
 from ..engine.rendering.placement import on_parts
 from ..errors import InputError
 from .strict_json import Node
-
-F64 = npt.NDArray[np.float64]
 
 MAX_ACTUATORS: Final = 1000
 

@@ -5,9 +5,11 @@ Pure Python and numpy; never imports ``bpy``. Two doors: :mod:`.scene` in, :mod:
 
 Modules and packages, lowest first: each imports only from those above it in this list.
 
+arrays            types of arrays
 counters          numbers of what the engine did
 indexing          index arithmetic within groups of different sizes
 matmul            products of matrices that start no threads
+ways              ways of points between two samples
 tolerance         the accepted error
 modality          the four modalities: parameters, units, how effects combine
 ways              paths of points between two samples

@@ -12,11 +12,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import I64, Bool
 from .counters import Counters
 from .scene import AnimationBlock, BodyDescription, EffectBlock, EffectDescription, PoseBlock
-
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 FARTHEST = 1e12
 """Metres, and entries of matrices: a place beyond it is none, and its speed no float32."""

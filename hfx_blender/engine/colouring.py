@@ -14,10 +14,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import F64
 from .modality import MODALITIES, neutral_temperature_c
 from .samples import Sample
-
-F64 = npt.NDArray[np.float64]
 
 Colour = tuple[float, float, float]
 

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from .active_rows import active_rows, warn_of_controls, warn_of_point, with_directions
 from .areas.allocentric import AllocentricAreas
 from .areas.egocentric import EgocentricAreas
 from .areas.on_demand import ON_DEMAND, ON_DEMAND_HERE
-from .areas.sample_run_builder import RunMaker
+from .areas.sample_run_builder import SampleRunBuilder
+from .arrays import I64
 from .body.model import PerceptualModel, load_model
-from .contact.block_broad_phase import BlockReach
+from .contact.block_broad_phase import BlockBroadPhase
 from .counters import Counters
 from .native import skin
 from .response.answering import Answering
@@ -35,8 +35,6 @@ from .tolerance import STANDARD, Tolerance
 
 if TYPE_CHECKING:
     from .native.threads import Threads
-
-I64 = npt.NDArray[np.int64]
 
 
 class Engine:
@@ -80,10 +78,10 @@ class Engine:
             raise ValueError(f"record: expected some of {sorted(known)}, got {record}")
         self._skins = BoundSkins(models, tolerance, self.counters)
         self.responses = Answering(scene)
-        maker = RunMaker(scene, wanted, self._skins, self.counters)
-        self._egocentric = EgocentricAreas(maker)
+        builder = SampleRunBuilder(scene, wanted, self._skins, self.counters)
+        self._egocentric = EgocentricAreas(builder)
         self.threads = _threads(threads)
-        self._allocentric = AllocentricAreas(maker, self.responses, self.threads)
+        self._allocentric = AllocentricAreas(builder, self.responses, self.threads)
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Evaluate a block: one run of samples for each effect and body with any."""
@@ -105,7 +103,7 @@ class Engine:
         self.counters.times_skipped += len(block.indices) - block.history - count
         for body, pose in zip(self.scene.bodies, block.poses, strict=True):
             warn_of_point(is_active, pose, body, self.counters)
-        reach = BlockReach(block, self.scene.bodies, self._skins)
+        reach = BlockBroadPhase(block, self.scene.bodies, self._skins)
         begun = [
             self._begin(effect, animated, rows, block, reach)
             for (effect, animated), rows in zip(effects, rows_of, strict=True)
@@ -125,7 +123,7 @@ class Engine:
         animated: EffectBlock,
         rows: I64,
         block: AnimationBlock,
-        reach: BlockReach,
+        reach: BlockBroadPhase,
     ) -> Callable[[], list[SampleRun | None]]:
         """Begin one effect at the rows where it is on; each kind of area has its own method.
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from .arrays import F64, I64
 
 
 def ramp(counts: I64) -> tuple[I64, I64]:

@@ -6,9 +6,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from .arrays import F64
 
 _UNTHREADED: Final = 1 << 18
 """Multiplications in one product: more, or a single row of some thousands, and OpenBLAS would

@@ -15,18 +15,12 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from .arrays import F32, F64, I32, I64, Bool
 from .body.model import PerceptualModel, SkinWeights
 from .response_filters.controls import Filter
 from .texture.surface_texture import SurfaceTexture
 from .volume.shape import Falloff, Shape
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
-Bool = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

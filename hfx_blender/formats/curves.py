@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..engine.arrays import F64
 
 _MARGIN: Final = 1e-6
 """Share of a tolerance that is kept back for rounding."""

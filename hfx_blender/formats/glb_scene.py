@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..atomic_files import atomic_file
+from ..engine.arrays import F64, I64
 from ..engine.body.model import PerceptualModel
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, SceneDescription
 from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
@@ -24,9 +25,6 @@ from ..engine.volume.shape import Shape
 from .checking import clean
 from .glb import SUFFIX, TO_GLTF, Document, add_model
 from .written import Written
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _COLLISION, _ACTION_HAPTIC = 0, 7
 _CUBOID, _CYLINDER, _CAPSULE, _SPHEROID = 0, 2, 3, 4

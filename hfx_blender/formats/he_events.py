@@ -9,12 +9,10 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from .he_rules import MAX_CURVE_POINTS, MAX_DURATION_MS, MIN_CURVE_POINTS
 from .signals import FrequencyRange, Signal, bursts, joined_times
-
-F64 = npt.NDArray[np.float64]
 
 _SAME_LEVEL: Final = 0.005
 _SAME_SHARE: Final = 1.0  # of a hundred

@@ -18,10 +18,10 @@ import numpy.typing as npt
 
 from .. import file_limits
 from ..atomic_files import atomic_file
+from ..engine.arrays import U8
 from ..errors import InputError
 
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-U8 = npt.NDArray[np.uint8]
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _CHANNELS: Final = {0: 1, 2: 3, 4: 2, 6: 4}  # of the colour types that are read

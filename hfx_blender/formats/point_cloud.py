@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 SUFFIXES: Final = (".ply", ".xyz", ".txt", ".csv", ".asc")
 MOST_POINTS: Final = 50_000_000

@@ -9,15 +9,13 @@ from math import ceil
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import file_limits
+from ..engine.arrays import F64
 from ..engine.rendering.device import Actuator, DeviceConfig
 from ..engine.rendering.raster import Column, Raster
 from ..errors import InputError
 from .signals import Signal
-
-F64 = npt.NDArray[np.float64]
 
 RATE_HZ: Final = 500
 TICK_S: Final = 0.022

@@ -15,13 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import file_limits
+from ..engine.arrays import F64
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.limits import limited
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
 from .curves import Curve, CurveTolerance, deviation, simplified
-
-F64 = npt.NDArray[np.float64]
 
 DEFAULT_TOLERANCE: Final = CurveTolerance(0.01)
 

@@ -13,11 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..atomic_files import atomic_file
+from ..engine.arrays import F64
 from ..engine.spatial_sound.layouts import Layout
 from ..errors import InputError
 from .wav import SIDECAR_SUFFIX, _encoded, _head
-
-F64 = npt.NDArray[np.float64]
 
 SUFFIX: Final = ".sound.wav"
 RATE_HZ: Final = 48_000

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import file_suffixes
 from ..atomic_files import atomic_file
@@ -22,8 +21,6 @@ from .curves import Curve
 from .registry import pitch_tolerance
 from .signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, simplified_signals
 from .written import Written, write_json
-
-F64 = npt.NDArray[np.float64]
 
 WAV_RATE_HZ: Final = 48_000
 

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import file_limits
+from ..engine.arrays import F64
 from ..sentences import counted
 from .checking import clean, parse, read_bytes, refuse_errors
 from .curves import Curve
@@ -25,8 +26,6 @@ from .signals import FrequencyRange, Piece, Signal, mixed
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
 from .tact_rules import INTERVAL_MS, findings
 from .written import Written, beside, write_json
-
-F64 = npt.NDArray[np.float64]
 
 SUFFIX: Final = ".tact"
 DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0)

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import file_suffixes
 from ..devices.strict_json import Node
 from ..devices.strict_json import read as read_json
+from ..engine.arrays import F32
 from ..engine.texture.device_range import DeviceRange, NoticeableSteps
 from ..engine.texture.haptic_map import HapticMap
 from ..errors import InputError
@@ -28,8 +28,6 @@ _VERSION: Final = 1
 _LAYERS: Final = ("intensity", "sharpness")
 _REQUIRED: Final = ("format", "version", "layers", "size_mm", "amplitude_g", "frequency_hz")
 _OPTIONAL: Final = ("name", "tiles", "bits", "steps", "carrier_hz", "update_ms", "about")
-
-F32 = npt.NDArray[np.float32]
 
 
 def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = "") -> Written:

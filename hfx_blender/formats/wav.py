@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..atomic_files import atomic_file
+from ..engine.arrays import F64, I64
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.drive import DriveCurve, driven
 from ..engine.rendering.limits import limited
@@ -49,9 +50,6 @@ MAX_FREQUENCY_HZ: Final = 1000.0
 """Skin feels no vibration above it; well below half of any audio rate."""
 _MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
 _BLOCK_SAMPLES = 1 << 18  # over all channels
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

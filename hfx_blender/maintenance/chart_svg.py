@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ..atomic_files import atomic_file
+from ..engine.arrays import F64
 from ..engine.colouring import COLOURS
 from ..engine.rendering.raster import Raster
 from ..engine.track import TrackReader
-
-F64 = npt.NDArray[np.float64]
 
 _LEFT: Final = 215
 _WIDTH: Final = 960  # of the plot

@@ -10,13 +10,13 @@ import blf
 import bpy
 import gpu
 import numpy as np
-import numpy.typing as npt
 from gpu_extras.batch import batch_for_shader
+
+from ..engine.arrays import F64
 
 if TYPE_CHECKING:
     from ..playback.stroke_pad import StrokePad
 
-F64 = npt.NDArray[np.float64]
 _Colour = tuple[float, float, float, float]
 
 SIDE_PX = 400

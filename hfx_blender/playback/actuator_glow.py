@@ -12,6 +12,7 @@ import numpy.typing as npt
 from mathutils import Matrix
 
 from ..avatars import avatar_meshes
+from ..engine.arrays import F32, F64
 from ..engine.colouring import COLD, Colour
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.moment import MomentRenderer
@@ -21,9 +22,6 @@ from ..reading.live_scene import LiveScene
 from .actuator_places import ActuatorPlaces, places_of
 from .displayed_skin import DisplayedSkins
 from .timeline_record import TimelineRecord, devices_of, notes_of
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
 
 ABOVE_SKIN_M = 0.004
 

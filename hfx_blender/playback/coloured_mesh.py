@@ -8,19 +8,14 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 from mathutils import Matrix
 
+from ..engine.arrays import F32, I32, I64, U8
 from ..engine.colouring import Colour, Spread
 from ..engine.samples import Sample
 from .displayed_skin import DisplayedSkin, triangles_of
 from .incidence import Incidence
 from .skin_colours import SkinColours
-
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
-U8 = npt.NDArray[np.uint8]
 
 _ABOVE_SKIN_M = 0.0015
 """Height of colours over the skin, metres, so that the two do not flicker."""

@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
+from ..engine.arrays import F32, I32
 
 CORNERS = 12
 RINGS = 4

@@ -7,8 +7,6 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-F32 = npt.NDArray[np.float32]
-
 _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "ARRAY"})
 """Modifiers that add vertices behind those of the mesh."""
 

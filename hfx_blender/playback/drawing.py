@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from ..engine.arrays import F32, I32, U8
+
 if TYPE_CHECKING:
     import gpu
 
     from .actuator_glow import Discs, Looks
-    from .coloured_mesh import F32, I32, U8, Layer
+    from .coloured_mesh import Layer
     from .value_chart import Chart
 
 _MARGIN = 10.0

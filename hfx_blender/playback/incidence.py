@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-I64 = npt.NDArray[np.int64]
+from ..engine.arrays import I64
+
 Numbers = npt.NDArray[np.integer]
 
 

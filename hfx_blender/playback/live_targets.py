@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,13 +31,11 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
     UnapprovedScriptError
         Its script is to be read first.
     """
-    from ..devices.configuration import load_device
+    from ..devices.configuration import device_of_blend
     from ..devices.live import approval
 
-    if not re.fullmatch(r"[\w-]+", name):
-        raise InputError(f"Device '{name[:100]}' is not a name; a .blend never chooses files.")
     folder = resources.user_devices()
-    device = load_device(name, folder)
+    device = device_of_blend(name, folder)
     script = approval.script_of(name, folder)
     if script is not None and not script.is_approved:
         raise UnapprovedScriptError(

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ..avatars import avatar_meshes, retargeting
+from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.colouring import PALETTES, Spread
 from ..engine.samples import Sample, SampleRun
@@ -19,8 +19,6 @@ from .displayed_skin import DisplayedSkins
 from .evaluation import evaluation
 from .preview_frame_cache import Meshes, PreviewFrameCache
 from .timeline_record import TimelineRecord
-
-F64 = npt.NDArray[np.float64]
 
 _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
 

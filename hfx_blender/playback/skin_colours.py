@@ -9,15 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64, I64
 from ..engine.colouring import Colour, Spread, colour_name, overlay, strengths
 from ..engine.samples import Sample
 from .incidence import Incidence
-
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 class _Spreading:

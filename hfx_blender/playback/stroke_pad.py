@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.surface.surface_drive import SurfaceDrive
 from ..engine.texture.render import render_stroke
 from ..engine.texture.signal import Signal
 from ..engine.texture.stroke import FAST_M_S, SLOW_M_S, Stroke
 from ..engine.texture.surface_texture import SurfaceTexture
 from ..errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 TARGETS_M_S = (SLOW_M_S, FAST_M_S)
 TARGET_PX_S = 200.0

@@ -13,9 +13,9 @@ from fractions import Fraction
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
-from ..devices.configuration import load_device
+from ..devices.configuration import device_of_blend
+from ..engine.arrays import F64
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
 from ..engine.modality import MODALITIES, neutral_temperature_c
@@ -28,8 +28,6 @@ from ..engine.tolerance import PREVIEW
 from ..engine.track.header import TrackHeader
 from ..errors import HfxError, InputError
 from ..reading.scene_reader import SceneReader, time_base
-
-F64 = npt.NDArray[np.float64]
 
 MOST_SAMPLES = 20_000
 """A longer scene is sampled once a frame; one that is longer still, not at all."""
@@ -185,9 +183,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
     found = []
     for item in scene.hfx.devices:
         try:
-            if "/" in item.name or "\\" in item.name or item.name.endswith(".json"):
-                raise InputError(f"'{item.name}' is not a name; a .blend never chooses files.")
-            found.append(load_device(item.name))
+            found.append(device_of_blend(item.name))
         except HfxError as error:
             faults.append(str(error))
     return found

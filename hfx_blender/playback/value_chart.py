@@ -7,13 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F32, F64
 from ..engine.colouring import COLD, FULL_COLOUR, Colour
 from .timeline_record import TimelineRecord
-
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
 CURVE_HEIGHT = 22.0  # pixels of an effect's row, times the user's scale
 ROW_HEIGHT = 5.0  # of an actuator's

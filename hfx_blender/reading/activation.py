@@ -17,10 +17,9 @@ import numpy.typing as npt
 
 from .. import compat
 from ..authoring import clips
+from ..engine.arrays import F64
 from ..engine.scene import Clip
 from ..stored_values import limited
-
-F64 = npt.NDArray[np.float64]
 
 
 class Source(Enum):

@@ -17,12 +17,11 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel
 from ..engine.scene import SkinBinding
 from ..engine.tolerance import Tolerance
 from .scene_rows import PoseRow
-
-F64 = npt.NDArray[np.float64]
 
 _LONGEST_S = Fraction(5, 100)
 """Longest time between two poses that are read, seconds: any swing back within it is noticed."""

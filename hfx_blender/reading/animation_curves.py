@@ -15,11 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import compat
+from ..engine.arrays import F32, F64, I64
 from ..engine.kinematics.keyframe_curves import Interpolation, KeyedCurves
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
 
 Channel = tuple[str, int]
 """RNA path and array index of an animated value."""

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..engine.arrays import F64
 
 
 def _length(scene: bpy.types.Scene) -> np.float32:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..authoring import effect_values, responses
+from ..engine.arrays import F64, I64
 from ..engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..response_properties import HfxResponseFilter
@@ -19,9 +20,6 @@ from .activation import Activation, Source
 from .animation_curves import NotModelledError
 from .own_kinematics import Parents, PlainObject, rest_value
 from .surface_reading import SurfaceVertices
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _CHUNK = 256
 """Samples in a chunk: sampling few times costs nearly as much as sampling many."""

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from .. import compat
+from ..engine.arrays import F64
 from ..engine.scene import TimeBase
 from ..stored_values import limited
 from . import activation, stepping
 from .adaptive_reading import grid_step
 from .animation_time import animation_frames
 from .scene_description import sample_frames
-
-F64 = npt.NDArray[np.float64]
 
 MUTED = "is muted"
 

@@ -13,14 +13,12 @@ from fractions import Fraction
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from .. import compat
+from ..engine.arrays import F32
 from .animation_curves import AnimatedValues, NotModelledError
 from .animation_time import animation_frames
 from .own_kinematics import BONE_PATH, WIDTHS, rest_value
-
-F32 = npt.NDArray[np.float32]
 
 _CHUNK = 128
 """Times that are sampled together, always the same ones."""

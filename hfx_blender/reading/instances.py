@@ -19,9 +19,9 @@ from fractions import Fraction
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ..authoring import effect_values, effects, volumes
+from ..engine.arrays import F64, Bool
 from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
 from ..engine.volume.shape import Shape
 from ..errors import InputError
@@ -31,9 +31,6 @@ from .reached import is_instancer, reached_from
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, effect_block
 from .stepping import Stepper
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 MOST = 4096
 """Largest number of instances of haptic volumes."""

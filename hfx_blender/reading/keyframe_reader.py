@@ -12,18 +12,16 @@ from dataclasses import replace
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ..authoring.effect_values import Shapes, to_metres
 from ..devices.live.keyed_scene import KeyedBlock, KeyedScene
+from ..engine.arrays import F64
 from ..engine.scene import HapticSurface, HapticVolume
 from . import stepping
 from .animation_curves import NotModelledError
 from .animation_time import animation_frames
 from .curve_reading import CurveBody, CurveEffect, is_steady
 from .live_scene import LiveScene
-
-F64 = npt.NDArray[np.float64]
 
 Key = tuple[str, str]
 """Kind and name of a datablock."""

@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.body.cells import cell_of_skin
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.scene import BodyDescription, PoseBlock, SkinBinding, SurfaceBinding
-
-F64 = npt.NDArray[np.float64]
 
 _ROUNDING = 1e-6
 """Margin on all sides of a box, as a share of the largest coordinate."""

@@ -12,13 +12,11 @@ from collections.abc import Callable
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.kinematics.bone_hierarchy import rotations, transforms
 from ..engine.kinematics.keyed_rig import KeyedRig, rotation_channel
 from .animation_curves import AnimatedValues, NotModelledError
-
-F64 = npt.NDArray[np.float64]
 
 _POSE = "pose.bones["
 BONE_PATH = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]\.(\w+)$')

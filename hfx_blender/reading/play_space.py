@@ -5,16 +5,14 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.scene import TimeBase
 from ..errors import InputError
 from .animation_curves import NotModelledError
 from .animation_time import animation_frames
 from .own_kinematics import PlainObject
 from .scene_description import sample_frames
-
-F64 = npt.NDArray[np.float64]
 
 
 def poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:

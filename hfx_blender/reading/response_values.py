@@ -5,18 +5,16 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from .. import compat
 from ..authoring import responses
 from ..authoring.response_animation import PATH
+from ..engine.arrays import F64
 from ..engine.response_filters.controls import WIDTH, Filter, Kind
 from ..engine.response_filters.envelope import longest_s
 from ..engine.scene import TimeBase
 from ..stored_values import limited
 from .animation_time import animation_frames
-
-F64 = npt.NDArray[np.float64]
 
 _STEPS_A_FRAME = 4
 """Steps a frame at which a changing frequency is integrated to turns."""

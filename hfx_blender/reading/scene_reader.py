@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from .. import stored_values
 from ..authoring.effect_values import Shapes
+from ..engine.arrays import I64
 from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
@@ -43,9 +44,6 @@ _FRAME_RATES = (0.001, 10_000.0)
 
 MOST_SAMPLES = 2**24
 """Limit on samples: 46 hours at 100 samples a second; the data of each has to fit into memory."""
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 def time_base(

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..engine.modality import MODALITIES
 from ..engine.scene import EffectBlock, PoseBlock
 from ..engine.volume.shape import Shape
 from .surface_reading import joined
-
-F64 = npt.NDArray[np.float64]
 
 _RELATIVE = 1e-5
 _ABSOLUTE = 5e-6

@@ -8,11 +8,9 @@ from collections.abc import Callable
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
+from ..engine.arrays import F64
 from ..stored_values import limited
-
-F64 = npt.NDArray[np.float64]
 
 Value = Callable[[str], F64]
 """Path of a property below ``hfx`` -> its values (T,)."""

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import effect_values, volumes
 from ..avatars import avatar_meshes, body_binding
+from ..engine.arrays import F64
 from ..engine.scene import EffectBlock, SceneDescription, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..errors import InputError
@@ -22,8 +23,6 @@ from .scene_description import HapticObjects
 from .scene_rows import EffectRow, PoseRow, Row
 from .stepping import Stepper
 from .surface_reading import SurfaceVertices
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,21 +10,15 @@ from collections.abc import Sequence
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from .. import compat
-from ..authoring import responses
+from ..authoring import effect_values, responses
+from ..engine.arrays import F32, F64, I64, Bool
 from ..stored_values import limited, limited_row
-from . import effect_values
 from .nearness import Box, swept_boxes
 from .response_values import highest_of
 from .scene_rows import Places
 from .stepping import Stepper
-
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _SIZES = {
     "CUBOID": ("size",),

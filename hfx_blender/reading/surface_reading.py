@@ -5,13 +5,11 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ..authoring import surface_uv, surfaces
+from ..engine.arrays import F64
 from ..engine.scene import HapticSurface
 from ..errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 _OF_A_UV_UNIT = ("MATERIAL", "IMAGE")
 

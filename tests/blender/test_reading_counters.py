@@ -7,7 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hfx_blender.reading.reading_counters import ReadingCounters
+
+from hfx_blender.reading_counters import ReadingCounters
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")

@@ -10,6 +10,7 @@ import pytest
 from engine_synthetic import BONES, affine, model, pose, skinned
 
 from hfx_blender.engine.contact import contacts
+from hfx_blender.engine.contact.contact_query import ContactQuery
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding
 from hfx_blender.engine.skin.cell_coverage import BodySkin, Skin
@@ -74,9 +75,11 @@ def _find(
     effect = EffectBlock(levels, parameters, matrices, shapes, which)
     rows = np.arange(len(matrices)) if rows is None else np.asarray(rows)
     bounds = contacts.bounds_of(BOUND, posed, np.arange(len(posed.valid)))
-    return contacts.begin(
-        effect, falloff, rows, BOUND, posed, bounds, counters or Counters(), **options
-    )()
+    no = np.zeros(len(rows), np.bool_)
+    query = ContactQuery(
+        effect, falloff, BOUND, posed, bounds, counters or Counters(), rows, no, ~no, **options
+    )
+    return contacts.begin(query)()
 
 
 def _dense(found: contacts.Contacts) -> np.ndarray:

@@ -13,15 +13,12 @@ from operator import xor
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I64
 from ...engine.rendering.device import ActuatorType, DeviceConfig
 from ...engine.rendering.device_output import BytesEncoder, TextEncoder
 from ...engine.rendering.drive import drive_of
 from ...engine.rendering.limits import limited
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _NUMPY_TYPES: Final = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
 

@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.limits import DeviceLimits
 from .messages import as_row
 from .time_on import Account, TimeOn
-
-F64 = npt.NDArray[np.float64]
 
 LONGEST_RISE_S: Final = 0.05
 """Longest time that one rise is counted for, seconds: after a stall, values must not jump."""

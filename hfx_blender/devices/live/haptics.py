@@ -13,12 +13,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import Actuator, DeviceConfig
 from ...engine.samples import SampleRun
 from .messages import Array, MessageError, as_row, pack, unpack
-
-F64 = npt.NDArray[np.float64]
 
 API_VERSION: Final = 1
 """Changes whenever a script could notice; an approval is for one version."""

@@ -6,14 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.kinematics.keyed_rig import KeyedRig
 from ...engine.scene import AnimationBlock, EffectBlock, PoseBlock, SceneDescription
 from ...engine.tolerance import Tolerance
 from ...engine.volume.shape import Shape
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from contextlib import suppress
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
 from .clock import SYSTEM, Clock
 from .guard import Guard
@@ -21,8 +21,6 @@ from .pacing import Pace, Ramp, tick_s
 from .time_on import Account
 from .tones import Sounding
 from .waiting import Waiting
-
-F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
 """Number of times that stop bytes are sent: one that is lost or garbled must not matter."""

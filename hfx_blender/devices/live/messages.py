@@ -17,9 +17,9 @@ from typing import IO, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...own_processes import read_exactly
 
-F64 = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
 MAX_BODY: Final = 1 << 24

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.samples import Drive, SampleRun, Stream
 from ...engine.track.header import TrackHeader
@@ -21,8 +22,6 @@ from ...engine.track.header_json import from_json, to_json
 from .haptics import ARRAYS
 from .messages import Array, MessageError, json_from, json_to, pack, unpack
 from .playhead import Playhead
-
-F64 = npt.NDArray[np.float64]
 
 _PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.values())
 

@@ -5,12 +5,8 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-import numpy.typing as npt
-
+from ...engine.arrays import F64
 from .tones import Tones
-
-F64 = npt.NDArray[np.float64]
 
 
 class OutputLostError(Exception):

@@ -8,11 +8,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
-
-F64 = npt.NDArray[np.float64]
 
 LONGEST_RAMP_S: Final = 0.05
 """Longest delay by ramping, seconds; frames that come faster are delayed by less."""

@@ -16,9 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ...engine.arrays import F64
 from ...engine.modality import MODALITIES
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
@@ -38,8 +36,6 @@ from .moments import Moment, SceneMessage, Worn, moment_from, scene_from
 from .playhead import latencies_ms
 from .tones import Tones, frame_of, of_partials
 from .worker_input import messages_of_owner
-
-F64 = npt.NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 

@@ -19,16 +19,12 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
-
 from ... import own_processes
+from ...engine.arrays import F64
 from .approval import Approval
 from .clock import SYSTEM, Clock
 from .lane import PATIENCE_S, ScriptRefusedError
 from .messages import Kind, MessageError, json_to, message, read_message, values_from
-
-F64 = npt.NDArray[np.float64]
 
 READY_S: Final = 10.0
 """Time limit of a script's start, seconds: it may import what it needs."""

@@ -10,13 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ...engine.arrays import F64
 from .log_file import open_log
 from .output import OutputLostError
-
-F64 = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 64 << 20
 """Size at which the log begins anew, bytes: half an hour of a large device."""

@@ -16,12 +16,9 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, Bool
 from ...engine.rendering.device import ActuatorType
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 UNSURE_S: Final = 0.05
 """A step of unknown length counts so much where an actuator is on: a clock may stand still."""

@@ -13,13 +13,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I64
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.frequency import Partial
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 MAX_TONES: Final = 16
 """Largest number of different frequencies at once; of more, the strongest are kept."""

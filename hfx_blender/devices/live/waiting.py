@@ -8,11 +8,9 @@ from collections import deque
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.rendering.device import DeviceConfig
-
-F64 = npt.NDArray[np.float64]
 
 MAX_OFFSET_S: Final = 1.0
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.rendering.waveform import (
     Waveform,
     cycles_on_the_way,
@@ -19,8 +20,6 @@ from ...engine.rendering.waveform import (
     waves,
 )
 from .tones import Tones
-
-F64 = npt.NDArray[np.float64]
 
 RAMP_S: Final = 0.005
 """Duration of ramps to new amplitudes and frequencies, seconds: no clicks, and hardly any delay."""

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 from weakref import WeakSet
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import followed, of_read, with_pose
+from ..arrays import I64
 from ..contact import contacts
-from ..contact.block_broad_phase import BlockReach
+from ..contact.block_broad_phase import BlockBroadPhase
+from ..contact.contact_query import ContactQuery
 from ..response.answering import Answering, depths_of, with_own_sets
 from ..samples import SampleRun
 from ..scene import (
@@ -28,24 +29,23 @@ from ..skin.cell_coverage import BodySkin
 from ..surface.surface_effects import SurfaceEffects
 from ..volume.mesh import MeshVolume
 from . import on_demand
-from .sample_run_builder import RunMaker
+from .sample_run_builder import SampleRunBuilder
 
 if TYPE_CHECKING:
     from ..native.threads import Threads
-
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
 
 
 class AllocentricAreas:
     """Runs of haptic volumes, of their responses, and of haptic surfaces."""
 
-    def __init__(self, maker: RunMaker, responses: Answering, threads: Threads | None) -> None:
-        self._maker = maker
+    def __init__(
+        self, builder: SampleRunBuilder, responses: Answering, threads: Threads | None
+    ) -> None:
+        self._builder = builder
         self._threads = threads
         self._responses = responses
         self._indexed: WeakSet[MeshVolume] = WeakSet()
-        self._surfaces = SurfaceEffects(1.0 / float(maker.scene.time.rate_hz), maker.counters)
+        self._surfaces = SurfaceEffects(1.0 / float(builder.scene.time.rate_hz), builder.counters)
 
     def volume(
         self,
@@ -55,38 +55,38 @@ class AllocentricAreas:
         rows: I64,
         body: BodyDescription,
         block: AnimationBlock,
-        reach: BlockReach,
+        reach: BlockBroadPhase,
     ) -> Callable[[], SampleRun | None]:
         """Begin the contacts of a volume with a body; the returned function finishes them."""
-        pose = block.poses[self._maker.body_index[body.id]]
+        pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
-        rows = with_pose(of_read(rows, pose), posed, body, self._maker.counters)
+        rows = with_pose(of_read(rows, pose), posed, body, self._builder.counters)
         if not len(rows):
             return _nothing
         if reach.is_clear(animated, body, effect.model_id):
-            self._maker.counters.volume_tests += len(rows)
+            self._builder.counters.volume_tests += len(rows)
             return _nothing
-        rows, heard, follows = followed(rows, posed, animated, block)
-        skin = self._maker.skins.of(body, effect.model_id)
-        counters = self._maker.counters
-        before = counters.vertices_posed
-        found = contact.begin(
+        rows, reported, follows = followed(rows, posed, animated, block)
+        skin = self._builder.skins.of(body, effect.model_id)
+        query = ContactQuery(
             animated,
             volume.falloff,
-            rows,
             skin,
             pose,
             reach.bounds(body, effect.model_id),
-            counters,
-            follows=follows,
-            heard=heard,
-            own_sets=bool(self._maker.record),
-            with_details=bool(self._maker.record & {"depth", "surface"}),
-            with_impact="impact" in self._maker.record,
+            self._builder.counters,
+            rows,
+            follows,
+            reported,
+            own_sets=bool(self._builder.record),
+            with_details=bool(self._builder.record & {"depth", "surface"}),
+            with_impact="impact" in self._builder.record,
             threads=self._threads,
             title=f"effect '{effect.name}'",
         )
-
+        counters = self._builder.counters
+        before = counters.vertices_posed
+        found = contacts.begin(query)
         at_once = counters.vertices_posed - before
 
         def felt() -> SampleRun | None:
@@ -98,12 +98,12 @@ class AllocentricAreas:
 
         return felt
 
-    def _counted(self, hits: contact.Contacts, animated: EffectBlock) -> contact.Contacts:
-        """Contacts; meshes that were made searchable for them are counted."""
+    def _counted(self, hits: contacts.Contacts, animated: EffectBlock) -> contacts.Contacts:
+        """Count the meshes that were indexed for some contacts; returns the contacts."""
         for shape in animated.shapes:
             if isinstance(shape, MeshVolume) and shape.is_indexed and shape not in self._indexed:
                 self._indexed.add(shape)
-                self._maker.counters.meshes_indexed += 1
+                self._builder.counters.meshes_indexed += 1
         return hits
 
     def _felt(
@@ -119,18 +119,18 @@ class AllocentricAreas:
         """Make a run of samples from contacts."""
         if not len(hits.rows):
             return None
-        positions, velocities = self._maker.motion(
+        positions, velocities = self._builder.motion(
             skin.vertices, pose, hits.rows, hits.vertices, hits.offsets, block.indices
         )
         depth = surface = normals = impact = None
         if hits.details is not None:
-            if "depth" in self._maker.record:
+            if "depth" in self._builder.record:
                 depth = on_demand.depths(animated, hits)
-            if "surface" in self._maker.record:
+            if "surface" in self._builder.record:
                 surface, normals = on_demand.surface(animated, hits)
-            if "impact" in self._maker.record:
-                impact = on_demand.impact(animated, hits, block.indices, self._maker.scene.time)
-        return self._maker.run(
+            if "impact" in self._builder.record:
+                impact = on_demand.impact(animated, hits, block.indices, self._builder.scene.time)
+        return self._builder.run(
             effect,
             body.id,
             animated,
@@ -155,22 +155,22 @@ class AllocentricAreas:
         rows: I64,
         body: BodyDescription,
         block: AnimationBlock,
-        reach: BlockReach,
+        reach: BlockBroadPhase,
     ) -> SampleRun | None:
         """Evaluate a surface that a body moves over."""
-        pose = block.poses[self._maker.body_index[body.id]]
-        rows = with_pose(of_read(rows, pose), reach.posed(body), body, self._maker.counters)
+        pose = block.poses[self._builder.body_index[body.id]]
+        rows = with_pose(of_read(rows, pose), reach.posed(body), body, self._builder.counters)
         if not len(rows):
             return None
-        skin = self._maker.skins.of(body, effect.model_id)
+        skin = self._builder.skins.of(body, effect.model_id)
         bounds = reach.bounds(body, effect.model_id)
         felt = self._surfaces.evaluate(effect, animated, body.id, skin, pose, bounds, rows, block)
         if felt is None:
             return None
-        positions, velocities = self._maker.motion(
+        positions, velocities = self._builder.motion(
             skin.vertices, pose, felt.rows, felt.vertices, felt.offsets, block.indices
         )
-        run = self._maker.run(
+        run = self._builder.run(
             effect,
             body.id,
             animated,
@@ -182,7 +182,7 @@ class AllocentricAreas:
             weights=felt.weights,
             positions=positions,
             velocities=velocities,
-            depth_m=felt.distance_m if "depth" in self._maker.record else None,
+            depth_m=felt.distance_m if "depth" in self._builder.record else None,
         )
         return replace(run, parameters=felt.parameters)
 
@@ -193,32 +193,32 @@ class AllocentricAreas:
         rows: I64,
         body: BodyDescription,
         block: AnimationBlock,
-        reach: BlockReach,
+        reach: BlockBroadPhase,
         run: SampleRun | None,
     ) -> SampleRun | None:
         """Evaluate the response of a volume to its contacts with a body."""
-        pose = block.poses[self._maker.body_index[body.id]]
+        pose = block.poses[self._builder.body_index[body.id]]
         posed = reach.posed(body)
         rows = rows[np.isin(rows, posed)]
         if not len(rows):
             return None
-        skin = self._maker.skins.of(body, effect.model_id)
+        skin = self._builder.skins.of(body, effect.model_id)
         near = reach.bounds(body, effect.model_id)
         felt = self._responses.answer(
             effect, body, animated, block, rows, posed, skin, pose, near, run
         )
-        if felt is None or not self._maker.record:
+        if felt is None or not self._builder.record:
             return felt
         felt = with_own_sets(felt)
         at = np.searchsorted(block.indices, felt.indices)
-        positions, velocities = self._maker.motion(
+        positions, velocities = self._builder.motion(
             skin.vertices, pose, at, felt.vertices, felt.offsets, block.indices
         )
-        if "positions" in self._maker.record:
+        if "positions" in self._builder.record:
             felt = replace(felt, positions=positions)
-        if "velocities" in self._maker.record:
+        if "velocities" in self._builder.record:
             felt = replace(felt, velocities=velocities)
-        if "depth" in self._maker.record:
+        if "depth" in self._builder.record:
             felt = replace(felt, depth_m=depths_of(felt, run))
         return felt
 

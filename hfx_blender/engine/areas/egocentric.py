@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import posed_rows, with_pose
+from ..arrays import I64
 from ..samples import SampleRun
 from ..scene import (
     ActuatorArea,
@@ -19,16 +19,14 @@ from ..scene import (
     SpotArea,
 )
 from . import spot, vector_sensation
-from .sample_run_builder import RunMaker
-
-I64 = npt.NDArray[np.int64]
+from .sample_run_builder import SampleRunBuilder
 
 
 class EgocentricAreas:
     """Runs of painted areas, of points that move on the skin, and of single actuators."""
 
-    def __init__(self, maker: RunMaker) -> None:
-        self._maker = maker
+    def __init__(self, builder: SampleRunBuilder) -> None:
+        self._builder = builder
         self._spots: dict[str, spot.SpotSkin] = {}
 
     def painted(
@@ -41,24 +39,24 @@ class EgocentricAreas:
     ) -> SampleRun | None:
         """An area with weights for its vertices."""
         positions = velocities = None
-        if self._maker.wants_motion:
-            k = self._maker.body_index[area.body_id]
-            body, pose = self._maker.scene.bodies[k], block.poses[k]
+        if self._builder.wants_motion:
+            k = self._builder.body_index[area.body_id]
+            body, pose = self._builder.scene.bodies[k], block.poses[k]
             if not pose.valid[rows].all():
                 raise ValueError("positions of painted vertices need a reader with_positions")
-            rows = with_pose(rows, posed_rows(pose), body, self._maker.counters)
+            rows = with_pose(rows, posed_rows(pose), body, self._builder.counters)
             if not len(rows):
                 return None
-        sets = np.arange(len(rows)) if self._maker.record else np.zeros(len(rows), np.int64)
+        sets = np.arange(len(rows)) if self._builder.record else np.zeros(len(rows), np.int64)
         count = int(sets[-1]) + 1
         offsets = np.arange(count + 1, dtype=np.int64) * len(area.vertices)
         vertices = np.tile(area.vertices, count)
-        if self._maker.wants_motion:
-            skin = self._maker.skins.of(body, effect.model_id).vertices
-            positions, velocities = self._maker.motion(
+        if self._builder.wants_motion:
+            skin = self._builder.skins.of(body, effect.model_id).vertices
+            positions, velocities = self._builder.motion(
                 skin, pose, rows, vertices, offsets, block.indices
             )
-        return self._maker.run(
+        return self._builder.run(
             effect,
             area.body_id,
             animated,
@@ -81,29 +79,29 @@ class EgocentricAreas:
         block: AnimationBlock,
     ) -> SampleRun | None:
         """Evaluate a point that moves on the skin."""
-        rows, focus = spot.focus_of(effect.name, area, animated, rows, self._maker.counters)
-        k = self._maker.body_index[area.body_id]
-        body, pose = self._maker.scene.bodies[k], block.poses[k]
-        with_motion = self._maker.wants_motion
+        rows, focus = spot.focus_of(effect.name, area, animated, rows, self._builder.counters)
+        k = self._builder.body_index[area.body_id]
+        body, pose = self._builder.scene.bodies[k], block.poses[k]
+        with_motion = self._builder.wants_motion
         if with_motion:
-            known = with_pose(rows, posed_rows(pose), body, self._maker.counters)
+            known = with_pose(rows, posed_rows(pose), body, self._builder.counters)
             rows, focus = known, focus[np.isin(rows, known)]
         if not len(rows):
             return None
         if effect.model_id not in self._spots:
-            self._spots[effect.model_id] = spot.SpotSkin(self._maker.skins.model(effect.model_id))
+            self._spots[effect.model_id] = spot.SpotSkin(self._builder.skins.model(effect.model_id))
         assert animated.place is not None
         radii_m = np.maximum(animated.place[rows, 1], 0.0)
         found = self._spots[effect.model_id].sets(
-            focus, radii_m, area.falloff, own_sets=bool(self._maker.record)
+            focus, radii_m, area.falloff, own_sets=bool(self._builder.record)
         )
         positions = velocities = None
         if with_motion:
-            skin = self._maker.skins.of(body, effect.model_id).vertices
-            positions, velocities = self._maker.motion(
+            skin = self._builder.skins.of(body, effect.model_id).vertices
+            positions, velocities = self._builder.motion(
                 skin, pose, rows, found.vertices, found.offsets, block.indices
             )
-        run = self._maker.run(
+        run = self._builder.run(
             effect,
             area.body_id,
             animated,
@@ -128,13 +126,13 @@ class EgocentricAreas:
     ) -> SampleRun | None:
         """Values for single actuators of one device."""
         rows, drive = vector_sensation.driven(
-            effect.name, area, animated, rows, self._maker.counters
+            effect.name, area, animated, rows, self._builder.counters
         )
         if not len(rows):
             return None
-        count = len(rows) if self._maker.record else 1
+        count = len(rows) if self._builder.record else 1
         nothing = np.zeros((0, 3), np.float32)
-        run = self._maker.run(
+        run = self._builder.run(
             effect,
             area.body_id,
             animated,

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import posed_rows
+from ..arrays import F32, F64, I32, I64
 from ..contact.contact_details import Details
 from ..contact.contacts import Contacts
 from ..samples import Impact
@@ -17,11 +17,6 @@ from ..scene import EffectBlock, PoseBlock, TimeBase
 from ..skin.posing import PosableModel
 from ..volume.nearest_surface import boundary_normals, nearest_surface
 from ..volume.shape import Shape
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 
 ON_DEMAND: Final = frozenset({"positions", "velocities", "depth"})
 """Optional contents of samples that a track can hold."""

@@ -6,8 +6,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F32, I32, I64
 from ..counters import Counters
 from ..modality import MODALITIES
 from ..samples import Impact, SampleRun, Stream
@@ -16,12 +16,8 @@ from ..skin.bound_skins import BoundSkins
 from ..skin.posing import PosableModel
 from . import on_demand
 
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
-
-class RunMaker:
+class SampleRunBuilder:
     """Builder of one scene's sample runs.
 
     Parameters

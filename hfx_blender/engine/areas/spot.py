@@ -12,18 +12,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F32, F64, I32, I64
 from ..body.model import PerceptualModel
 from ..body.skin_distance import SkinDistances
 from ..counters import Counters
 from ..scene import EffectBlock, SpotArea
 from ..volume.shape import Falloff
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 
 _LEAST: Final = 1e-3
 """Weights up to this are dropped: below half of the resolution of a track's 8 bits."""

@@ -10,14 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..counters import Counters
 from ..samples import Drive
 from ..scene import ActuatorArea, EffectBlock
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 def driven(

@@ -11,12 +11,9 @@ from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from .model import PerceptualModel
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 Blend = Literal["replace", "add", "subtract", "multiply"]
 BLENDS: Final[tuple[Blend, ...]] = ("replace", "add", "subtract", "multiply")

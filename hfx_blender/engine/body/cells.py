@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import I32
 from . import library
 from .model import PerceptualModel
-
-I32 = npt.NDArray[np.int32]
 
 CELLS_FILE: Final = "cells.npz"
 

@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import I32
 from ..native import clusters as native
 from .model import PerceptualModel
-
-I32 = npt.NDArray[np.int32]
 
 LEAF_SIZE = 128
 """Vertices in a cluster at most: smaller ones cost more bounds, larger ones pose too much."""

@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import I32
 from . import library
-from .mesh_edit import expand
+from .mesh_edges import expand
 from .model import PerceptualModel, SkinWeights, load_model
-
-I32 = npt.NDArray[np.int32]
 
 LEVELS_FILE: Final = "{modality}-levels.npz"
 

@@ -25,6 +25,7 @@ import numpy.typing as npt
 from ... import file_limits, resources
 from ...atomic_files import atomic_file
 from ...errors import InputError
+from ..arrays import F32, I32, U8
 from . import library
 from .library import manifest as manifest  # the index belongs to what it lists
 
@@ -51,10 +52,6 @@ _DAMAGE: Final = (
 
 AVATAR_ID = "hfx-avatar-1"
 """Id of the shipped avatar, whose skeleton is the canonical one."""
-
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
-U8 = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from .mesh_edit import F64, I64, expand, triangle_normals
+from ..arrays import F64, I64
+from .mesh_edges import expand, triangle_normals
 
 _CANDIDATES: Final = 8
 """Number of candidate triangles, enough for any mesh without slivers."""

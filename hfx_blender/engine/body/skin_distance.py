@@ -14,10 +14,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I64
 from .nearest import barycentric
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _FAR: Final = 1e9  # metres: not reached; finite, so that nothing becomes a NaN
 _SETTLED_M: Final = 1e-6

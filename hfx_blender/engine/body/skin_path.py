@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from .mesh_edit import edges_of
+from ..arrays import F64, I64
+from .mesh_edges import edges_of
 from .surface_locator import SurfaceLocator
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 STEP_M: Final = 0.004
 """Spacing of a finished path's points, metres: less than any two-point threshold but a

@@ -6,13 +6,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from .mesh_edit import expand
+from ..arrays import F64, I64
+from .mesh_edges import expand
 from .nearest import barycentric
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _TRIES: Final = 4
 """Nearest vertices whose triangles are tried; three do on an even mesh."""

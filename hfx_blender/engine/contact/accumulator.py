@@ -8,37 +8,31 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64, Bool, Weights
 from ..counters import Counters
 from ..native.library import i64
 from ..skin.posed_skin import PosedSkin
 from . import compiled_broad_phase
 from . import compiled_narrow_phase as native
-from .broad_phase import Placed
+from .broad_phase import VolumeBroadPhase
 from .compiled_target import Target, is_known
 from .contact_details import Details, tell_deepest
 from .continuous_collision import crossings, passing
-from .narrow_phase import Inside, covered
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-Weights = npt.NDArray[np.floating[Any]]
+from .narrow_phase import Inside, coverage_weights
 
 _AT_ONCE: Final = 1 << 16
 """Points that are looked at together: with fewer, calls cost more; with more, memory does."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ContactAccumulator:
     """Contact accumulator: results so far, at rows and vertices of all clusters that are needed."""
 
-    placed: Placed
+    broad: VolumeBroadPhase
     counters: Counters
     columns: I32  # (C,) vertices, ascending
     column_of: I64  # (V,) where each vertex is in ``columns``
@@ -47,26 +41,26 @@ class Found:
     inside: list[Inside] | None
 
     @classmethod
-    def none_yet(
-        cls, placed: Placed, needed: Bool, counters: Counters, with_details: bool
-    ) -> Found:
+    def empty(
+        cls, broad: VolumeBroadPhase, needed: Bool, counters: Counters, with_details: bool
+    ) -> ContactAccumulator:
         """Empty accumulator for the rows and clusters ``needed`` (n, clusters)."""
-        is_column = needed.any(axis=0)[placed.skin.cluster_of]
+        is_column = needed.any(axis=0)[broad.skin.cluster_of]
         columns = np.flatnonzero(is_column).astype(np.int32)
-        shape = len(placed.rows), len(columns)
-        weights: Weights = np.zeros(shape, placed.target.falloff.precision)
-        details = Details.none_yet(*weights.shape) if with_details else None
+        shape = len(broad.rows), len(columns)
+        weights: Weights = np.zeros(shape, broad.target.falloff.precision)
+        details = Details.empty(*weights.shape) if with_details else None
         inside: list[Inside] | None = [] if with_details else None
         column_of = np.cumsum(is_column) - 1
-        return cls(placed, counters, columns, column_of, weights, details, inside)
+        return cls(broad, counters, columns, column_of, weights, details, inside)
 
     def look_at_vertices(self, asked: Bool, enclosed: Bool) -> None:
         """Weights by vertex, of rows and clusters ``asked`` (n, clusters).
 
         Where the volume has no falloff, clusters that are ``enclosed`` need not be posed.
         """
-        placed, skin = self.placed, self.placed.skin
-        if placed.target.falloff.is_flat:
+        broad, skin = self.broad, self.broad.skin
+        if broad.target.falloff.is_flat:
             whole = asked & enclosed
             if whole.any():
                 self.weights[whole[:, skin.cluster_of[self.columns]]] = 1.0
@@ -76,13 +70,13 @@ class Found:
         if not len(groups):
             return
         members, some = skin.groups.clusters, np.flatnonzero(is_asked.any(axis=0))
-        posed = skin.groups.posed(some, placed.pose, placed.rows, placed.to_shape)
+        posed = skin.groups.posed(some, broad.pose, broad.rows, broad.to_shape)
         for part in _batches(groups, skin.group_sizes):
             points = posed.all_points(groups[part], rows[part])
             row = np.repeat(rows[part], skin.group_sizes[groups[part]])
             vertex = np.concatenate([members[group] for group in groups[part].tolist()])
             self.counters.vertices_posed += points.shape[1]
-            found = placed.target.weights(points, row)
+            found = broad.target.weights(points, row)
             if skin.is_grouped:
                 mine = asked[row, skin.cluster_of[vertex]]
                 row, vertex, found = row[mine], vertex[mine], found[mine]
@@ -91,17 +85,17 @@ class Found:
     def look_at_skin(self, wide: Bool, followed: Bool) -> None:
         """Add weights of cells, at rows and clusters ``wide`` (n, clusters), and of passages before
         the rows of those ``followed``."""
-        placed, surface = self.placed, self.placed.skin.surface
+        broad, surface = self.broad, self.broad.skin.surface
         needed = wide | followed
         needed[:-1] |= followed[1:]
         clusters, rows = np.nonzero(needed.T)
         if not len(clusters):
             return
-        table, some = placed.skin.skin.table, np.flatnonzero(needed.any(axis=0))
+        table, some = broad.skin.skin.table, np.flatnonzero(needed.any(axis=0))
         table.need(some)
-        if self.details is None and is_known(placed.target.shapes):
+        if self.details is None and is_known(broad.target.shapes):
             later = followed[rows, clusters]
-            steps = placed.followed_in_steps(later, clusters, rows)
+            steps = broad.followed_in_steps(later, clusters, rows)
             how = np.where(
                 wide[rows, clusters], compiled_broad_phase.COVERED, compiled_broad_phase.NOT
             ).astype(np.uint8)
@@ -110,11 +104,11 @@ class Found:
             )
             return
         allowed_m = self._allowed_m(some, clusters, rows)
-        posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
+        posed = surface.posed(some, broad.pose, broad.rows, broad.to_shape)
         for part in _batches(clusters, table.place_counts):
             pair, row = clusters[part], rows[part]
             points, gaps = posed.skin(pair, row, table)
-            clear = placed.target.clearances(points, np.repeat(row, table.place_counts[pair]))
+            clear = broad.target.clearances(points, np.repeat(row, table.place_counts[pair]))
             skin = PosedSkin(table, pair, row, points, gaps, clear, allowed_m[part])
             self.counters.vertices_posed += points.shape[1]
             self._cover(skin, wide[row, pair])
@@ -122,13 +116,13 @@ class Found:
 
     def _look_natively(self, pairs: compiled_broad_phase.Pairs, some: I64) -> None:
         """:meth:`look_at_skin` by the library."""
-        placed, table = self.placed, self.placed.skin.skin.table
-        surface, target = placed.skin.surface, placed.target
-        posed = surface.posed(some, placed.pose, placed.rows, placed.to_shape)
+        broad, table = self.broad, self.broad.skin.skin.table
+        surface, target = broad.skin.surface, broad.target
+        posed = surface.posed(some, broad.pose, broad.rows, broad.to_shape)
         points, _ = posed.skin(pairs.clusters, pairs.rows, table)
         self.counters.vertices_posed += points.shape[1]
         turning = [number for number in np.unique(pairs.steps).tolist() if number > 1]
-        drifts = {number: placed.drift(number) for number in turning}
+        drifts = {number: broad.drift(number) for number in turning}
         native.look_at_skin(
             pairs,
             table,
@@ -140,9 +134,9 @@ class Found:
                 target.which,
                 target.falloff,
                 target.amplitude,
-                placed.matrices,
-                placed.inverses,
-                placed.pose.to_world[placed.rows],
+                broad.matrices,
+                broad.inverses,
+                broad.pose.to_world[broad.rows],
             ),
             {number: (drift.from_before, drift.from_after) for number, drift in drifts.items()},
             self.weights,
@@ -151,12 +145,12 @@ class Found:
 
     def _allowed_m(self, some: I64, clusters: I64, rows: I64) -> F64:
         """Accepted distance of the skin of cluster-row pairs from its samples, metres (pairs,)."""
-        placed, distance_m = self.placed, self.placed.skin.skin.tolerance.distance_m
+        broad, distance_m = self.broad, self.broad.skin.skin.tolerance.distance_m
         if not math.isfinite(distance_m):
             return np.full(len(clusters), distance_m)
-        at = placed.rows
-        stretches = placed.skin.surface.least_stretches(
-            some, placed.pose, at, placed.pose.to_world[at]
+        at = broad.rows
+        stretches = broad.skin.surface.least_stretches(
+            some, broad.pose, at, broad.pose.to_world[at]
         )
         allowed: F64 = distance_m * stretches[rows, np.searchsorted(some, clusters)]
         return allowed
@@ -169,7 +163,7 @@ class Found:
     def _cover(self, skin: PosedSkin, wide: Bool) -> None:
         if not wide.any():
             return
-        found = covered(skin, wide, self.placed.target, self.inside)
+        found = coverage_weights(skin, wide, self.broad.target, self.inside)
         felt = np.flatnonzero(found)  # the others are 0 as it is
         self.weights[self._places(skin, felt)] = found[felt]
 
@@ -177,8 +171,8 @@ class Found:
         """Add cells that were passed since the row before, without contact at that row."""
         if not later.any():
             return
-        placed, target = self.placed, self.placed.target
-        steps = placed.followed_in_steps(later, skin.clusters, skin.rows)
+        broad, target = self.broad, self.broad.target
+        steps = broad.followed_in_steps(later, skin.clusters, skin.rows)
         felt = []
         for number in np.unique(steps[later]).tolist():
             slots = passing(skin, steps == number, target, is_straight=number == 1)
@@ -186,7 +180,7 @@ class Found:
             is_open = self.weights[rows - 1, columns] == 0.0
             if self.details is None:
                 is_open &= self.weights[rows, columns] < 1.0
-            crossed = crossings(skin, slots[is_open], target, placed.drift(number))
+            crossed = crossings(skin, slots[is_open], target, broad.drift(number))
             peaks = crossed.peaks(skin.contact_count)
             met = np.flatnonzero(peaks)
             felt.append((self._places(skin, met), peaks[met]))
@@ -198,11 +192,11 @@ class Found:
 
     def place_all(self, needed: Bool) -> None:
         """Set the places of contacts: the vertex if that is inside, else the deepest sample."""
-        placed, vertices = self.placed, self.placed.skin.vertices
-        target = placed.target
+        broad, vertices = self.broad, self.broad.skin.vertices
+        target = broad.target
         assert self.details is not None and self.inside is not None
         clusters = np.flatnonzero(needed.any(axis=0))
-        posed = vertices.posed(clusters, placed.pose, placed.rows, placed.to_shape)
+        posed = vertices.posed(clusters, broad.pose, broad.rows, broad.to_shape)
         is_open = self.weights > 0.0
         for cluster in clusters.tolist():
             rows = np.flatnonzero(needed[:, cluster])
@@ -214,8 +208,8 @@ class Found:
             is_in = target.weights(points.reshape(3, -1), row) > 0.0
             is_open[rows[:, None], columns] &= ~is_in.reshape(len(rows), -1)
         shapes = [target.shapes[k] for k in target.which.tolist()]
-        column_of = self.column_of[placed.skin.skin.table.cells]
-        tell_deepest(self.details, is_open, self.inside, column_of, shapes, placed.matrices)
+        column_of = self.column_of[broad.skin.skin.table.cells]
+        tell_deepest(self.details, is_open, self.inside, column_of, shapes, broad.matrices)
 
 
 def _batches(clusters: I64, sizes: I64) -> Iterator[slice]:

@@ -10,19 +10,15 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import posed_rows
+from ..arrays import F64, I64, Bool
 from ..kinematics.motion import turned_by
 from ..native import volume_boxes as native
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
 from ..skin.bound_skins import BoundSkins
 from .broad_phase import ReachableBounds
 from .contacts import bounds_of, box_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _FEWEST: Final = 32
 """Volumes times rows from which looking at whole boxes first pays."""
@@ -33,7 +29,7 @@ _UPRIGHT: Final = 0.05
 _ROUNDING: Final = 1e-12
 
 
-class BlockReach:
+class BlockBroadPhase:
     """Broad-phase data of a block's volumes and bodies, each computed once.
 
     Parameters

@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..kinematics.motion import Motion, turns_since_before
 from ..native.skin import PosedBones
 from ..scene import EffectBlock, PoseBlock
@@ -22,11 +22,6 @@ from ..volume.placement import world_bounds
 from ..volume.shape import Falloff, Shape
 from . import continuous_collision
 from .target import Target
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-
 
 _PARTS: Final = 8  # of the way of a turning mesh
 
@@ -58,7 +53,7 @@ class ReachableBounds:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class VolumeBroadPhase:
     """A volume and a body over some rows."""
 
     skin: BodySkin
@@ -82,7 +77,7 @@ class Placed:
         skin: BodySkin,
         pose: PoseBlock,
         bounds: ReachableBounds,
-    ) -> Placed:
+    ) -> VolumeBroadPhase:
         assert effect.matrices is not None
         which = effect.shapes_at(rows)
         matrices, to_world = effect.matrices[rows], pose.to_world[rows]
@@ -183,7 +178,7 @@ class Placed:
         which = self.target.which[later]
         for k in np.unique(which).tolist():
             mine = np.flatnonzero(which == k)
-            limits[mine] = continuous_collision.unseen_m(
+            limits[mine] = continuous_collision.max_untracked_motion_m(
                 self.target.shapes[k],
                 self.inverses[later[mine]],
                 self.target.falloff,

@@ -9,17 +9,12 @@ from functools import cache
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, U8, Bool
 from ..native.bounds import Outline
 from ..native.library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
 from ..native.skin import PosedBones, UsedBones
 from .compiled_target import PlacedTarget
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-U8 = npt.NDArray[np.uint8]
-Bool = npt.NDArray[np.bool_]
 
 NOT: Final = 0
 COVERED: Final = 1
@@ -37,7 +32,7 @@ _Pairs = structure(
 _Broad = structure(
     "hfx_broad",
     **dict.fromkeys(("outline", "row", "all", "low", "high", "of_rows", "of_clusters"), POINTER),
-    **dict.fromkeys(("follows", "heard"), POINTER),
+    **dict.fromkeys(("follows", "reported"), POINTER),
     edge_m=DOUBLE,
     is_split=INTEGER,
     **dict.fromkeys(("at", "flags", "near"), POINTER),
@@ -98,7 +93,7 @@ class Reached:
     bones: PosedBones  # to shape space; only those that move anything of what is looked at
 
 
-class Broad:
+class CompiledBroadPhase:
     """Broad phase of one volume and one body: clusters that can be reached, row by row.
 
     Parameters
@@ -110,7 +105,7 @@ class Broad:
         Of the block, ascending; those of the target are among them.
     boxes : tuple
         The clusters' world boxes at these; see :meth:`..native.bounds.Outline.bounds`.
-    follows, heard : (n,) bool
+    follows, reported : (n,) bool
         See :func:`.contacts.begin`.
     edge_m : float
         How far off the edge of a contact may be.
@@ -125,7 +120,7 @@ class Broad:
         rows: I64,
         boxes: tuple[F64, F64, F64, F64],
         follows: Bool,
-        heard: Bool,
+        reported: Bool,
         edge_m: float,
         is_split: bool,
     ) -> None:
@@ -135,8 +130,8 @@ class Broad:
         self._flags = np.empty(count * clusters, np.uint8)
         self._at, self._near = np.empty(count, np.int64), np.empty(clusters, np.int64)
         self._target, self._outline = target, outline
-        follows, heard = (np.ascontiguousarray(each, np.bool_) for each in (follows, heard))
-        self._arrays = target.rows, i64(rows), *map(f64, boxes), follows, heard
+        follows, reported = (np.ascontiguousarray(each, np.bool_) for each in (follows, reported))
+        self._arrays = target.rows, i64(rows), *map(f64, boxes), follows, reported
         self._pointers = _Broad(
             outline.address,
             *[pointer(each) for each in self._arrays],

@@ -7,58 +7,36 @@ The same as :func:`.contacts.begin` does in numpy, step by step; what it cannot 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import FARTHEST
-from ..counters import Counters
+from ..arrays import I32, I64, Weights
 from ..native import gathering
-from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
-from ..volume.shape import Falloff
 from . import compiled_broad_phase
 from . import compiled_narrow_phase as native
 from .compiled_target import PlacedTarget, is_known
+from .contact_query import ContactQuery
 from .continuous_collision import Drift
 
-if TYPE_CHECKING:
-    from ..native.threads import Threads
-    from .broad_phase import ReachableBounds
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-
-Found = tuple[I64, I64, I64, I32, gathering.Weights]
+FoundContacts = tuple[I64, I64, I64, I32, Weights]
 """Rows, sets, offsets, vertices and weights; see :class:`.contacts.Contacts`."""
 
 
-def is_possible(effect: EffectBlock, skin: BodySkin) -> bool:
+def is_possible(query: ContactQuery) -> bool:
     """Test that the library is there and supports this volume and this body's binding."""
-    return isinstance(skin.surface, SkinnedModel) and is_known(effect.shapes)
+    return isinstance(query.skin.surface, SkinnedModel) and is_known(query.effect.shapes)
 
 
-def begin(
-    effect: EffectBlock,
-    falloff: Falloff,
-    rows: I64,
-    skin: BodySkin,
-    pose: PoseBlock,
-    bounds: ReachableBounds,
-    counters: Counters,
-    follows: Bool,
-    heard: Bool,
-    own_sets: bool,
-    threads: Threads | None,
-) -> Callable[[], Found] | None:
+def begin(query: ContactQuery) -> Callable[[], FoundContacts] | None:
     """Begin the contacts of a body with a volume; None where the volume is unusable at some row.
 
-    As :func:`.contacts.begin`; rows are places among ``rows``.
+    As :func:`.contacts.begin`; rows are places among those of the query.
     """
+    effect, falloff, pose, skin = query.effect, query.falloff, query.pose, query.skin
+    counters, bounds, rows = query.counters, query.bounds, query.rows
     assert isinstance(skin.surface, SkinnedModel)
     assert effect.matrices is not None and pose.bones is not None
     tolerance, table = skin.skin.tolerance, skin.skin.table
@@ -74,15 +52,15 @@ def begin(
     )
     if not target.is_usable:
         return None
-    broad = compiled_broad_phase.Broad(
-        *(target, skin.surface.outline, bounds.rows, bounds.boxes, follows, heard),
+    broad = compiled_broad_phase.CompiledBroadPhase(
+        *(target, skin.surface.outline, bounds.rows, bounds.boxes, query.follows, query.reported),
         *(skin.skin.edge_m, skin.skin.is_split),
     )
-    tests = int(np.count_nonzero(heard))
+    tests = int(np.count_nonzero(query.reported))
     counters.volume_tests += tests
     counters.clusters_tested += tests * bounds.low.shape[1]
     met = broad.overlaps()
-    if not len(met) and not follows.any():
+    if not len(met) and not query.follows.any():
         return _nothing
     groups = None
     if not falloff.is_flat and skin.skin.is_split and tolerance.amplitude > 0.0:
@@ -93,7 +71,7 @@ def begin(
         return _nothing
     pairs, posing = reached.pairs, _posing(skin, reached)
     columns, column_of = gathering.columns_of(reached.clusters, table)
-    weights: gathering.Weights = np.zeros((len(rows), len(columns)), falloff.precision)
+    weights: Weights = np.zeros((len(rows), len(columns)), falloff.precision)
     drifts = {}
     if reached.most_steps > 1:
         volume, body = target.part("matrices"), target.part("to_world")
@@ -101,11 +79,13 @@ def begin(
         for number in np.unique(pairs.steps[pairs.steps > 1]).tolist():
             drift = Drift.of(*ways, number)
             drifts[number] = drift.from_before, drift.from_after
-    looked = native.look_at_skin(pairs, table, posing, target, drifts, weights, column_of, threads)
+    looked = native.look_at_skin(
+        pairs, table, posing, target, drifts, weights, column_of, query.threads
+    )
 
-    def found() -> Found:
+    def found() -> FoundContacts:
         counters.vertices_posed += looked()
-        return gathering.gathered(weights, columns, heard, own_sets)
+        return gathering.gathered(weights, columns, query.reported, query.own_sets)
 
     return found
 
@@ -124,6 +104,6 @@ def _posing(skin: BodySkin, reached: compiled_broad_phase.Reached) -> native.Pos
     return native.Posing(clusters, own, reached.bones)
 
 
-def _nothing() -> Found:
+def _nothing() -> FoundContacts:
     none = np.zeros(0, np.int64)
     return none, none, np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0)

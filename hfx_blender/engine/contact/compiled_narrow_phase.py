@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Weights
 from ..native.library import INTEGER, POINTER, f64, library, pointer, structure
 from ..native.skin import Clusters, PosedBones
 from ..native.skin_table import Table, table_of
@@ -22,9 +22,6 @@ from .compiled_target import Target
 if TYPE_CHECKING:
     from ..native.threads import Threads
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Weights = npt.NDArray[np.floating[Any]]
 
 _STEP_KINDS: Final = 7  # 1, 2, ... 64 steps
 
@@ -72,7 +69,7 @@ def look_at_skin(
     column_of: I64,
     threads: Threads | None = None,
 ) -> Callable[[], int]:
-    """Compute contact weights of cells inside and of passages; see ``accumulator.Found``.
+    """Compute contact weights of cells inside and of passages; see ``ContactAccumulator``.
 
     Parameters
     ----------

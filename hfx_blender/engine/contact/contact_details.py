@@ -7,14 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..volume.shape import Shape
 from .narrow_phase import Inside
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +27,7 @@ class Details:
     ways: F64  # (3, total) how it moved then, for a whole time between samples
 
     @classmethod
-    def none_yet(cls, *shape: int) -> Details:
+    def empty(cls, *shape: int) -> Details:
         return cls(
             np.zeros((3, *shape)),
             np.full(shape, np.nan),

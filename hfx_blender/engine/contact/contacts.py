@@ -11,34 +11,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import FARTHEST
-from ..counters import Counters
+from ..arrays import F64, I32, I64, Weights
 from ..kinematics.motion import largest_stretch
 from ..native import skin as native_skin
-from ..scene import EffectBlock, PoseBlock
+from ..scene import PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
 from ..volume.placement import inverse_placement
-from ..volume.shape import Falloff
 from . import compiled_contacts
-from .accumulator import Found
-from .broad_phase import Placed
-from .broad_phase import ReachableBounds as ReachableBounds
+from .accumulator import ContactAccumulator
+from .broad_phase import ReachableBounds, VolumeBroadPhase
 from .contact_details import Details
-
-if TYPE_CHECKING:
-    from ..native.threads import Threads
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-Weights = npt.NDArray[np.floating[Any]]
+from .contact_query import ContactQuery
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,44 +66,8 @@ def box_of(skin: BodySkin, pose: PoseBlock, rows: I64) -> tuple[F64, F64]:
     return low, high
 
 
-def begin(
-    effect: EffectBlock,
-    falloff: Falloff,
-    rows: I64,
-    skin: BodySkin,
-    pose: PoseBlock,
-    bounds: ReachableBounds,
-    counters: Counters,
-    *,
-    follows: Bool | None = None,
-    heard: Bool | None = None,
-    own_sets: bool = False,
-    with_details: bool = False,
-    with_impact: bool = False,
-    threads: Threads | None = None,
-    title: str = "a volume",
-) -> Callable[[], Contacts]:
+def begin(query: ContactQuery) -> Callable[[], Contacts]:
     """Begin the contacts of a body with a volume at some rows of a block.
-
-    Parameters
-    ----------
-    rows : (n,) int64
-        Rows at which the volume is active, a subset of ``bounds.rows``.
-    follows : (n,) bool, optional
-        Whether the row before in ``rows`` is the sample before, so that what passed in between
-        is felt too.
-    heard : (n,) bool, optional
-        Rows that are reported; the others are only there to be followed from.
-    own_sets : bool
-        Do not share vertex sets between rows.
-    with_details : bool
-        Also tell where each contact is.
-    with_impact : bool
-        And how it began, however slowly.
-    threads : Threads, optional
-        Threads for the compiled part, which looks at skin while this one goes on.
-    title : str
-        The volume, as warnings name it.
 
     Returns
     -------
@@ -123,71 +75,55 @@ def begin(
         Waits for it and gives the :class:`Contacts`. What is on the boundary is inside; what
         falloff weakens to nothing is left out.
     """
-    assert effect.matrices is not None
-    heard = np.ones(len(rows), np.bool_) if heard is None else heard
-    follows = np.zeros(len(rows), np.bool_) if follows is None else follows
-    if not (with_details or with_impact) and compiled_contacts.is_possible(effect, skin):
-        found = compiled_contacts.begin(
-            effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets, threads
-        )
+    with_details = query.with_details or query.with_impact
+    if not with_details and compiled_contacts.is_possible(query):
+        found = compiled_contacts.begin(query)
         if found is not None:
-            return partial(_told_by, found, rows)
-    contacts = _found_in_numpy(
-        *(effect, falloff, rows, skin, pose, bounds, counters, follows, heard, own_sets),
-        *(with_details, with_impact, title),
-    )
+            return partial(_of_compiled, found, query.rows)
+    contacts = _found_in_numpy(query)
     return lambda: contacts
 
 
-def _told_by(found: Callable[[], compiled_contacts.Found], rows: I64) -> Contacts:
+def _of_compiled(found: Callable[[], compiled_contacts.FoundContacts], rows: I64) -> Contacts:
     at, sets, offsets, vertices, weights = found()
     return Contacts(rows[at], sets, offsets, vertices, weights, None)
 
 
-def _found_in_numpy(
-    effect: EffectBlock,
-    falloff: Falloff,
-    rows: I64,
-    skin: BodySkin,
-    pose: PoseBlock,
-    bounds: ReachableBounds,
-    counters: Counters,
-    follows: Bool,
-    heard: Bool,
-    own_sets: bool,
-    with_details: bool,
-    with_impact: bool,
-    title: str,
-) -> Contacts:
-    assert effect.matrices is not None
-    inverses, usable = inverse_placement(effect.matrices[rows])
-    usable = usable & (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
+def _found_in_numpy(query: ContactQuery) -> Contacts:
+    rows, follows, reported = query.rows, query.follows, query.reported
+    skin, counters, matrices = query.skin, query.counters, query.effect.matrices
+    assert matrices is not None
+    inverses, usable = inverse_placement(matrices[rows])
+    usable = usable & (np.abs(matrices[rows]) <= FARTHEST).all(axis=(1, 2))
     if not usable.all():
         counters.warn(
-            f"{title} is flattened, endless or not a number: it is not felt",
-            int(np.count_nonzero(~usable & heard)),
+            f"{query.title} is flattened, endless or not a number: it is not felt",
+            int(np.count_nonzero(~usable & reported)),
         )
         follows = follows.copy()
         follows[1:] &= usable[:-1]
         rows, inverses = rows[usable], inverses[usable]
-        heard, follows = heard[usable], follows[usable]
-    placed = Placed.of(effect, falloff, rows, inverses, skin, pose, bounds)
-    reached, simple = placed.reached(falloff)
-    reached &= heard[:, None]
-    counters.volume_tests += int(np.count_nonzero(heard))
-    counters.clusters_tested += int(np.count_nonzero(heard)) * reached.shape[1]
-    followed = placed.followed(follows, simple, always=with_impact)
+        reported, follows = reported[usable], follows[usable]
+    broad = VolumeBroadPhase.of(
+        query.effect, query.falloff, rows, inverses, skin, query.pose, query.bounds
+    )
+    reached, simple = broad.reached(query.falloff)
+    reached &= reported[:, None]
+    counters.volume_tests += int(np.count_nonzero(reported))
+    counters.clusters_tested += int(np.count_nonzero(reported)) * reached.shape[1]
+    followed = broad.followed(follows, simple, always=query.with_impact)
     needed = reached | followed
     needed[:-1] |= followed[1:]
-    found = Found.none_yet(placed, needed, counters, with_details or with_impact)
+    with_details = query.with_details or query.with_impact
+    found = ContactAccumulator.empty(broad, needed, counters, with_details)
     if len(found.columns):
         by_vertex = simple if skin.skin.is_split else np.ones_like(simple)
         found.look_at_vertices(needed & by_vertex, simple)
         found.look_at_skin(needed & ~by_vertex, followed)
         if found.details is not None:
             found.place_all(needed)
-    found.weights[~heard] = 0.0
-    return _gathered(rows, found.columns, found.weights, found.details, own_sets)
+    found.weights[~reported] = 0.0
+    return _gathered(rows, found.columns, found.weights, found.details, query.own_sets)
 
 
 def _gathered(

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..kinematics.motion import Motion
 from ..skin.posed_skin import PosedSkin
 from ..tolerance import Tolerance
@@ -23,12 +23,8 @@ from ..volume.placement import inverse_placement
 from ..volume.shape import Falloff, Shape
 from ..ways import Ways
 from .contact_details import Details
-from .narrow_phase import WHOLE, Inside, sampled, steps_of, told_by_vertices
+from .narrow_phase import WHOLE, Inside, sampled, steps_of, vertex_sample_suffices
 from .target import Target, steepest
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 MESH_WALL_M: Final = 0.001
 """Walls of meshes, whose thickness is not known, are taken to be no thinner than this."""
@@ -38,7 +34,7 @@ _ROUNDING: Final = 1e-9
 _ALONG: Final = 5  # places of a passage at which falloff is looked up
 
 
-def unseen_m(
+def max_untracked_motion_m(
     shape: Shape, inverses: F64, falloff: Falloff, tolerance: Tolerance, edge_m: float
 ) -> F64:
     """Largest motion of skin relative to a volume between two samples that needs no tracking,
@@ -199,7 +195,9 @@ def crossings(posed: PosedSkin, slots: I64, target: Target, drift: Drift) -> Cro
     near = np.flatnonzero(target.comes_near(ways, reaches, rows))
     slots, pairs, unit, ways = slots[near], pairs[near], unit[near], ways.taken(near)
     earlier = earlier[near]
-    told = told_by_vertices(posed, slots, target) & told_by_vertices(posed, earlier, target)
+    told = vertex_sample_suffices(posed, slots, target) & vertex_sample_suffices(
+        posed, earlier, target
+    )
     shares = np.where(told, table.unit_shares[unit], table.vertex_shares[unit])
     found = [_entered(posed, ways, slots, shares, target)]
     split = np.flatnonzero(~told & table.is_split)

@@ -13,15 +13,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..skin.posed_skin import PosedSkin
 from ..skin.skin_quads import ROUNDING, diagonals, squares_of, steps_within
 from .target import Target, steepest
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 WHOLE: Final = 1.0 - 1e-9
 """Sum of shares that counts as 1 despite rounding."""
@@ -39,7 +35,7 @@ class Inside:
     points: F64  # (3, N) shape space
 
 
-def covered(
+def coverage_weights(
     posed: PosedSkin, wanted: Bool, target: Target, inside: list[Inside] | None = None
 ) -> F64:
     """Contact weights, one for each contact of ``posed``: the share of each cell that is inside.
@@ -66,7 +62,7 @@ def covered(
         varies = table.is_split & (steepest(target.falloff) * reach > target.amplitude)
         near |= varies & (at_vertex > 0.0) & (-gap < target.falloff.share + reach)
         asked = np.flatnonzero(near)
-        near[asked] = ~told_by_vertices(posed, slots[asked], target)
+        near[asked] = ~vertex_sample_suffices(posed, slots[asked], target)
     shares[slots] = at_vertex * table.unit_shares[unit]
     some = np.flatnonzero(near)
     if len(some):
@@ -102,7 +98,7 @@ def covered(
     return shares
 
 
-def told_by_vertices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
+def vertex_sample_suffices(posed: PosedSkin, slots: I64, target: Target) -> Bool:
     """Test slots for vertices that suffice: strength at the units' vertices is close enough.
 
     The mean over a unit's skin differs from its vertex by no more than the steepest change of

@@ -10,19 +10,14 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..volume.analytic import Cuboid
 from ..volume.mesh import MeshVolume
 from ..volume.parting import parted
 from ..volume.shape import Falloff, FalloffKind, Shape
 from ..volume.sweep import clearance, passage, passage_along
 from ..ways import Ways
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-
 
 _NEXT: Final = np.array([1, 2, 0])
 _LAST: Final = np.array([2, 0, 1])

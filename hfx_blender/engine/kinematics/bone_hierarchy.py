@@ -11,13 +11,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from ..native import kinematics as native
 from ..native.library import f64
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 def from_quaternions(quaternions: F64) -> F64:

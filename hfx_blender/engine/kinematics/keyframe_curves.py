@@ -13,8 +13,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
+from ..arrays import F64, I32
 
 _KEY_WIDTH = 1e-4
 """Frames before a key at which Blender already takes its value."""

@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from ..native import turning as native
-
-F64 = npt.NDArray[np.float64]
 
 _STILL: float = 1e-9  # radians; less is rounding
 _FLAT: float = 1e-12  # of the largest stretch; less is rounding

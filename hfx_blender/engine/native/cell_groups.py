@@ -10,14 +10,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import I64
 from ..indexing import lacking
 from .library import INTEGER, POINTER, library, pointer, structure
 from .skin_binding import Clusters
 from .skin_mesh import Mesh, mesh_of
 from .skin_table import Table, table_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _FIELDS: Final = ("starts", "distances", "boxes", "bones", "shares", "changes")
 _Groups = structure("hfx_groups", **dict.fromkeys(_FIELDS, POINTER), count=INTEGER)

@@ -7,13 +7,9 @@ import ctypes
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F32, I32, I64
 from .library import INTEGER, POINTER, i64, library, pointer
-
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 _DEPTH = 64  # no more halvings follow each other
 

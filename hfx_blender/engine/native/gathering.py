@@ -5,19 +5,14 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Any, Final
+from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import I32, I64, Bool, Weights
 from .library import INTEGER, POINTER, library, pointer
 from .skin_table import Table
-
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-Weights = npt.NDArray[np.floating[Any]]
 
 _REALS: Final = {4: "single", 8: "double"}
 
@@ -67,7 +62,7 @@ def _made_columns(clusters: I64, table: Table) -> tuple[I32, I64]:
 
 
 def gathered(
-    weights: Weights, columns: I32, heard: Bool, own_sets: bool
+    weights: Weights, columns: I32, reported: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
     """Gather contacts row by row; see :class:`..contact.contacts.Contacts`.
 
@@ -82,11 +77,11 @@ def gathered(
         np.empty(count + 1, np.int64),
     )
     vertices, values = np.empty(weights.size, np.int32), np.empty(weights.size, weights.dtype)
-    counts, heard = np.empty(3, np.int64), np.ascontiguousarray(heard, np.bool_)
+    counts, reported = np.empty(3, np.int64), np.ascontiguousarray(reported, np.bool_)
     getattr(_library(), f"hfx_gather_{_REALS[weights.dtype.itemsize]}")(
         count,
         width,
-        *[pointer(each) for each in (weights, heard, columns)],
+        *[pointer(each) for each in (weights, reported, columns)],
         int(own_sets),
         *[pointer(each) for each in (at, sets, offsets, vertices, values, counts)],
     )

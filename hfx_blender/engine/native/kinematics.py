@@ -7,12 +7,9 @@ import ctypes
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from .library import INTEGER, POINTER, f64, library, pointer
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 @cache

@@ -8,16 +8,14 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, Bool
 from .library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, structure
 from .mesh_tree import NativeTree
 
 if TYPE_CHECKING:
     from ..ways import Ways
 
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 MOST_STEPS: Final = 64  # of a way
 

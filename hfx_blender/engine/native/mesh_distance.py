@@ -8,12 +8,10 @@ from functools import cache
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from .library import INTEGER, POINTER, f64, library, pointer
 from .mesh_tree import NativeTree
-
-F64 = npt.NDArray[np.float64]
 
 _NUMBER: Final[Any] = ctypes.c_double
 

@@ -10,11 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from .library import INTEGER, POINTER, f64, i64, library, pointer
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 SPAN: Final = 16
 """Numbers of a triangle: y of its corners, low to high (3); x of the lowest and the middle one (2),

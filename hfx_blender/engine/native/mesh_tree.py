@@ -8,12 +8,9 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from .library import INTEGER, POINTER, f64, i64, library, pointer
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 BOX: Final = 6
 FRAME: Final = 16

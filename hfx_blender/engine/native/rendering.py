@@ -7,14 +7,9 @@ import ctypes
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F32, F64, I32, I64
 from .library import INTEGER, POINTER, library, pointer
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 
 
 @cache

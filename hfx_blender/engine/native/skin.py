@@ -9,13 +9,10 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from .library import INTEGER, POINTER, f64, i64, library, pointer
 from .skin_binding import Clusters as Clusters
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 @cache

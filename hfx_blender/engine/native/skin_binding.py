@@ -10,13 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from ..indexing import lacking
 from .library import INTEGER, POINTER, f64, i64, library, pointer, structure
 from .skin_table import Table, table_of
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 _BOUND_ARRAYS = ("offsets", "bones", "values", "rest", "starts", "members")
 _Bound = structure(

@@ -8,13 +8,10 @@ from functools import cache
 from typing import Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from .library import DOUBLE, INTEGER, POINTER, library, pointer, structure
 from .skin_mesh import Mesh, mesh_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _TABLE_ARRAYS: Final = (
     "starts",

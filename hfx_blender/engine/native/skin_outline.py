@@ -7,15 +7,11 @@ import ctypes
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from .clusters import cut
 from .library import INTEGER, POINTER, library, pointer
 from .skin_mesh import Mesh, mesh_of
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 
 @cache

@@ -7,13 +7,9 @@ from typing import Any, Final, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from .library import DOUBLE, INTEGER, POINTER, pointer, structure
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 _TABLE_ARRAYS: Final = (
     "starts",

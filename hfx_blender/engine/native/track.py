@@ -10,13 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import I32, I64, U8, U32, Bool
 from .library import INTEGER, POINTER, library, pointer
 
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
-U8 = npt.NDArray[np.uint8]
-U32 = npt.NDArray[np.uint32]
-Bool = npt.NDArray[np.bool_]
 Arrays = tuple[npt.NDArray[Any], ...]
 
 

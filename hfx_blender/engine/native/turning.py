@@ -7,11 +7,9 @@ import ctypes
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from .library import INTEGER, POINTER, f64, library, pointer
-
-F64 = npt.NDArray[np.float64]
 
 
 @cache

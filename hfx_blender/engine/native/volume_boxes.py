@@ -7,12 +7,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, Bool
 from .library import INTEGER, POINTER, f64, library, pointer
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 
 @cache

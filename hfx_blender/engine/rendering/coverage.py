@@ -11,15 +11,10 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F32, F64, I32, I64
 from ..native import rendering as native
 from .device import Statistic
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 
 _DENSE_ENTRIES = 1 << 18
 """Weights that are laid out densely at a time: 1 MiB, which stays in the processor's cache."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from ...sentences import counted
 from ..areas.vector_sensation import gains_of
+from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel
 from ..samples import SampleRun
 from .coverage import ActuatorCells
@@ -22,10 +22,6 @@ from .focus import FocusPanning, focus_panning
 from .placement import on_parts
 from .room import PlaySpace, room_gains, stands
 from .schemes import cells_of, unpanned
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 ModelLoader = Callable[[str], PerceptualModel]
 

@@ -10,15 +10,12 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F32, F64
 from ..body.model import PerceptualModel
 from ..body.skin_distance import SkinDistances
 from .device import Actuator, DeviceConfig
 from .schemes import PannedLayout, panned_layout
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
 
 _RINGS: Final = ((0.5, 6), (1.0, 12))
 """Sample rings of a disc larger than the gaps between actuators: radius, places."""

@@ -13,11 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
+from ..arrays import F32, F64, I64
 
 MARGIN: Final = 1.25
 """Ratio of strengths at which another contributor takes over: 2 dB, about a difference that is

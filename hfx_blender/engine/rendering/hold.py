@@ -6,9 +6,8 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 
 def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F64:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from ..modality import (
     MODALITIES,
     combine_pressure,
@@ -17,8 +17,6 @@ from ..modality import (
     combine_wind,
 )
 from .device import Substitution
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64
 from ..body.model import load_model
 from ..samples import SampleRun
 from ..scene import SceneDescription, TimeBase
@@ -22,8 +23,6 @@ from .device import DeviceConfig
 from .dispatch import ModelLoader
 from .frequency import Partial
 from .render import Renderer
-
-F64 = npt.NDArray[np.float64]
 
 _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, frame_last=0)
 

@@ -11,11 +11,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from .device import Mount
-
-F64 = npt.NDArray[np.float64]
 
 _TURN: Final = 2.0 * np.pi
 

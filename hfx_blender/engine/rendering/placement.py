@@ -6,15 +6,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import I32, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS, SIDES
 from .device import Actuator, BodyPlace, DeviceConfig, Place, RoomPlace, VertexPlace
-
-Bool = npt.NDArray[np.bool_]
-I32 = npt.NDArray[np.int32]
 
 MAX_MISS_M = 0.2
 """Largest distance of an actuator's nearest vertex outside of its radius, metres. Temperature

@@ -12,14 +12,10 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..samples import Stream
 from .frequency import Partial
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold"]
 """Reason why something is not rendered as it was felt. ``modality``: the device has no actuator for

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
 from ...sentences import counted
+from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
@@ -31,10 +31,6 @@ from .missing import MissingActuators
 from .mixing import Contribution, Mixed, merged, mix, substituted
 from .raster import Column, Felt, Raster, Reason, Shortfall
 from .room import PlaySpace
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 
 def render(

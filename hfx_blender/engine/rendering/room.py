@@ -11,15 +11,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64, I64, Bool
 from ..samples import SampleRun
 from .device import Actuator, DeviceConfig, RoomPlace
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 SETTING: Final = "play_space"
 """Key of a track's settings: ``[[index, 12 numbers], ...]``, where the play space is from each

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32
 from ..body.model import PerceptualModel
 from ..body.parts import SIDES
 from .coverage import ActuatorCells
@@ -27,10 +27,6 @@ from .panning.splat import GaussianSplatting, NearestPanning
 from .panning.surface import surface_gains
 from .panning.vbap import VectorBasePanning
 from .placement import on_parts, rows_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 
 _LONE_SPACING_M: Final = 0.05
 """Takes the place of the distance between actuators where there is only one."""

@@ -13,11 +13,8 @@ from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-U64 = npt.NDArray[np.uint64]
+from ..arrays import F64, I64, U64
 
 Waveform = Literal["sine", "square", "noise"]
 WAVEFORMS: Final[tuple[Waveform, ...]] = ("sine", "square", "noise")

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from ..contact.contacts import ReachableBounds
+from ..arrays import I64
+from ..contact.broad_phase import ReachableBounds
 from ..modality import MODALITIES
 from ..response_filters.controls import Kind
 from ..samples import SampleRun, Stream
@@ -26,9 +27,6 @@ from ..skin.cell_coverage import BodySkin
 from ..volume.placement import world_bounds
 from .settling import Settling
 from .touches import BodyPlaces, Moments, Touches
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 @dataclass(eq=False)

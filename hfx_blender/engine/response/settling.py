@@ -12,19 +12,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F32, F64, I32, I64, Bool
 from ..response_filters.controls import Kind, Operation
 from ..response_filters.envelope import Impact, envelope
 from ..response_filters.filters import folded
 from ..samples import SampleRun, Stream
 from .touches import Touches
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 LEAST: Final = 1e-4
 """A weaker response is silence."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ..contact.contacts import ReachableBounds
+from ..arrays import F32, F64, I32, I64, Bool
+from ..contact.broad_phase import ReachableBounds
 from ..response_filters.controls import About, Filter, Kind
 from ..response_filters.filters import (
     distance_value,
@@ -26,12 +26,6 @@ from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..volume.outside import distances_m
 from ..volume.placement import inverse_placement, world_bounds
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

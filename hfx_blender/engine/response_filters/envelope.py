@@ -16,9 +16,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 SILENCE: Final = 1e-3
 """An impact's envelope has ended when it has fallen to this share of its peak."""

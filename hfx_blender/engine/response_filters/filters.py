@@ -8,12 +8,9 @@ in space have one for each vertex, which always multiplies its weight.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from .controls import CONTROLS, Filter, Operation
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 
 def within_limits(filters: tuple[Filter, ...], controls: F64) -> F64:

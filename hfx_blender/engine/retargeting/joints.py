@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64, I64
 from ..body.model import Avatar
 from .regions import JOINT_OF, REGIONS, known_regions, region_of
 from .target import RigMapping, TargetAvatar, group_shares, owners_of
 from .turns import apply, similarity
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
 _NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")

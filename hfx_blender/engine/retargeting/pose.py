@@ -12,15 +12,13 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64
 from ..body.model import Avatar
 from .joints import Skeletons, dominant
 from .regions import REGIONS, region_of
 from .turns import about, affine, apply, axes_of, extent_of, least_turn, tip_of, twist_about
-
-F64 = npt.NDArray[np.float64]
 
 _GIRTHS: Final = (0.4, 2.5)
 """Smallest and largest change of a girth that is believed."""

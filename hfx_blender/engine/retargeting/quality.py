@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from ..body.model import PerceptualModel
 from ..body.parts import LEFT, PARTS, RIGHT
 from .regions import REGIONS
 from .surface import Places
 from .target import areas_of
-
-F64 = npt.NDArray[np.float64]
 
 FARTHEST_MM: Final = 15.0
 """A part's vertices may be this far from the skin before they land on it (95 of 100)."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
 from .joints import Skeletons, skeletons_of
@@ -22,9 +22,6 @@ from .quality import Quality, judge
 from .shapes import fields_for, shape
 from .surface import Places, TargetSurface, pull, vertex_normals
 from .target import RigMapping, TargetAvatar
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _LANDING_M: Final = 0.05
 """Farthest that a vertex may be from the skin on which it lands (of a body 1.8 m tall)."""

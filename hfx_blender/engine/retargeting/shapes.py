@@ -19,18 +19,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ... import resources
 from ...atomic_files import atomic_file
 from ...errors import InputError
+from ..arrays import F64, I64
 from ..body.model import Avatar
 from .joints import Skeletons
 from .surface import TargetSurface, vertex_normals
 from .target import areas_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 SHAPES_FILE: Final = "shapes.npz"
 _FORMAT: Final = "hfx shapes"

@@ -13,15 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..body.model import Avatar, SkinWeights
 from .joints import dominant
 from .regions import REGIONS, known_regions, region_of
 from .target import RigMapping, TargetAvatar, areas_of, group_shares, owners_of
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _COVERS: Final = 0.15
 """Area in a region from which a mesh can be its skin, as a share of the canonical body's."""

@@ -11,10 +11,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..body.nearest import barycentric
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _LONGEST_EDGE_M: Final = 0.02
 """Larger triangles are cut up for the search, whose candidates are found by their centres."""

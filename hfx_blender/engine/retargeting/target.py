@@ -11,10 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64, I64
 from ..body.model import SkinWeights
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _LARGE_PIECE: Final = 0.01
 """Share of the skin from which a connected piece counts: a hand, a shoe, a sleeve."""

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 
 def apply(matrix: F64, points: F64) -> F64:

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-import numpy.typing as npt
-
+from ..arrays import I32
 from ..body.model import PerceptualModel
 from ..counters import Counters
 from ..scene import BodyDescription, SkinBinding, SurfaceBinding
@@ -16,8 +14,6 @@ from .cell_coverage import BodySkin, Skin, finer_id
 from .posing import PosableModel
 from .skinned_model import SkinnedModel
 from .surface_posing import SurfaceModel
-
-I32 = npt.NDArray[np.int32]
 
 
 class BoundSkins:

@@ -9,15 +9,11 @@ from typing import Any, Final, Self
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from ..body.model import PerceptualModel
 from ..indexing import sorted_by
 from ..native import skin_binding as native
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

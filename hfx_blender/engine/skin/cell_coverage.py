@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I32, I64, Bool
 from ..body.cells import cell_of_skin
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
@@ -31,11 +32,6 @@ from .posing import PosableModel
 from .skin_mesh import SkinMesh
 from .skin_table import SkinTable
 from .skinned_model import SkinnedModel
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 FINEST_SHARE: Final = 1.0 / 8.0
 FINEST_M: Final = (0.00025, 0.001)

@@ -11,16 +11,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..kinematics.motion import largest_stretch
 from ..native.cell_groups import CellGroups
 from ..scene import PoseBlock
 from .skin_table import SkinTable
 from .skinned_model import SkinnedModel
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _DISC: Final = 2.0 / 3.0
 """Mean distance of a disc's points from its middle, over its radius."""

@@ -11,13 +11,9 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from ..scene import PoseBlock
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 
 class PosableModel(Protocol):

@@ -9,10 +9,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I32
 from ..body.model import PerceptualModel
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
 
 ROUNDING: Final = 1e-9
 _BULGE_LIMIT: Final = 0.25  # of a triangle's size; more is a crease, not a curve

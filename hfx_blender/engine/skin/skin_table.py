@@ -14,19 +14,14 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64, Bool
 from ..body.model import PerceptualModel
 from ..indexing import lacking, largest, ramp
 from ..native import skin_filling as native
 from ..tolerance import Tolerance
 from .skin_mesh import SkinMesh
 from .skin_quads import Quads, closeness, steps_within
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _FLAT_ENOUGH: Final = 0.1  # of the distance of samples: a lower bulge is not modelled
 

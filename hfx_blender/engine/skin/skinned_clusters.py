@@ -9,16 +9,12 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from ..indexing import ramp
 from ..kinematics.motion import largest_stretch
 from ..matmul import stacked_product
 from .posing import Skin, joined, runs
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 _SMALL = 96
 """Vertices in a cluster, on average: where fewer, weights are looked at one by one."""

@@ -6,8 +6,8 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..indexing import largest
@@ -21,10 +21,6 @@ from ..scene import PoseBlock, SkinBinding
 from .bound_weights import BoneBoxes, BoundWeights
 from .posing import PosedClusters, Skin
 from .skinned_clusters import Links, SkinnedClusters
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 
 class SkinnedModel:

@@ -8,16 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from ..body.clusters import clusters_of
 from ..body.model import PerceptualModel
 from ..indexing import largest
 from ..kinematics.motion import longest_axis
 from ..scene import PoseBlock, SurfaceAnchors
 from .posing import PosedClusters, Skin, joined, runs
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 
 class SurfaceModel:

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import UsageError
-
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 MAX_LOUDSPEAKERS: Final = 64
 

@@ -6,14 +6,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
 from ..scene import PoseBlock, SkinBinding
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 # Rest space faces -Y, left is +X, up is +Z; the listener's front is X, left Y, up Z.
 _FROM_REST: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -6,15 +6,13 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import UsageError
+from ..arrays import F64
 from ..rendering.panning.ring import RingPanning
 from ..rendering.panning.vbap import VectorBasePanning
 from .distance import Hearing
 from .layouts import Layout
-
-F64 = npt.NDArray[np.float64]
 
 Scheme = Literal["vbap", "ring"]
 SCHEMES: Final[tuple[Scheme, ...]] = ("vbap", "ring")

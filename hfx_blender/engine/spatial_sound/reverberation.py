@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 _SEED: Final = 20120711
 _RISE_S: Final = 0.012  # until the reverberation is dense

@@ -17,11 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64
 from ..samples import SampleRun
 from ..scene import HapticSurface, SceneDescription
 from ..texture.surface_texture import Renderer, SurfaceTexture
-
-F64 = npt.NDArray[np.float64]
 
 SETTING: Final = "surface_drive"
 """Key of a track's settings: ``{effect id: [c_v in 1/m, strongest amplitude in m/s^2]}``."""

@@ -6,12 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ..active_rows import followed
+from ..arrays import F32, F64, I32, I64, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
-from ..contact.contacts import ReachableBounds
+from ..contact.broad_phase import ReachableBounds
 from ..counters import Counters
 from ..modality import MODALITIES
 from ..scene import AnimationBlock, EffectBlock, EffectDescription, HapticSurface, PoseBlock
@@ -19,12 +19,6 @@ from ..skin.cell_coverage import BodySkin
 from ..texture.contact_path import ContactFollower, ContactPaths, SurfaceMesh
 from ..texture.contact_rendering import ContactRenderer
 from ..texture.device_range import DeviceRange
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _FINGERS = PARTS.index("fingers")
 _AT_ONCE = 512
@@ -89,9 +83,9 @@ class SurfaceEffects:
         if key not in self._followed:
             self._followed[key] = _Followed(area, skin.skin.model, self._step_s)
         one = self._followed[key]
-        rows, heard, follows = followed(rows, bounds.rows, animated, block)
+        rows, reported, follows = followed(rows, bounds.rows, animated, block)
         if one.index == int(block.indices[rows[0]]):  # it was the last of the block before
-            rows, heard, follows = rows[1:], heard[1:], follows[1:]
+            rows, reported, follows = rows[1:], reported[1:], follows[1:]
         elif one.index != int(block.indices[rows[0]]) - 1:
             one.follower.restart()
         else:
@@ -103,7 +97,7 @@ class SurfaceEffects:
                 int(np.count_nonzero(~placed)),
             )
             follows = follows & np.concatenate([[True], placed[:-1]])
-            rows, heard, follows = rows[placed], heard[placed], follows[placed]
+            rows, reported, follows = rows[placed], reported[placed], follows[placed]
         if not len(rows):
             return None
         one.index = int(block.indices[rows[-1]])
@@ -112,7 +106,7 @@ class SurfaceEffects:
         if len(vertices) > 1:
             vertices = vertices[rows]
         matrices = animated.matrices[rows]
-        self._counters.volume_tests += int(np.count_nonzero(heard))
+        self._counters.volume_tests += int(np.count_nonzero(reported))
         time, ids, points = self._near(area, matrices, vertices, skin, pose, bounds, rows)
         found = []
         for part in _parts(np.bincount(time, minlength=len(rows))):
@@ -127,7 +121,7 @@ class SurfaceEffects:
             )
             felt = one.renderer.render(paths)
             found.append(
-                _gathered(paths, *felt, animated, rows[part], heard[part], area.texture.device)
+                _gathered(paths, *felt, animated, rows[part], reported[part], area.texture.device)
             )
         if one.follower.crowded:
             text = f"surface '{effect.name}' touches more than {area.max_contacts} vertices"
@@ -217,11 +211,11 @@ def _gathered(
     frequency: F64,
     animated: EffectBlock,
     rows: I64,
-    heard: Bool,
+    reported: Bool,
     device: DeviceRange,
 ) -> SurfaceSamples | None:
     """Gather the contacts row by row; the strongest of a row is its amplitude."""
-    felt = np.flatnonzero((drive > 0.0) & heard[np.maximum(paths.time, 0)])
+    felt = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
     if not len(felt):
         return None
     time = paths.time[felt]

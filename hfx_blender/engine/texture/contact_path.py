@@ -13,14 +13,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64, Bool
 from .triangle_grid import Nearest, TriangleGrid
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _SEAM_SHARE: Final = 0.5
 """Coordinates that jump by so much more than the way itself have crossed a seam."""

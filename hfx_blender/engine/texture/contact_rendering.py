@@ -12,17 +12,14 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from .contact_path import ContactPaths
 from .height_field import HeightField
 from .lookup import REST_M_S, strongest_crossed
 from .surface_texture import Renderer, SurfaceTexture
 from .synthesis import amplitude_and_frequency, without_waviness
 from .textile import RATE_HZ, WINDOW_S, weighted_rms
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _MAX_FACTOR: Final = 32
 _AT_ONCE: Final = 1 << 13

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 STANDARD_GRAVITY: Final = 9.80665
 """Metres per second squared in one g."""

@@ -15,9 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from ..arrays import F64, I64
 
 Order = Literal["linear", "cubic"]
 

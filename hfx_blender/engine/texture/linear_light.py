@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 
 def srgb_to_linear(codes: npt.ArrayLike) -> F64:

@@ -9,13 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from .haptic_map import HapticMap
 from .height_field import wrapped_cells
 from .stroke import Stroke
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _TEXEL_BITS: Final = 31  # a number of a texel has no more
 

@@ -14,12 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F32
 from .device_range import DeviceRange, NoticeableSteps
 from .haptic_map import HapticMap
 from .height_field import HeightField, wrapped
-
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
 TRUNCATE: Final = 4.0
 """Standard deviations after which the Gaussian kernel ends."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 _STEEPEST = 0.05  # smallest z of a unit normal: steeper is a fault of the map
 

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64
 from .height_field import HeightField
 from .surface_names import MATERIAL_TITLES
 from .weave import Weave, woven
-
-F64 = npt.NDArray[np.float64]
 
 Recipe = Callable[[np.random.Generator, int, float], F64]
 """Random numbers, texels a side and size in metres to heights (N, N) in metres."""

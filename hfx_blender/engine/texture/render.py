@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
 from .device_range import STANDARD_GRAVITY
@@ -14,8 +13,6 @@ from .stroke import Stroke
 from .surface_texture import Renderer, SurfaceTexture
 from .synthesis import amplitude_and_frequency, profile
 from .textile import drive_levels
-
-F64 = npt.NDArray[np.float64]
 
 
 def render_stroke(

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64
 from .height_field import HeightField
-
-F64 = npt.NDArray[np.float64]
 
 CUTOFF_M: Final = 2.5e-3
 """The usual cut-off for Ra of 2 to 10 micrometres; also the sampling length."""

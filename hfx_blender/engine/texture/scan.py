@@ -9,10 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64
 from .height_field import HeightField, sample_grid
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 MAX_TEXELS: Final = 1 << 24
 _MIN_SPAN: Final = 1e-9  # metres

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 _STEEP: Final = np.cos(np.radians(30.0))
 _THICK: Final = 0.25  # of its narrower spread

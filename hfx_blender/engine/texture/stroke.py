@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
-
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 SLOW_M_S: Final = 0.02
 FAST_M_S: Final = 0.1
@@ -96,11 +94,6 @@ class Stroke:
             times = np.append(times, self.times_s[-1])
         return Stroke(times, self.at(times))
 
-    def backwards(self) -> Stroke:
-        """Reverse the path, with the same start time."""
-        times = self.times_s[0] + (self.times_s[-1] - self.times_s[::-1])
-        return Stroke(times, self.points_m[::-1])
-
     def turned(self, angle_rad: float) -> Stroke:
         """Turned about the origin, counter-clockwise."""
         c, s = np.cos(angle_rad), np.sin(angle_rad)
@@ -138,12 +131,3 @@ def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
     keep = np.concatenate([[True], steps > 0.0])
     times = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])]) / speed_m_s
     return Stroke(times, path[keep]).resampled(rate_hz)
-
-
-def uneven(stroke: Stroke, rng: np.random.Generator, gaps_s: tuple[float, float]) -> Stroke:
-    """Resample the stroke at uneven times; phones report positions every 15 to 70 ms."""
-    count = int(stroke.duration_s / gaps_s[0]) + 1
-    times = stroke.times_s[0] + np.cumsum(rng.uniform(*gaps_s, count))
-    times = times[times < stroke.times_s[-1] - 1e-9]
-    times = np.concatenate([stroke.times_s[:1], times, stroke.times_s[-1:]])
-    return Stroke(times, stroke.at(times))

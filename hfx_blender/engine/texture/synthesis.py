@@ -7,13 +7,11 @@ from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from .height_field import HeightField
 from .roughness import gaussian_waviness
 from .stroke import Stroke
-
-F64 = npt.NDArray[np.float64]
 
 WAVINESS_M: Final = 8e-3
 """Waves longer than this are form, felt by the moving finger itself, not vibration."""

@@ -13,12 +13,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64
 from ..matmul import stacked_product
 from .height_field import HeightField
 from .stroke import Stroke
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 RATE_HZ: Final = 2000.0
 """Lowest rate of the heights; raised by a whole factor where a step would skip a texel."""
@@ -131,46 +129,6 @@ def drive_levels(
         times = begins[mine, None] + _instants(window_s, rate)
         levels[mine] = drive_per_m * weighted_rms(field.sample(stroke.at(times)), rate)
     return levels
-
-
-class TextileStream:
-    """Streaming version of :func:`drive_levels`, for a finger that still moves.
-
-    Each window's level is there as soon as the pointer has told a position after its end.
-    """
-
-    def __init__(self, field: HeightField, drive_per_m: float, window_s: float = WINDOW_S) -> None:
-        self._field, self._drive_per_m, self._window_s = field, drive_per_m, window_s
-        self._times: list[float] = []
-        self._points: list[tuple[float, float]] = []
-        self._start_s = 0.0
-        self._done = 0
-
-    def push(self, time_s: float, point_m: tuple[float, float]) -> list[tuple[float, float]]:
-        """Add the next position; returns (begin of the window, level) of completed windows."""
-        if self._times and not time_s > self._times[-1]:
-            return []  # told twice, or late: what is known already stands
-        if not self._times:
-            self._start_s = time_s
-        self._times.append(time_s)
-        self._points.append(point_m)
-        found: list[tuple[float, float]] = []
-        while len(self._times) > 1:
-            begin = self._start_s + self._window_s * self._done
-            if (time_s - self._start_s) / self._window_s * (1.0 + 1e-12) < self._done + 1:
-                break
-            stroke = Stroke(np.array(self._times), np.array(self._points))
-            rate = RATE_HZ * _factor(self._field, stroke, begin, self._window_s)
-            times = begin + _instants(self._window_s, rate)
-            rms = weighted_rms(self._field.sample(stroke.at(times)), rate)
-            found.append((begin, self._drive_per_m * float(rms)))
-            self._done += 1
-        self._forget(self._start_s + self._window_s * self._done)
-        return found
-
-    def _forget(self, before_s: float) -> None:
-        while len(self._times) > 2 and self._times[1] <= before_s:
-            del self._times[0], self._points[0]
 
 
 def _instants(window_s: float, rate_hz: float) -> F64:

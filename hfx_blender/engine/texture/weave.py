@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import InputError
+from ..arrays import F64
 from .height_field import HeightField
 from .surface_names import FABRICS
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 # Where the warp lies over the weft: one row a weft thread, one column a warp thread.
 DRAFTS: Final[dict[str, tuple[str, ...]]] = {

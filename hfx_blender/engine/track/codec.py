@@ -18,13 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ... import file_limits
+from ..arrays import F32, F64, I32, I64, Bool
 from ..native import track as native
 
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
-Bool = npt.NDArray[np.bool_]
 Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 
 _ENTRY_BYTES: Final = 64  # that a (sample, vertex) pair takes at most while it is unpacked

@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, Bool
 from .ellipsoid import Ellipsoid
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 _UNIT_BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
@@ -146,7 +143,7 @@ class Capsule:
     """Points within 1 of the segment from -half_segment to +half_segment on Z.
 
     Its radius is 1, so a capsule of another size is placed by its world matrix times a
-    uniform scale by its radius (see :meth:`of_size`).
+    uniform scale by its radius.
     """
 
     half_segment: float
@@ -154,16 +151,6 @@ class Capsule:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.half_segment) and self.half_segment >= 0.0):
             raise ValueError(f"half_segment: expected 0 or more, got {self.half_segment}")
-
-    @classmethod
-    def of_size(cls, radius: float, height: float) -> Capsule:
-        """A capsule with these proportions; ``height`` is from tip to tip, at least 2 radii.
-
-        To place it, multiply the object's world matrix by ``diag(radius, radius, radius, 1)``.
-        """
-        if not (radius > 0.0 and height >= 2.0 * radius):
-            raise ValueError(f"capsule: height {height} must be at least twice radius {radius}")
-        return cls(0.5 * height / radius - 1.0)
 
     is_convex: ClassVar[bool] = True
     steepest_rise: ClassVar[float] = 1.0

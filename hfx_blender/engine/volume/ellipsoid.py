@@ -6,9 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ..arrays import F64
 
 _OFF_AXIS = 1e-100  # stands for 0 across the shortest axis; keeps 0/0 out of the root find
 _ITERATIONS = 64  # Newton needs 4 to 8; a double root is approached linearly

@@ -6,12 +6,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64
 from ..indexing import ramp
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 MARGIN: Final = 1e-6
 """Margin in cells; far above rounding, so that no cell misses a triangle."""

@@ -7,15 +7,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..native import mesh_crossing as native
 from ..ways import Ways
 from .mesh_distance import TriangleTree
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _GRAZE: Final = 1e-9
 """Tolerance of a crossing beyond a triangle's edge, as a share: no path slips between two."""

@@ -7,15 +7,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I64, Bool
 from ..native import mesh_distance as native
 from ..native import mesh_tree as native_tree
 from ..native.library import library
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 _PAIRS_AT_ONCE: Final = 2**18
 _FEW: Final = 4  # boxes that a first guess follows

@@ -20,17 +20,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64, Bool
 from ..indexing import ramp
 from ..native.library import library
 from ..native.mesh_inside import NativeGrid, bounds_in_columns
 from .mesh_columns import MARGIN, covered_columns
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
-Bool = npt.NDArray[np.bool_]
 
 _CELLS: Final = 2**18  # more build slower and miss the cache, fewer leave more points to columns
 _CELLS_PER_AXIS: Final = (4, 256)

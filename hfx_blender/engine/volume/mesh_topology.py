@@ -12,11 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
-Bool = npt.NDArray[np.bool_]
+from ..arrays import F64, I32, I64, Bool
 
 LARGEST_HOLES: Final = 0.25
 """Largest area of all caps over that of the mesh: a box without its lid has 0.2, a bowl far more.

@@ -6,12 +6,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .shape import Shape
-
-F64 = npt.NDArray[np.float64]
 
 _ASIDE: Final = np.array([[0.36], [0.48], [0.8]])
 _STEP: Final = 1e-3  # of the depth, for its slope; the error is the square of it

@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from .analytic import Capsule, Cylinder, Sphere
 from .mesh import MeshVolume
 from .shape import Shape
-
-F64 = npt.NDArray[np.float64]
 
 
 def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:

@@ -7,13 +7,10 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, Bool
 from .analytic import Capsule, Cylinder, Sphere
 from .shape import Shape
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 _ROUNDING: Final = 1e-12
 

@@ -9,10 +9,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import F64, Bool
 from .shape import Shape
-
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 
 FLATTEST: Final = 1e-6
 """Least reciprocal condition number, after equilibration, of a matrix that is inverted. Blender

@@ -8,10 +8,8 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
+from ..arrays import F64, Bool
 
 
 class Shape(Protocol):

@@ -6,14 +6,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64
 from ..ways import Ways
 from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .mesh import MeshVolume
 from .shape import Shape
-
-F64 = npt.NDArray[np.float64]
 
 
 def clearance(shape: Shape, points: F64) -> F64:

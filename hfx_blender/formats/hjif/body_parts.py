@@ -6,13 +6,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import U32
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import LEFT, PARTS, RIGHT
 from ...engine.rendering.device import BodyPlace, Place, RoomPlace
-
-U32 = npt.NDArray[np.uint32]
 
 BITS: Final = (
     "head front,head back,head right,head left,right upper chest,left upper chest,abdomen,waist,"

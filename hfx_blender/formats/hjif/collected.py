@@ -7,14 +7,9 @@ A few numbers a sample and body part are kept, not the contacts: a long track ne
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F32, F64, I64, U32
 from ...engine.samples import SampleRun
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
-I64 = npt.NDArray[np.int64]
-U32 = npt.NDArray[np.uint32]
 
 
 class Collected:

@@ -10,14 +10,12 @@ from math import gcd
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ..curves import Curve, CurveTolerance, simplified
 from ..signals import joined_times
 from .model import Band, Effect, Keyframe
 from .semantics import MAX_TIMESCALE
-
-F64 = npt.NDArray[np.float64]
 
 MAX_HZ: Final = 1000
 _SHORTEST: Final = 3  # keyframes of a curve: the reference synthesizer is silent with fewer

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...atomic_files import atomic_file
+from ...engine.arrays import F64, I64
 from ...engine.body.model import PerceptualModel
 from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device import DeviceConfig
@@ -44,9 +45,6 @@ from .perceptions import (
     perception_of,
     vanished,
 )
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _WEIGHT_CLASSES: Final = 8
 

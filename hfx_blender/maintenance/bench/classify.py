@@ -8,12 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I64
 from ...engine.texture.signal import Signal
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _QUANTILES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 _LAGS_S: Final = (0.005, 0.01, 0.02, 0.04)

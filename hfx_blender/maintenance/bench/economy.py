@@ -37,8 +37,6 @@ from ...engine.tolerance import STANDARD, Tolerance
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.shape import Falloff
 
-F64 = npt.NDArray[np.float64]
-
 _MODEL: Final = "hfx-vibration-1"
 _BLOCK: Final = 32  # times
 _AWAY_M: Final = 5.0  # where what touches nothing is

@@ -13,16 +13,14 @@ from typing import Any, Final
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ...avatars import model_mesh
+from ...engine.arrays import F64, Bool
 from ...engine.body.model import load_model
 from ...engine.evaluate import Engine
 from ...engine.tolerance import PAPER
 from ...reading.scene_reader import SceneReader
 
-F64 = npt.NDArray[np.float64]
-Bool = npt.NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 _MODEL: Final = "hfx-vibration-1"

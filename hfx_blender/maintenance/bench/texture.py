@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.texture import mcha, procedural, stroke, weave
 from ...engine.texture.contact_path import ContactFollower, SurfaceMesh
 from ...engine.texture.contact_rendering import ContactRenderer
@@ -21,9 +22,6 @@ from ...engine.texture.signal import Signal
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...engine.texture.textile import drive_levels
 from . import classify
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 SPEEDS_M_S: Final = (stroke.SLOW_M_S, stroke.FAST_M_S)
 PARAMETERS: Final = ("Ra", "Rz", "Rmax")

@@ -17,9 +17,9 @@ from typing import Any, Final
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ...devices.configuration import load_device
+from ...engine.arrays import F64
 from ...engine.samples import Stream
 from ...engine.tolerance import EXACT, PRESETS, Tolerance, parse
 from ...export_devices import scene_devices
@@ -27,7 +27,6 @@ from .trade_chart import NOISE
 from .trade_judge import Judge, events
 from .trade_recording import Times, record, traced
 
-F64 = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 SWEEP: Final = (

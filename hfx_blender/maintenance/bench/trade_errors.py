@@ -7,15 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I64
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...engine.samples import SampleRun, Stream
 from ...engine.volume.shape import Shape
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 GAP_S = 0.05
 """Contacts of one effect that are closer in time are one event: a graze may flicker."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I64
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.samples import SampleRun, Stream
 from ...engine.scene import SkinBinding
@@ -17,9 +17,6 @@ from ...engine.tolerance import Tolerance
 from ...engine.volume.placement import inverse_placement
 from . import trade_errors
 from .trade_recording import Recording
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _JUDGED: Final = 400  # wrong contacts whose distance to the boundary is looked at
 

@@ -13,18 +13,13 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I32, I64
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.mesh import MeshVolume
 from ...engine.volume.placement import inverse_placement
 from ...engine.volume.shape import Shape
 from ...engine.volume.sweep import clearance, passage
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
-Bool = npt.NDArray[np.bool_]
 
 BAND: Final = 1e-9
 """Points nearer to the boundary than this share of the shape's size are not judged."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...engine.body.mesh_edit import F64, I64, edges_of, triangle_normals
+from ...engine.arrays import F64, I32, I64, U8
+from ...engine.body.mesh_edges import edges_of, triangle_normals
 from ...engine.body.model import Avatar, PerceptualModel, Skeleton, SkinWeights
 from ...engine.body.nearest import locate
 from ...engine.body.parts import CENTRE, LEFT, RIGHT
@@ -18,8 +18,6 @@ from .left_skin import Half
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-I32 = npt.NDArray[np.int32]
-U8 = npt.NDArray[np.uint8]
 
 SMALLEST_WEIGHT: Final = 1e-3
 """Skin weights below this are dropped; it moves no vertex by more than a millimetre, where

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from ...engine.arrays import F64
 from ...engine.body.cells import CELLS_FILE
 from ...engine.body.library import read_manifest
-from ...engine.body.mesh_edit import F64
 from ...engine.body.model import (
     AVATAR_ID,
     Avatar,

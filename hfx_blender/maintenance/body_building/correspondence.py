@@ -6,12 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from ...atomic_files import atomic_file
+from ...engine.arrays import I32
 from ...engine.body.model import PerceptualModel
-
-I32 = npt.NDArray[np.int32]
 
 
 def nearest_ids(of: PerceptualModel, onto: PerceptualModel) -> I32:

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body import mesh_edit
-from ...engine.body.mesh_edit import F64, I64
+from ...engine.arrays import F64, I64
+from ...engine.body import mesh_edges
 
 _PAIRS_AT_ONCE: Final = 1_000_000
 
@@ -30,7 +30,7 @@ def crossings(points: F64, triangles: I64) -> I64:
     """
     from scipy.spatial import cKDTree
 
-    ends = mesh_edit.edges_of(triangles, len(points)).ends
+    ends = mesh_edges.edges_of(triangles, len(points)).ends
     middle = points[ends].mean(axis=1)
     half = 0.5 * np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
     centres = points[triangles].mean(axis=1)

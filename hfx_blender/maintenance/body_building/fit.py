@@ -12,9 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body import mesh_edit
-from ...engine.body.mesh_edit import F64, I64, Bool
+from ...engine.arrays import F64, I64, Bool
+from ...engine.body import mesh_edges
 from ...engine.body.nearest import locate
+from . import mesh_edit
 from .crossings import crossings
 from .remesher import Remesher
 from .uncross import COARSE_M, uncross
@@ -47,7 +48,7 @@ def _connect(mesh: Remesher) -> None:
     A vertex that no diagonal can join goes to the part around it.
     """
     for turn in range(_CONNECT_ROUNDS):
-        edges = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+        edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
         stray = _stray(mesh, edges)
         if not stray.any():
             return
@@ -67,7 +68,7 @@ def _connect(mesh: Remesher) -> None:
                     mesh.part[vertex] = np.bincount(others).argmax()
 
 
-def _stray(mesh: Remesher, edges: mesh_edit.Edges) -> Bool:
+def _stray(mesh: Remesher, edges: mesh_edges.Edges) -> Bool:
     """Vertices that are not in the largest connected piece of their part."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -97,7 +98,7 @@ def _exchange_diagonals(mesh: Remesher) -> None:
         return found
 
     for turn in range(8):
-        edges = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+        edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
         index = np.flatnonzero(~edges.is_border)
         a, b = edges.ends[index].T
         c, d = edges.opposite[index].T
@@ -161,7 +162,7 @@ def _untangle(mesh: Remesher) -> None:
     """Draw the vertices of crossing triangles toward the middle of their neighbours."""
     from scipy.sparse import coo_array, csr_array
 
-    edges = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+    edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
     one, other = edges.ends.T
     size = (len(mesh.points),) * 2
     graph = csr_array(coo_array((np.ones(len(one)), (one, other)), shape=size))

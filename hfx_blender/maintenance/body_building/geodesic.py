@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...atomic_files import atomic_file
-from ...engine.body.mesh_edit import F64, I64, edges_of
+from ...engine.arrays import F64, I32, I64
+from ...engine.body.mesh_edges import edges_of
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import RIGHT
-
-I32 = npt.NDArray[np.int32]
 
 _SEED_LINKS: Final = 6  # nearest fine vertices that a coarse vertex is joined to
 _SHORTEST_M: Final = 1e-9  # scipy takes a length of zero for "no edge"

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...engine.body import mesh_edit
-from ...engine.body.mesh_edit import F64, I64, Bool
+from ...engine.arrays import F64, I64, U8, Bool
+from ...engine.body import mesh_edges
 from ...engine.body.parts import CENTRE, RIGHT
 from .skin import Skins
-
-U8 = npt.NDArray[np.uint8]
 
 SAMPLES_ACROSS: Final = 7
 """Sample points of the skin across one cell, about."""
@@ -76,7 +73,7 @@ def left_of(skins: Skins, part: U8, side: U8) -> LeftSkin:
     )
     points = skins.dense.vertices[kept]
     triangles = _split(quads)
-    facing = mesh_edit.triangle_normals(points, triangles)
+    facing = mesh_edges.triangle_normals(points, triangles)
     normals = np.zeros_like(points)
     for corner in range(3):
         np.add.at(normals, triangles[:, corner], facing)

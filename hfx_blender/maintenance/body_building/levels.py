@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from ...atomic_files import atomic_file
+from ...engine.arrays import F64, I64
 from ...engine.body.levels import LEVELS_FILE, Level
-from ...engine.body.mesh_edit import F64, I64
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import RIGHT
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body.mesh_edit import F64, I64
+from ...engine.arrays import F64, I64
 from ...engine.body.nearest import locate
 from ...engine.body.parts import PARTS
 from .left_skin import Samples

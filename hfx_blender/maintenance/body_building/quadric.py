@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body import mesh_edit
-from ...engine.body.mesh_edit import F64, I64
+from ...engine.arrays import F64, I64
+from ...engine.body import mesh_edges
 from ...engine.body.parts import PARTS
 from .left_skin import Half, LeftSkin, Samples
 from .remesher import HEXAGON
@@ -78,7 +78,7 @@ def _decimated(points: F64, triangles: I64, spacing_m: float) -> tuple[F64, I64]
 def areas_m2(half: Half, samples: Samples) -> F64:
     """Skin of each vertex of the left half: its third of the triangles around it, scaled to
     the skin of its part."""
-    size = np.linalg.norm(mesh_edit.triangle_normals(half.points, half.triangles), axis=1) / 6.0
+    size = np.linalg.norm(mesh_edges.triangle_normals(half.points, half.triangles), axis=1) / 6.0
     count = len(half.points)
     share = sum(np.bincount(corner, size, minlength=count) for corner in half.triangles.T)
     of_mesh = np.bincount(half.part, share, minlength=len(PARTS))

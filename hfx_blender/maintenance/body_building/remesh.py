@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body.mesh_edit import F64
+from ...engine.arrays import F64
 from ...engine.body.parts import PARTS
 from . import fit
 from .left_skin import LeftSkin

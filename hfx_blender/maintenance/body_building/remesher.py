@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body import mesh_edit
-from ...engine.body.mesh_edit import F64, I64
+from ...engine.arrays import F64, I64
+from ...engine.body import mesh_edges
 from ...engine.body.parts import PARTS
-from . import measure
+from . import measure, mesh_edit
 from .left_skin import Half, LeftSkin, sample
 
 HEXAGON: Final = np.sqrt(3.0) / 2.0
@@ -41,7 +41,7 @@ class Remesher:
         self.midline_m = self._midline_lengths()
 
     def _midline_lengths(self) -> F64:
-        ends = mesh_edit.edges_of(self.triangles, len(self.points))
+        ends = mesh_edges.edges_of(self.triangles, len(self.points))
         border = ends.ends[ends.is_border]
         lengths = np.linalg.norm(self.points[border[:, 0]] - self.points[border[:, 1]], axis=1)
         total = np.bincount(self.part[border[:, 0]], lengths, minlength=len(PARTS))
@@ -58,7 +58,7 @@ class Remesher:
     def refine(self) -> None:
         """Split edges until there are enough vertices everywhere."""
         while True:
-            edges = mesh_edit.edges_of(self.triangles, len(self.points))
+            edges = mesh_edges.edges_of(self.triangles, len(self.points))
             one, other = edges.ends.T
             lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
             wanted = lengths / self.spacing_m[self.part[one]]
@@ -100,7 +100,7 @@ class Remesher:
         return np.bincount(kinds[alive], minlength=2 * len(PARTS))
 
     def _thin_once(self, kinds: I64, excess: I64, reach: float, fold: float, seed: int) -> int:
-        edges = mesh_edit.edges_of(self.triangles, len(self.points))
+        edges = mesh_edges.edges_of(self.triangles, len(self.points))
         one, other = edges.ends.T
         lengths = np.linalg.norm(self.points[one] - self.points[other], axis=1)
         short = (kinds[one] == kinds[other]) & (excess[kinds[one]] > 0)
@@ -149,9 +149,9 @@ class Remesher:
 
     def _find_owners(self, rounds: int) -> None:
         """Move each sample to a neighbour of its owner that is nearer, in the same part."""
-        edges = mesh_edit.edges_of(self.triangles, len(self.points))
+        edges = mesh_edges.edges_of(self.triangles, len(self.points))
         same = self.part[edges.ends[:, 0]] == self.part[edges.ends[:, 1]]
-        inner = mesh_edit.Edges(
+        inner = mesh_edges.Edges(
             edges.ends[same],
             edges.triangle[same],
             edges.opposite[same],
@@ -235,7 +235,7 @@ class Remesher:
         points : (V, 3) float64
             Where the vertices are taken to be.
         """
-        edges = mesh_edit.edges_of(self.triangles, len(points))
+        edges = mesh_edges.edges_of(self.triangles, len(points))
         one, other = edges.ends.T
         lengths = np.linalg.norm(points[one] - points[other], axis=1)
         # An edge beside the midline stands for two, one on it for one.

@@ -13,12 +13,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F64, U8
 from ...engine.body.model import Skeleton
 from ...engine.body.parts import CENTRE, LEFT, PARTS, RIGHT
 from .skin import Skin
-
-F64 = npt.NDArray[np.float64]
-U8 = npt.NDArray[np.uint8]
 
 _HAND, _FOOT = -1, -2  # not parts yet: split by direction
 _PART_OF_BONE: Final = {

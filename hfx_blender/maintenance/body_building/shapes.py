@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body.mesh_edit import F64, I64
+from ...engine.arrays import F64, I32, I64
 from ...engine.body.model import Avatar
 from ...engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
 from ...engine.retargeting.joints import skeletons_of
@@ -79,7 +79,7 @@ def make(average: Source, folder: Path, avatar: Avatar) -> tuple[ShapeFields, I6
         raise InputError(f"{folder}: cannot be read as MakeHuman data ({error}).") from error
 
     @cache
-    def offsets(name: str) -> tuple[source_data.I32, F64]:
+    def offsets(name: str) -> tuple[I32, F64]:
         return source_data._read_target(folder / name)
 
     ids = source_vertices(avatar)

@@ -6,12 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.body.model import Skeleton
 from .source import Source
-
-F64 = npt.NDArray[np.float64]
 
 
 def bone_order(rig: dict[str, Any]) -> tuple[str, ...]:

@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...engine.arrays import F64, I32
 from .source import Source
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
 
 HEIGHT_M: Final = 1.8
 POCKETS: Final = (1, 3, 6)

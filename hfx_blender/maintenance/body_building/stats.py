@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...engine.body.mesh_edit import edges_of
+from ...engine.arrays import F64
+from ...engine.body.mesh_edges import edges_of
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import PARTS
 from .left_skin import Half
@@ -18,8 +18,6 @@ from .thresholds import TABLE_1_MM, TABLE_1_SD_MM
 
 TIMES_FILE: Final = "build-times.json"
 """Processor time that a build took: beside the models, since it differs from build to build."""
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.body import mesh_edit
-from ...engine.body.mesh_edit import F64, I64, Bool
+from ...engine.arrays import F64, I64, U8, Bool
+from ...engine.body import mesh_edges
 from .crossings import crossings, depth_m, pierced
-from .left_skin import U8
 from .remesher import Remesher
 
 COARSE_M: Final = 0.1
@@ -134,7 +133,7 @@ class _Patch:
     def _weighed(self, state: _State) -> _State:
         own = state.triangles[self.own]
         found = self._crossings(state, own)
-        facing = mesh_edit.triangle_normals(state.points, own)
+        facing = mesh_edges.triangle_normals(state.points, own)
         turned = np.einsum("ij,ij->i", facing, state.normals[own].sum(axis=1)) < 0.0
         corners = state.points[own]
         middles = 0.5 * (corners + np.roll(corners, 1, axis=1))
@@ -171,7 +170,7 @@ class _Patch:
 
     def _flipped(self, state: _State, rng: np.random.Generator) -> _State | None:
         """Flip one diagonal, chosen at random; None where that would tear a part apart."""
-        edges = mesh_edit.edges_of(state.triangles, len(state.points))
+        edges = mesh_edges.edges_of(state.triangles, len(state.points))
         inner = np.flatnonzero(self.own[edges.triangle].all(axis=1) & ~edges.is_border)
         edge = rng.choice(inner)
         (a, b), (c, d) = edges.ends[edge], edges.opposite[edge]

@@ -12,12 +12,10 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...engine.arrays import F64
 from ...engine.body.model import Avatar, Skeleton, WalkCycle
 from ...engine.body.parts import LEFT, PARTS
-
-F64 = npt.NDArray[np.float64]
 
 RATE_HZ: Final = 30.0
 FRAMES: Final = 32

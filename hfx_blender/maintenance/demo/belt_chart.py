@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...atomic_files import atomic_file
+from ...engine.arrays import F64
 from ...engine.rendering.raster import Raster
 from ...engine.spatial_sound.layouts import Layout
-
-F64 = npt.NDArray[np.float64]
 
 _LEFT: Final = 110
 _WIDTH: Final = 900

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ...atomic_files import atomic_file
 from ...authoring import effects, surfaces
 from ...avatars import bodies
 from ...compat import new_fcurve, set_keys
+from ...engine.arrays import F64
 from ...engine.body.model import load_model
 from ...engine.body.parts import PARTS
 from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
@@ -29,8 +29,6 @@ from ...engine.texture.stroke import line
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...errors import OutputError
 from ...formats import stroke_files
-
-F64 = npt.NDArray[np.float64]
 
 SQUARES = 4
 SQUARE_M = 0.05

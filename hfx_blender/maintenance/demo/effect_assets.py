@@ -22,6 +22,7 @@ from ...atomic_files import atomic_file
 from ...authoring import effect_exchange, effect_file, effects
 from ...authoring.effect_assets import LIBRARY_FILE, SENSATION, is_worn
 from ...authoring.effect_file import SUFFIX, Sensation
+from ...engine.arrays import F64
 from ...engine.body.model import load_avatar, load_model
 from ...engine.colouring import SKIN, Spread, felt_shares, overlay
 from ...playback.preview_layers import spread_between
@@ -31,7 +32,6 @@ CATALOGS = "blender_assets.cats.txt"
 SIZE = 128
 WORN, AROUND = "Haptics/On the Body", "Haptics/Around the Body"
 
-F64 = npt.NDArray[np.float64]
 _SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")  # of names that are addresses
 
 

@@ -133,11 +133,9 @@ def test_what_cannot_be_opened_says_why(card: Any, monkeypatch: pytest.MonkeyPat
         card(interface="gone")
     with pytest.raises(OutputLostError, match="nothing that vibrates"):
         SoundCard(device(heat()))
-    assert sound_card.interfaces() == ["Card"]
     monkeypatch.setitem(sys.modules, "sounddevice", None)  # as if it were not installed
     with pytest.raises(OutputLostError, match=r"hfx-blender\[audio\]"):
         card()
-    assert sound_card.interfaces() == []
 
 
 def test_any_device_that_vibrates_can_be_opened_on_a_card(card: Any) -> None:

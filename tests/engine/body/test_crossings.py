@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body import mesh_edit, model
+from hfx_blender.engine.body import mesh_edges, model
 from hfx_blender.engine.body.parts import PARTS, RIGHT
-from hfx_blender.maintenance.body_building import uncross
+from hfx_blender.maintenance.body_building import mesh_edit, uncross
 from hfx_blender.maintenance.body_building.crossings import crossings, depth_m, pierced
 from hfx_blender.maintenance.body_building.left_skin import Samples
 
@@ -39,7 +39,7 @@ def test_they_are_those_that_trying_every_pair_finds(seed: int, largest: float) 
         -1, 3
     )
     triangles = np.arange(120).reshape(-1, 3)
-    ends = mesh_edit.edges_of(triangles, 120).ends
+    ends = mesh_edges.edges_of(triangles, 120).ends
     edge, triangle = (index.ravel() for index in np.indices((len(ends), len(triangles))))
     every = pierced(points, ends[edge], triangles[triangle])
     assert sorted(crossings(points, triangles).tolist()) == sorted(every.tolist())
@@ -82,7 +82,7 @@ def tangled(mesh: SimpleNamespace) -> None:
     leg = mesh.part == PARTS.index("lower_leg")
     rng = np.random.default_rng(0)
     for turn in range(50):
-        edges = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+        edges = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
         inner = np.flatnonzero(~edges.is_border & leg[edges.ends].all(axis=1))
         flipped, _ = mesh_edit.flip(
             mesh.points, mesh.triangles, edges, rng.permutation(inner)[:1], mesh.is_midline, turn,
@@ -99,10 +99,10 @@ def test_a_coarse_limb_is_freed_and_stays_one_surface(monkeypatch: pytest.Monkey
     monkeypatch.setattr(uncross, "_STEPS", 600)  # one crossing needs no more
     mesh = coarse_half()
     tangled(mesh)
-    before, points = mesh_edit.edges_of(mesh.triangles, len(mesh.points)), mesh.points.copy()
+    before, points = mesh_edges.edges_of(mesh.triangles, len(mesh.points)), mesh.points.copy()
     uncross.uncross(mesh)
     assert not len(crossings(mesh.points, mesh.triangles))
-    after = mesh_edit.edges_of(mesh.triangles, len(mesh.points))
+    after = mesh_edges.edges_of(mesh.triangles, len(mesh.points))
     assert len(after.ends) == len(before.ends)
     assert np.array_equal(after.ends[after.is_border], before.ends[before.is_border])
     directed = mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)

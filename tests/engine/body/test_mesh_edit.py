@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body import mesh_edit, nearest
+from hfx_blender.engine.body import mesh_edges, nearest
+from hfx_blender.maintenance.body_building import mesh_edit
 
 
 def cloud(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -18,14 +19,14 @@ def cloud(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     points = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 2))
     triangles = Delaunay(points).simplices.astype(np.int64)
     flat = np.column_stack((points, np.zeros(count)))
-    upside = mesh_edit.triangle_normals(flat, triangles)[:, 2] < 0.0
+    upside = mesh_edges.triangle_normals(flat, triangles)[:, 2] < 0.0
     triangles[upside] = triangles[upside][:, ::-1]
     return flat, triangles
 
 
 def characteristic(triangles: np.ndarray, count: int) -> tuple[int, int]:
     """Euler characteristic and number of border edges."""
-    edges = mesh_edit.edges_of(triangles, count)
+    edges = mesh_edges.edges_of(triangles, count)
     used = len(np.unique(triangles))
     return used - len(edges.ends) + len(triangles), int(edges.is_border.sum())
 
@@ -46,7 +47,7 @@ def test_flips_lead_back_to_delaunay(seed: int, count: int) -> None:
     triangles = wanted
     none = np.zeros(count, bool)
     for turn in range(4):  # spoil it
-        edges = mesh_edit.edges_of(triangles, count)
+        edges = mesh_edges.edges_of(triangles, count)
         inner = np.flatnonzero(~edges.is_border)
         triangles, _ = mesh_edit.flip(points, triangles, edges, inner[turn::3], none, seed)
     assert_oriented_manifold(triangles)
@@ -61,7 +62,7 @@ def test_collapses_keep_a_disc_a_disc(seed: int, count: int) -> None:
     points, triangles = cloud(seed, count)
     up = np.tile([0.0, 0.0, 1.0], (count, 1))
     for turn in range(6):
-        edges = mesh_edit.edges_of(triangles, count)
+        edges = mesh_edges.edges_of(triangles, count)
         on_border = np.zeros(count, bool)
         on_border[edges.ends[edges.is_border].ravel()] = True
         one, other = edges.ends[~on_border[edges.ends[:, 0]]].T
@@ -73,7 +74,7 @@ def test_collapses_keep_a_disc_a_disc(seed: int, count: int) -> None:
         triangles = mesh_edit.collapse(triangles, one[chosen], other[chosen], count)
         assert_oriented_manifold(triangles)
         assert characteristic(triangles, count) == before
-        assert (mesh_edit.triangle_normals(points, triangles)[:, 2] > 0.0).all()
+        assert (mesh_edges.triangle_normals(points, triangles)[:, 2] > 0.0).all()
 
 
 def test_a_collapse_that_would_pinch_is_refused() -> None:
@@ -82,7 +83,7 @@ def test_a_collapse_that_would_pinch_is_refused() -> None:
     points = np.array(
         [[1.0, 0, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [1, 0, 1], [-0.5, 0.9, 1], [-0.5, -0.9, 1]]
     )
-    edges = mesh_edit.edges_of(triangles, 6)
+    edges = mesh_edges.edges_of(triangles, 6)
     allowed = mesh_edit.collapsible(
         points, points * (1, 1, 0), triangles, edges, np.array([0]), np.array([1]), -1.0
     )
@@ -93,7 +94,7 @@ def test_a_collapse_that_would_pinch_is_refused() -> None:
 @settings(max_examples=40, deadline=None)
 def test_splits_keep_area_topology_and_orientation(seed: int, count: int) -> None:
     points, triangles = cloud(seed, count)
-    edges = mesh_edit.edges_of(triangles, count)
+    edges = mesh_edges.edges_of(triangles, count)
     order = mesh_edit.scatter_ranks(len(edges.ends), seed)
     finer, done = mesh_edit.split(triangles, edges, order)
     assert len(done) > 0
@@ -101,9 +102,9 @@ def test_splits_keep_area_topology_and_orientation(seed: int, count: int) -> Non
     all_points = np.concatenate((points, middle))
     assert_oriented_manifold(finer)
     assert characteristic(finer, len(all_points))[0] == characteristic(triangles, count)[0]
-    area = mesh_edit.triangle_normals(all_points, finer)[:, 2]
+    area = mesh_edges.triangle_normals(all_points, finer)[:, 2]
     assert (area > 0.0).all()
-    assert area.sum() == pytest.approx(mesh_edit.triangle_normals(points, triangles)[:, 2].sum())
+    assert area.sum() == pytest.approx(mesh_edges.triangle_normals(points, triangles)[:, 2].sum())
 
 
 def test_the_nearest_place_is_found_as_by_trying_everything() -> None:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import CENTRE, PARTS, RIGHT
 from hfx_blender.errors import UsageError
@@ -51,7 +52,7 @@ def models(people: dict[str, Person]) -> dict[str, model.PerceptualModel]:
     return {name: variant_models.model(canonical, who) for name, who in people.items()}
 
 
-def cage(folder: Path, who: Variant) -> source.F64:
+def cage(folder: Path, who: Variant) -> F64:
     """The body of the base mesh, metres."""
     data = source.read(folder, variant.target_shares(who))
     return data.vertices[np.unique(data.faces)]

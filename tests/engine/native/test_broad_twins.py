@@ -17,9 +17,8 @@ from both_ways import in_numpy, needs_library
 from test_compiled_contact import TOLERANCES, load, moving_scene
 
 from hfx_blender.engine.active_rows import FARTHEST, followed
-from hfx_blender.engine.contact import block_broad_phase, contacts
-from hfx_blender.engine.contact import compiled_broad_phase as native_reach
-from hfx_blender.engine.contact.broad_phase import Placed
+from hfx_blender.engine.contact import block_broad_phase, compiled_broad_phase, contacts
+from hfx_blender.engine.contact.broad_phase import VolumeBroadPhase
 from hfx_blender.engine.contact.compiled_target import PlacedTarget
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.kinematics.motion import turns_since_before
@@ -154,8 +153,12 @@ def test_rows_without_boxes_or_a_pose_are_refused():
     boxes, none = contacts.bounds_of(skin, pose, rows).boxes, np.zeros(6, np.bool_)
     for some in (np.arange(5), np.zeros(0, np.int64)):
         with pytest.raises(IndexError, match="row 5 has no boxes"):
-            native_reach.Broad(target, skin.surface.outline, some, boxes, none, ~none, 0.0, True)
-    broad = native_reach.Broad(target, skin.surface.outline, rows, boxes, none, ~none, 0.0, True)
+            compiled_broad_phase.CompiledBroadPhase(
+                target, skin.surface.outline, some, boxes, none, ~none, 0.0, True
+            )
+    broad = compiled_broad_phase.CompiledBroadPhase(
+        target, skin.surface.outline, rows, boxes, none, ~none, 0.0, True
+    )
     broad.overlaps()
     with pytest.raises(IndexError, match="row 5 of a pose of 5"):
         broad.reach(pose.bones[:5], skin.used_bones, skin.own_outline, None)
@@ -185,15 +188,15 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
     some = np.array([0, 1, 2, 4, 5])  # the one between is only followed from
     bounds = contacts.bounds_of(skin, pose, np.arange(6))
     for effect, animated in zip(scene.effects, block.effects, strict=True):
-        rows, heard, follows = followed(some, np.arange(6), animated, block)
-        assert len(rows) == 6 and heard.sum() == 5
+        rows, reported, follows = followed(some, np.arange(6), animated, block)
+        assert len(rows) == 6 and reported.sum() == 5
         ways = animated.matrices[rows], pose.to_world[rows]
         inverses, usable = inverse_placement(ways[0])
         assert usable.all()
         falloff = effect.area.falloff
-        placed = Placed.of(animated, falloff, rows, inverses, skin, pose, bounds)
+        placed = VolumeBroadPhase.of(animated, falloff, rows, inverses, skin, pose, bounds)
         reached, simple = placed.reached(falloff)
-        reached &= heard[:, None]
+        reached &= reported[:, None]
         later = placed.followed(follows, simple, always=False)
         needed = reached | later
         needed[:-1] |= later[1:]
@@ -209,8 +212,8 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
         )
         assert target.is_usable
         np.testing.assert_allclose(target.part("turns"), turns_since_before(*ways), atol=1e-9)
-        broad = native_reach.Broad(
-            *(target, skin.surface.outline, bounds.rows, bounds.boxes, follows, heard),
+        broad = compiled_broad_phase.CompiledBroadPhase(
+            *(target, skin.surface.outline, bounds.rows, bounds.boxes, follows, reported),
             *(skin.skin.edge_m, skin.skin.is_split),
         )
         met = broad.overlaps()
@@ -221,8 +224,8 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
         reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, sizes)
         _check_bones(reached, skin, placed)
         pairs = reached.pairs
-        is_wide = (pairs.how == native_reach.COVERED) | (pairs.steps > 0)
-        by_vertex = pairs.how == native_reach.BY_VERTEX
+        is_wide = (pairs.how == compiled_broad_phase.COVERED) | (pairs.steps > 0)
+        by_vertex = pairs.how == compiled_broad_phase.BY_VERTEX
         assert reached.clusters.tolist() == np.unique(pairs.clusters).tolist()
         assert reached.wide.tolist() == np.unique(pairs.clusters[is_wide]).tolist()
         assert reached.by_vertex.tolist() == np.unique(pairs.clusters[by_vertex]).tolist()
@@ -231,7 +234,7 @@ def test_the_same_skin_is_looked_at_as_in_numpy(modality, tolerance, seed):
         assert pairs.rows.tolist() == at.tolist()
         assert ((pairs.steps > 0) == later[at, clusters]).all()
         assert reached.most_steps == pairs.steps.max(initial=0)
-        whole = pairs.how == native_reach.WHOLE
+        whole = pairs.how == compiled_broad_phase.WHOLE
         assert (whole == (falloff.is_flat & simple[at, clusters])).all()
         counts += len(clusters), np.count_nonzero(pairs.steps)
     # What tests vertices alone follows nothing.

@@ -15,7 +15,8 @@ import pytest
 
 import hfx_blender.engine.native
 
-FILES = sorted(Path(hfx_blender.engine.native.__file__).parent.glob("*.py"))
+ENGINE = Path(hfx_blender.engine.native.__file__).parents[1]
+FILES = sorted((*ENGINE.glob("native/*.py"), *ENGINE.glob("contact/compiled_*.py")))
 
 
 def _nameless(source: str) -> list[str]:
@@ -61,7 +62,7 @@ def test_all_that_is_pointed_at_is_held(path: Path) -> None:
     "source",
     [
         "call(pointer(f64(points)))",
-        "call(*[pointer(each) for each in (weights, f64(heard), columns)])",
+        "call(*[pointer(each) for each in (weights, f64(reported), columns)])",
         "call(*(pointer(each) for each in made()))",
         "call(*map(pointer, (rows, found[1:])))",
         "call(pointer(a + b))",

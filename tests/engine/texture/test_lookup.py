@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gratings import uneven
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -93,7 +94,7 @@ def test_one_sharp_texel_between_two_pointer_samples_is_felt() -> None:
 def test_steps_hold_the_strongest_texel_of_their_time() -> None:
     rng = np.random.default_rng(0)
     map_ = _map(rng.uniform(size=(20, 20)))
-    stroke = strokes.uneven(strokes.line((0.0, 0.0), 0.5, 0.1, 0.1), rng, (0.01, 0.05))
+    stroke = uneven(strokes.line((0.0, 0.0), 0.5, 0.1, 0.1), rng, (0.01, 0.05))
     texels = trace(map_, stroke)
     felt, _ = strongest_in_steps(map_, stroke, 0.05, 20)
     for k in range(20):

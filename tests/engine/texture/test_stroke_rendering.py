@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gratings import grating
+from gratings import grating, uneven
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,7 +18,6 @@ from hfx_blender.engine.texture.stroke import Stroke
 from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
 from hfx_blender.engine.texture.synthesis import profile
 from hfx_blender.engine.texture.textile import (
-    TextileStream,
     drive_levels,
     receptor_weights,
     weighted_rms,
@@ -82,7 +81,7 @@ def test_the_textile_renderer_equals_an_independent_computation() -> None:
     rng = np.random.default_rng(3)
     field = HeightField(rng.normal(size=(32, 32)) * 1e-5, (1e-4, 1.3e-4))
     even = strokes.line((0.0, 0.0), 0.7, 0.03, 0.1, 240.0)
-    stroke = strokes.uneven(even, rng, (0.015, 0.07))
+    stroke = uneven(even, rng, (0.015, 0.07))
     levels = drive_levels(field, stroke, 1e4)
     assert len(levels) == 6
     for k, level in enumerate(levels):
@@ -108,34 +107,6 @@ def test_the_level_of_a_sine_hardly_depends_on_its_phase(frequency: float) -> No
 def test_with_all_weights_one_the_level_is_the_rms() -> None:
     wave = np.sin(2.0 * np.pi * 200.0 * np.arange(100) / 2000.0)  # ten whole periods
     assert weighted_rms(3.0 * wave, 2000.0) == pytest.approx(3.0 / np.sqrt(2.0))
-
-
-def test_a_stream_gives_the_same_levels_as_the_whole_stroke() -> None:
-    rng = np.random.default_rng(5)
-    field = HeightField(rng.normal(size=(64, 64)) * 1e-5, (5e-5, 5e-5))
-    points = np.cumsum(rng.normal(0.0, 2e-3, (60, 2)), axis=0)  # some so fast that texels pass
-    stroke = Stroke(np.cumsum(rng.uniform(0.004, 0.07, 60)), points)
-    stream = TextileStream(field, 1e4)
-    found = [
-        each
-        for t, p in zip(stroke.times_s, stroke.points_m, strict=True)
-        for each in stream.push(float(t), (float(p[0]), float(p[1])))
-    ]
-    levels = drive_levels(field, stroke, 1e4)
-    assert len(levels) > 20
-    np.testing.assert_allclose([level for _, level in found], levels, rtol=1e-9)
-    begins = stroke.times_s[0] + 0.05 * np.arange(len(levels))
-    np.testing.assert_allclose([t for t, _ in found], begins)
-
-
-def test_a_stream_that_is_told_nonsense_stays_as_it_was() -> None:
-    stream = TextileStream(grating(1e-3), 1e4)
-    assert stream.push(0.0, (0.0, 0.0)) == []
-    assert stream.push(0.0, (1.0, 0.0)) == []
-    assert stream.push(-1.0, (1.0, 0.0)) == []
-    ((begin, level),) = stream.push(0.05, (5e-3, 0.0))
-    # Five whole periods of 100 Hz.
-    assert (begin, level) == (0.0, pytest.approx(1e4 * AMPLITUDE / np.sqrt(2.0), rel=5e-3))
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.1])
@@ -167,17 +138,19 @@ def test_a_resting_finger_is_silent(texture: SurfaceTexture) -> None:
 
 @pytest.mark.parametrize("texture", _textures(), ids=lambda t: t.renderer.value)
 def test_a_stroke_backwards_gives_the_mirrored_signal(texture: SurfaceTexture) -> None:
-    stroke = strokes.uneven(
+    stroke = uneven(
         strokes.line((1e-4, 3e-4), 0.4, 0.05, 0.05), np.random.default_rng(1), (0.01, 0.03)
     )
     assert stroke.duration_s == pytest.approx(1.0)
+    start_s, end_s = stroke.times_s[[0, -1]]
+    backwards = Stroke(start_s + (end_s - stroke.times_s[::-1]), stroke.points_m[::-1])
     if texture.renderer is Renderer.DIRECT:
         assert texture.height is not None
         there = profile(texture.height, stroke, 8000.0)
-        back = profile(texture.height, stroke.backwards(), 8000.0)
+        back = profile(texture.height, backwards, 8000.0)
         np.testing.assert_allclose(back[::-1], there, atol=1e-3 * np.abs(there).max())
         return
-    there, back = (render_stroke(texture, s) for s in (stroke, stroke.backwards()))
+    there, back = (render_stroke(texture, s) for s in (stroke, backwards))
     np.testing.assert_allclose(back.amplitude_m_s2[::-1], there.amplitude_m_s2, rtol=1e-6)
     np.testing.assert_allclose(back.frequency_hz[::-1], there.frequency_hz, rtol=1e-6)
 

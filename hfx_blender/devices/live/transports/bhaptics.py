@@ -8,16 +8,12 @@ import time
 from contextlib import suppress
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ....engine.rendering.device_output import BhapticsEncoder
 from ..encoders import Channels
 from ..output import OutputLostError
 from .websocket import WebSocket
-
-F64 = npt.NDArray[np.float64]
 
 DURATION_MS: Final = 100
 """Time for which the Player holds a frame, ms: then it is silent, if we are."""

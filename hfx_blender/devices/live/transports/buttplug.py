@@ -9,16 +9,12 @@ import time
 from contextlib import suppress
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ....engine.rendering.device_output import ButtplugEncoder
 from ..encoders import Channels
 from ..output import OutputLostError
 from .websocket import WebSocket
-
-F64 = npt.NDArray[np.float64]
 
 ANSWER_S: Final = 3.0
 _LEAST_INTERVAL_S: Final = 0.02

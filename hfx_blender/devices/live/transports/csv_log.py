@@ -9,15 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ..encoders import Channels
 from ..log_file import open_log
 from ..output import OutputLostError
-
-F64 = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 256 << 20
 """Size at which the log ends with an error, bytes: a forgotten one must not fill the disk."""

@@ -11,15 +11,11 @@ import struct
 from contextlib import suppress
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ....engine.rendering.device_output import OscEncoder
 from ..encoders import Channels
 from ..output import OutputLostError
-
-F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
 MAX_DATAGRAM: Final = 1400

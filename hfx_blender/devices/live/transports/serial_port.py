@@ -9,13 +9,9 @@ import threading
 from contextlib import suppress
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ....engine.arrays import F64
 from ..encoders import FrameEncoder
 from ..output import OutputLostError
-
-F64 = npt.NDArray[np.float64]
 
 STOPS: Final = 3
 """Number of times that stop bytes are sent: a device in the middle of a frame loses the first."""

@@ -17,13 +17,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ....engine.rendering.drive import driven
 from ..output import OutputLostError
 from ..tones import LONE, Tones
 from ..waveform import SumOfTones
-
-F64 = npt.NDArray[np.float64]
 
 DEAD_MAN_S: Final = 0.25
 """Time without values after which a card falls silent by itself, seconds: its thread
@@ -162,17 +161,6 @@ class SoundCard:
         """Note the end of the stream; unless it was closed, the card is lost."""
         if not self._is_closed:
             self._lost = "it was unplugged, or another program took it"
-
-
-def interfaces() -> list[str]:
-    """Names of sound cards that can play; none without PortAudio."""
-    try:
-        library = _library()
-        return [
-            str(each["name"]) for each in library.query_devices() if each["max_output_channels"]
-        ]
-    except Exception:
-        return []
 
 
 def _library() -> Any:

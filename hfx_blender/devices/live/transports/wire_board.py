@@ -10,16 +10,12 @@ import zlib
 from contextlib import suppress
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from .. import wire
 from ..encoders import Channels
 from ..output import OutputLostError
 from .serial_port import STOPS, SerialPort
-
-F64 = npt.NDArray[np.float64]
 
 START_S: Final = 5.0
 """An Arduino Uno restarts when its port is opened, and its boot loader takes two seconds."""

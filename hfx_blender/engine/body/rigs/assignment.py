@@ -10,8 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from ...arrays import F64
 from .digits import Digits
-from .rig import F64, Rig, canonical_heads, canonical_parents
+from .rig import Rig, canonical_heads, canonical_parents
 
 _SPINE: Final = ("spine05", "spine04", "spine03", "spine02", "spine01")  # from the hips up
 _NECK: Final = ("neck01", "neck02", "neck03")

@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 
 from ....errors import InputError
+from ...arrays import F64
 from .assignment import spine_counterparts
-from .rig import F64, Rig
+from .rig import Rig
 
 _PAIRED: Final = ("upperleg01", "upperarm01", "lowerleg01", "lowerarm01", "foot", "clavicle")
 _ARM: Final = ("clavicle", "upperarm01", "lowerarm01", "wrist")

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from ....errors import InputError
+from ...arrays import F64
 from .assignment import assigned_by_name
 from .conventions import convention_of
 from .geometry import (
@@ -22,7 +23,7 @@ from .geometry import (
     named_left,
 )
 from .names import FINGERS
-from .rig import F64, Rig, RigBone, canonical_parents
+from .rig import Rig, RigBone, canonical_parents
 
 __all__ = [
     "BoneMapping",

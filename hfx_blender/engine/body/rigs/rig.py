@@ -9,12 +9,10 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...arrays import F64
 from ..model import load_skeleton
 from .names import is_deform, read_names, without_role
-
-F64 = npt.NDArray[np.float64]
 
 Point = tuple[float, float, float]
 

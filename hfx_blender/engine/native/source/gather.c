@@ -31,7 +31,7 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
 // the vertices found and their values, (rows * columns,). How many rows, sets and vertices there are.
 #define GATHERING(name, real)                                                                      \
   HFX_EXPORT void hfx_gather_##name(int64_t rows, int64_t columns, const real *weights,           \
-                                    const uint8_t *heard, const int32_t *vertices,                 \
+                                    const uint8_t *reported, const int32_t *vertices,                 \
                                     int64_t own_sets, int64_t *at, int64_t *sets, int64_t *offsets, \
                                     int32_t *found, real *values, int64_t counts[3]) {             \
     const real *before = 0;                                                                        \
@@ -39,7 +39,7 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
     offsets[0] = 0;                                                                                \
     for (int64_t n = 0; n < rows; n++, weights += columns) {                                       \
       int64_t any = 0, changed = !before || own_sets;                                              \
-      if (!heard[n]) continue;                                                                     \
+      if (!reported[n]) continue;                                                                     \
       for (int64_t k = 0; k < columns; k++) any |= weights[k] != 0;                                \
       if (!any) continue;                                                                          \
       for (int64_t k = 0; !changed && k < columns; k++) changed = weights[k] != before[k];         \

@@ -124,7 +124,7 @@ static inline double reach_of(look *at, side *pair, int64_t unit) {
   return gap_of(at, pair, unit) * at->table->reaches[at->first + unit];
 }
 
-// See narrow.told_by_vertices: whether strength at the vertex of a unit is close enough. `cell`
+// See narrow.vertex_sample_suffices: whether strength at the vertex of a unit is close enough. `cell`
 // is what is known of its cell: below 0 nothing yet, else whether that is told as a whole.
 static inline int is_told(look *at, side *pair, int64_t unit, int64_t from, int64_t to, int *cell) {
   if (at->target->is_flat || at->target->amplitude == 0.0) return 0;

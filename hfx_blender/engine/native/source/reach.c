@@ -23,7 +23,7 @@ typedef struct {
   const double *of_rows;      // (bounds, 2, 3) around all clusters
   const double *of_clusters;  // (clusters, 2, 3) at all of them
   const uint8_t *follows;     // (rows,) whether the row before is the sample before
-  const uint8_t *heard;       // (rows,) whether it is reported
+  const uint8_t *reported;       // (rows,) whether it is reported
   double edge_m;
   int64_t is_split;
   // What is found out.
@@ -136,7 +136,7 @@ HFX_EXPORT int64_t hfx_overlaps(hfx_broad *broad, const hfx_target *target, int6
   return count;
 }
 
-// See swept.unseen_m.
+// See swept.max_untracked_motion_m.
 static double unseen(const hfx_target *target, int64_t n, double edge, double steepest) {
   double most = 0.0;
   for (int i = 0; i < 3; i++) {
@@ -247,7 +247,7 @@ static void find_needed(hfx_broad *broad, const hfx_target *target, const hfx_bo
     uint8_t *flags = broad->flags + broad->near[k] * rows;
     for (int64_t n = 0; n < rows; n++) {
       int is_before = n + 1 < rows && (flags[n + 1] & FOLLOWED);
-      if (((flags[n] & TOUCHES) && broad->heard[n]) || (flags[n] & FOLLOWED) || is_before)
+      if (((flags[n] & TOUCHES) && broad->reported[n]) || (flags[n] & FOLLOWED) || is_before)
         flags[n] |= NEEDED;
     }
   }

@@ -13,12 +13,9 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...arrays import F64, I64
 from ...body.nearest import barycentric
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _PAIRS_AT_ONCE: Final = 1 << 17
 

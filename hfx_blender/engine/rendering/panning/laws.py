@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ...arrays import F64
 
 Law = Literal["linear", "log", "power"]
 LAWS: Final[tuple[Law, ...]] = ("linear", "log", "power")

@@ -11,16 +11,12 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from ...body.mesh_edit import edges_of
+from ...arrays import F64, I64, Bool
+from ...body.mesh_edges import edges_of
 from ...body.model import PerceptualModel
 from ...body.parts import PARTS
 from ...body.skin_distance import SkinDistances
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
 
 MAX_SPAN_M: Final = 0.2
 """Farthest that two neighbours may be apart, along the skin."""

@@ -10,13 +10,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...arrays import F64, I64
 from .complex import ActuatorComplex, merged_places
 from .laws import Law, gain
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _FLATTEST: Final = 1e-6
 """Width over length of a layout that counts as a line."""

@@ -8,12 +8,9 @@ place at distance d from one of two neighbours that are D apart; on a ring both 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from ...arrays import F64, I64
 from .complex import merged_places
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 class RingPanning:

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from ...arrays import F64
 
 _SPREAD = 4.0
 """Standard deviations beyond which a Gaussian counts as nothing (3e-4 of its peak)."""

@@ -15,14 +15,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ...arrays import F64, I32, I64
 from ...body.model import PerceptualModel
 from .complex import ActuatorComplex, merged_places
 from .laws import Law, gain
 from .neighbours import MAX_SPAN_M, along_edges_m, edge_graph, limbs_of, parted
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-I32 = npt.NDArray[np.int32]
 
 _ROUND_ABOUT: Final = 1.7
 """Largest ratio of the path along the skin to the straight one (half round a limb: 1.57)."""

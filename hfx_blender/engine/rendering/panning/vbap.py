@@ -11,13 +11,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ...arrays import F64, I64
 from .complex import merged_places
 from .ring import RingPanning
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 _ROUNDING: Final = 1e-9
 

@@ -7,62 +7,10 @@ it a manifold disc; a set of operations is done together only if they cannot tou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Edges:
-    """The edges of a triangle mesh with the two triangles at each."""
-
-    ends: I64  # (E, 2) lower vertex first
-    triangle: I64  # (E, 2) -1 where the border is
-    opposite: I64  # (E, 2) the third vertex of each triangle, -1 likewise
-    keys: I64  # (E,) ascending; see key()
-    count: int  # number of vertices
-
-    @property
-    def is_border(self) -> Bool:
-        return self.triangle[:, 1] < 0
-
-    def exists(self, one: I64, other: I64) -> Bool:
-        """Test pairs of vertices for a common edge, (N,)."""
-        wanted = key(one, other, self.count)
-        place = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
-        found: Bool = self.keys[place] == wanted
-        return found
-
-
-def key(one: I64, other: I64, count: int) -> I64:
-    """Unique number of an unordered pair of vertices."""
-    found: I64 = np.minimum(one, other) * count + np.maximum(one, other)
-    return found
-
-
-def edges_of(triangles: I64, count: int) -> Edges:
-    """Edges of an oriented manifold triangle mesh."""
-    starts, ends = triangles, np.roll(triangles, -1, axis=1)
-    opposite = np.roll(triangles, -2, axis=1).ravel()
-    keys = key(starts, ends, count).ravel()
-    order = np.argsort(keys, kind="stable")
-    sorted_keys = keys[order]
-    first = np.flatnonzero(np.diff(sorted_keys, prepend=-1))
-    is_paired = np.zeros(len(first), bool)
-    inner = first[first + 1 < len(keys)]
-    is_paired[: len(inner)] = sorted_keys[inner] == sorted_keys[inner + 1]
-    corner = np.column_stack((order[first], order[np.minimum(first + 1, len(keys) - 1)]))
-    triangle, across = corner // 3, opposite[corner]
-    triangle[~is_paired, 1] = across[~is_paired, 1] = -1
-    unique = sorted_keys[first]
-    return Edges(
-        np.column_stack((unique // count, unique % count)), triangle, across, unique, count
-    )
+from ...engine.arrays import F64, I64, Bool
+from ...engine.body.mesh_edges import Edges, edges_of, expand, key, triangle_normals
 
 
 def neighbours(edges: Edges) -> tuple[I64, I64]:
@@ -72,14 +20,6 @@ def neighbours(edges: Edges) -> tuple[I64, I64]:
     order = np.lexsort((ends, starts))
     offsets = np.searchsorted(starts[order], np.arange(edges.count + 1))
     return offsets.astype(np.int64), ends[order]
-
-
-def expand(offsets: I64, rows: I64) -> tuple[I64, I64]:
-    """Indices of all entries of the given sparse rows, and the position in ``rows`` of each."""
-    lengths = offsets[rows + 1] - offsets[rows]
-    owner = np.repeat(np.arange(len(rows)), lengths)
-    start = np.repeat(offsets[rows] - (np.cumsum(lengths) - lengths), lengths)
-    return start + np.arange(len(owner)), owner
 
 
 def scatter_ranks(count: int, seed: int) -> I64:
@@ -97,13 +37,6 @@ def independent(edges: Edges, one: I64, other: I64, rank: I64) -> Bool:
     np.minimum.at(around, edges.ends[:, 0], own[edges.ends[:, 1]])
     np.minimum.at(around, edges.ends[:, 1], own[edges.ends[:, 0]])
     found: Bool = (around[one] == rank) & (around[other] == rank)
-    return found
-
-
-def triangle_normals(points: F64, triangles: I64) -> F64:
-    """Normals, as long as twice the triangle's area."""
-    corners = points[triangles]
-    found: F64 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return found
 
 
