@@ -19,7 +19,7 @@ from ..engine.rendering.raster import Raster
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
-from ..stage_folders import stage_folder
+from ..stage_folders import stage_folder, with_final_names
 from ..stepwise import finish
 from . import csv_raster, npz_raster, raster_rules, wav
 from .curves import CurveTolerance
@@ -270,7 +270,7 @@ def _staging(folder: Path) -> Iterator[Path]:
         with made:
             yield stage
     except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(str(error).replace(str(stage), str(folder))) from error
+        raise OutputError(with_final_names(str(error), stage, folder)) from error
     except OSError as error:
-        path = str(error.filename or folder).replace(str(stage), str(folder))
+        path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error
