@@ -2,9 +2,9 @@
 """Written files pass our own validation, or they do not get their names.
 
 Conversions, of files of strangers, check whatever they wrote. Exports check what has rules of its
-own on how many points, how long and how fast, which takes 1 % of their time; their tables, sound and
-samples are made of numbers that were checked before. They do not read envelopes again, which takes
-up to 5 % and finds only what asks for more than ``file_limits`` allows.
+own on how many points, how long and how fast, which takes 1 % of their time; their tables, sound
+and samples are made of numbers that were checked before. They do not read envelopes again, which
+takes up to 5 % and finds only what asks for more than ``file_limits`` allows.
 """
 
 from __future__ import annotations

@@ -200,8 +200,9 @@ class ButtplugOutput:
 
 def _seconds(milliseconds: object) -> float:
     """What a server tells in milliseconds; 0 where it is no number above 0."""
-    is_number = isinstance(milliseconds, int | float) and not isinstance(milliseconds, bool)
-    return milliseconds / 1000.0 if is_number and 0.0 < milliseconds < math.inf else 0.0
+    if isinstance(milliseconds, bool) or not isinstance(milliseconds, int | float):
+        return 0.0
+    return milliseconds / 1000.0 if 0.0 < milliseconds < math.inf else 0.0
 
 
 def _level(share: float, rest: float, low: int, high: int) -> int:
