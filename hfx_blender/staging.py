@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .atomic_files import move, passing, refuse_taken
 from .errors import OutputError
-from .stage_folders import stage_folder
+from .stage_folders import stage_folder, with_final_names
 
 placing = threading.Lock()
 """Held while finished files get their names: who ends the process at once waits for it."""
@@ -54,10 +54,10 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
         with made, passing(stage):
             yield stage
     except OSError as error:
-        path = str(error.filename or folder).replace(str(stage), str(folder))
+        path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error
     except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(str(error).replace(str(stage), str(folder))) from error
+        raise OutputError(with_final_names(str(error), stage, folder)) from error
     finally:
         if is_new:
             with suppress(OSError):  # it holds the results, unless there are none

@@ -20,11 +20,12 @@ from ..engine.rendering.raster import Column, Raster
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
-from ..stage_folders import stage_folder
+from ..stage_folders import stage_folder, with_final_names
 from ..stepwise import finish
 from . import csv_raster, npz_raster, raster_rules, wav
 from .curves import CurveTolerance
-from .files import format_of, read_signals, validate
+from .files import format_of, read_signals
+from .gate import fault_of
 from .hjif import from_actuators
 from .registry import DEVICE_FORMATS, TRACK_FORMATS, DeviceFormat, TrackFormat, write
 from .signal_raster import RATE_HZ, raster_of
@@ -197,13 +198,10 @@ def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
         file_limits.MEMORY.check(size, str(final), "it would have")
     if size > _READ_AGAIN and made.name.endswith(_BY_ROWS):
         return
-    _, findings = validate(made)
-    errors = [each for each in findings if each.severity == "error"]
-    if errors:
-        place = f"{errors[0].place}: " if errors[0].place else ""
+    fault = fault_of(made)
+    if fault:
         raise InputError(
-            f"{source}: cannot be converted to {final.name}, which would not be valid: "
-            f"{place}{errors[0].message} [{errors[0].code}]."
+            f"{source}: cannot be converted to {final.name}, which would not be valid: {fault}."
         )
 
 
@@ -295,7 +293,7 @@ def _staging(folder: Path) -> Iterator[Path]:
         with made:
             yield stage
     except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(str(error).replace(str(stage), str(folder))) from error
+        raise OutputError(with_final_names(str(error), stage, folder)) from error
     except OSError as error:
-        path = str(error.filename or folder).replace(str(stage), str(folder))
+        path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error

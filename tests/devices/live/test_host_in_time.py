@@ -121,6 +121,24 @@ def test_many_pauses_of_a_slow_script_are_silent() -> None:
         assert session.played.port.last_loud_s() <= asked_s + 0.001, k
 
 
+@pytest.mark.parametrize("offset_s", [0.0, 0.2])
+def test_a_storm_of_mutes_leaves_the_device_as_the_last_one_says(offset_s: float) -> None:
+    """A mute is a pause of one device; values that were asked for before it come in between."""
+    session = Session(offset_s=offset_s)
+    rng = np.random.default_rng(1)
+    for _ in range(12):
+        session.stream(offset_s + 0.1)
+        assert session.played.port.is_loud()
+        for _ in range(int(rng.integers(1, 20))):  # pressed again and again
+            session.hear(Kind.VALUES, body=values_to(frame()))
+            session.pass_time(float(rng.uniform(0.0, 0.003)))
+            session.hear(Kind.PAUSE)
+        asked_s = session.clock.now_s
+        session.pass_time(0.06 + offset_s, beat=True)
+        assert session.played.port.last_loud_s() <= asked_s + 0.001
+    assert session.played.events() == ["armed"]
+
+
 @pytest.mark.parametrize("kind", [Kind.ANSWER, Kind.HAPTICS])
 @pytest.mark.parametrize("void", [Kind.PAUSE, Kind.SCENE, Kind.STOP])
 def test_no_late_answer_of_what_renders_is_played_after(
