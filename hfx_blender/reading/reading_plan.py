@@ -204,7 +204,8 @@ class Pass:
             return None
         if self._scene.time.rate_hz < 2 * self._scene.time.fps:
             return None  # frames are that far apart that looking costs more than it saves
-        if not is_shown_by(float(step * self._scene.time.fps / self._scene.time.rate_hz / 2)):
+        apart = float(step * self._scene.time.fps / self._scene.time.rate_hz / 2)
+        if not is_shown_by(apart, [self._found.bodies[k] for k in self._bodies]):
             return None  # what swings between two poses would be missed
         motions: dict[tuple[int, str], VertexMotion] = {}
         for k in self._bodies:

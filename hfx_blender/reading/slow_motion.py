@@ -2,7 +2,9 @@
 """Detects motion too fast for poses that are read only now and then.
 
 Between two keys a value goes one way, or there and back: poses no farther apart than keys show
-it. What nothing bounds, such as drivers and noise, may swing between any two poses unseen.
+it. What nothing bounds, such as drivers and noise, may swing between any two poses unseen. So may
+most constraints: what aims at a target that comes near, or takes a limb to its full reach, or
+splits a rotation into angles, turns by any angle while its target hardly moves.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import bpy
 import numpy as np
 
 from .. import compat
+from .reached import reached_from
 
 _MOST_TURN: Final = math.pi / 4
 """Radians that a rotation may turn between two poses: its fastest is not thrice its mean."""
@@ -26,19 +29,27 @@ _STILL_SHOWN: Final = {"LIMITS", "CYCLES"}
 _SWINGING: Final = ("ELASTIC", "BOUNCE")
 """Ways between two keys that are gone to and fro."""
 
+_EVEN: Final = {"COPY_LOCATION", "COPY_SCALE", "LIMIT_LOCATION", "LIMIT_SCALE"}
+"""Constraints that move nothing much faster than their targets."""
+
+_EVEN_WHOLE: Final = {"COPY_TRANSFORMS", "CHILD_OF"}
+"""The same of those that take over a rotation, unless in part, which may go either way round."""
+
 _ROUNDING: Final = 1e-3  # frames: keys are single precision
 
 
-def is_shown_by(apart: float) -> bool:
-    """Test that poses so many frames apart show all motion of the file.
+def is_shown_by(apart: float, objects: Iterable[bpy.types.Object]) -> bool:
+    """Test that poses so many frames apart show all motion of some objects.
 
-    So it is where F-curves alone move what the file holds, each so slowly; other objects'
-    motion counts as well, since a constraint may pass it on to a bone.
+    So it is where F-curves alone move what the file holds, each so slowly, and constraints of
+    what the objects depend on pass it on no faster.
     """
     if any(_is_driven(owner) for owner in _owners()):
         return False
+    if not all(map(_passes_on_evenly, _constraints(reached_from(objects)))):
+        return False
     speed = max(map(_speed_of, _strips()), default=1.0)
-    if not math.isfinite(speed) or _acts_on_values():
+    if not math.isfinite(speed):
         return False
     return all(_is_slow(curve, apart * max(speed, 1.0)) for curve in _curves())
 
@@ -70,14 +81,31 @@ def _speed_of(strip: bpy.types.NlaStrip) -> float:
     return 1.0 / max(abs(strip.scale), 1e-9)
 
 
-def _acts_on_values() -> bool:
-    """Test for a constraint that plays an action by a value: a slow one may play it fast."""
-    for obj in bpy.data.objects:
-        bones = () if obj.pose is None else obj.pose.bones
-        stacks = chain([obj.constraints], (bone.constraints for bone in bones))
-        if any(each.type == "ACTION" for stack in stacks for each in stack):
-            return True
-    return False
+def _constraints(objects: Iterable[bpy.types.Object]) -> Iterator[bpy.types.Constraint]:
+    for obj in objects:
+        yield from obj.constraints
+        for bone in () if obj.pose is None else obj.pose.bones:
+            yield from bone.constraints
+
+
+def _passes_on_evenly(constraint: bpy.types.Constraint) -> bool:
+    """Test that a constraint makes slow motion no faster, wherever its target goes."""
+    kind = constraint.type
+    if kind == "LIMIT_ROTATION":
+        return not any(getattr(constraint, f"use_limit_{axis}") for axis in "xyz")
+    if kind in _EVEN:
+        return True
+    if kind not in _EVEN_WHOLE or constraint.influence < 1.0 or _is_animated(constraint):
+        return False
+    if kind == "CHILD_OF":
+        ways = ("location", "rotation", "scale")
+        return all(getattr(constraint, f"use_{way}_{axis}") for way in ways for axis in "xyz")
+    return bool(constraint.mix_mode == "REPLACE")
+
+
+def _is_animated(constraint: bpy.types.Constraint) -> bool:
+    path = constraint.path_from_id()
+    return any(curve.data_path.startswith(path) for curve in _curves())
 
 
 def _curves() -> Iterator[bpy.types.FCurve]:
