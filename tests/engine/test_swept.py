@@ -21,7 +21,7 @@ from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolera
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
-from hfx_blender.engine.volume.ways import Ways
+from hfx_blender.engine.ways import Ways
 
 FAST = 50.0 / 24.0
 """Metres in a frame at 50 m/s and 24 frames a second."""

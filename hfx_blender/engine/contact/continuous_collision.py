@@ -21,7 +21,7 @@ from ..tolerance import Tolerance
 from ..volume.mesh import MeshVolume
 from ..volume.placement import inverse_placement
 from ..volume.shape import Falloff, Shape
-from ..volume.ways import Ways
+from ..ways import Ways
 from .contact_details import Details
 from .narrow_phase import WHOLE, Inside, sampled, steps_of, told_by_vertices
 from .target import Target, steepest

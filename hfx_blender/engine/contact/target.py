@@ -17,7 +17,7 @@ from ..volume.mesh import MeshVolume
 from ..volume.parting import parted
 from ..volume.shape import Falloff, FalloffKind, Shape
 from ..volume.sweep import clearance, passage, passage_along
-from ..volume.ways import Ways
+from ..ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -14,7 +14,7 @@ from .library import DOUBLE, INTEGER, POINTER, f64, i64, library, pointer, struc
 from .mesh_tree import NativeTree
 
 if TYPE_CHECKING:
-    from ..volume.ways import Ways
+    from ..ways import Ways
 
 F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]

@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ..native.library import library
+from ..ways import Ways
 from .mesh_crossing import comes_near, crossings
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
-from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]

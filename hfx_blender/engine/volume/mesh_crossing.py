@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..native import mesh_crossing as native
+from ..ways import Ways
 from .mesh_distance import TriangleTree
-from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from ..ways import Ways
 from .analytic import Capsule, Cuboid, Cylinder, Sphere
 from .mesh import MeshVolume
 from .shape import Shape
-from .ways import Ways
 
 F64 = npt.NDArray[np.float64]
 

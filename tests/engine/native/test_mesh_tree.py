@@ -13,7 +13,7 @@ from mesh_twins import MESHES, needs_library, probes, twins, without_library
 from hfx_blender.engine.native import mesh_crossing as native_crossing
 from hfx_blender.engine.volume.mesh_distance import TriangleTree, leaf_order
 from hfx_blender.engine.volume.sweep import clearance, passage
-from hfx_blender.engine.volume.ways import Ways
+from hfx_blender.engine.ways import Ways
 
 pytestmark = needs_library
 
