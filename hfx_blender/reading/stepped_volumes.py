@@ -71,14 +71,14 @@ class SteppedVolumes:
         listed = stepper.objects
         count = len(listed)
         rows, missing = self._rows(stepper, count)
-        flat = np.zeros(count * 16, np.float32)
-        listed.foreach_get("matrix_world", flat)
+        flat = np.zeros((count + 1) * 16, np.float32)  # the last row is of what is missing
+        listed.foreach_get("matrix_world", flat[:-16])
         there = np.ones(len(self), np.bool_)
         matrices = flat.reshape(-1, 4, 4)[rows].transpose(0, 2, 1).astype(np.float64)
         boxes = self._still
         if self._is_mesh.any():
-            flat = np.zeros(count * 24, np.float32)
-            listed.foreach_get("bound_box", flat)
+            flat = np.zeros((count + 1) * 24, np.float32)
+            listed.foreach_get("bound_box", flat[:-24])
             corners = flat.reshape(-1, 8, 3)[rows].astype(np.float64)
             boxes = _boxes(corners)
             boxes[~self._is_mesh] = self._still[~self._is_mesh]
@@ -91,16 +91,17 @@ class SteppedVolumes:
         return Places(there, matrices, boxes)
 
     def _rows(self, stepper: Stepper, count: int) -> tuple[I64, list[int]]:
-        """Rows of the volumes among the objects that a scene shows, and those not among them.
+        """Rows of the volumes among the objects that a scene shows, and those not among them, which
+        have the row after the last.
 
         The order changes only where some are shown or hidden.
         """
         known = self._listed.get(stepper)
         if known is None or known[0] != count or self._blink or stepper.is_own:
             number = {each.original: k for k, each in enumerate(stepper.objects)}
-            found = [number.get(effect, -1) for effect in self._effects]
-            missing = [k for k, row in enumerate(found) if row < 0]
-            known = count, np.maximum(np.array(found, np.int64), 0), missing
+            found = [number.get(effect, count) for effect in self._effects]
+            missing = [k for k, row in enumerate(found) if row == count]
+            known = count, np.array(found, np.int64), missing
             self._listed[stepper] = known
         return known[1:]
 
