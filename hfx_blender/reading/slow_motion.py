@@ -2,14 +2,15 @@
 """Detects motion too fast for poses that are read only now and then.
 
 Between two keys a value goes one way, or there and back: poses no farther apart than keys show
-it. What nothing bounds, such as drivers and noise, may swing between any two poses unseen.
+it. What nothing bounds, such as drivers and noise, may swing between any two poses unseen. So may
+most constraints: what aims at a target that comes near, or takes a limb to its full reach, or
+splits a rotation into angles, turns by any angle while its target hardly moves.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from itertools import chain
 from typing import Final
 
 import bpy
@@ -27,21 +28,29 @@ _STILL_SHOWN: Final = {"LIMITS", "CYCLES"}
 _SWINGING: Final = ("ELASTIC", "BOUNCE")
 """Ways between two keys that are gone to and fro."""
 
+_EVEN: Final = {"COPY_LOCATION", "COPY_SCALE", "LIMIT_LOCATION", "LIMIT_SCALE"}
+"""Constraints that move nothing much faster than their targets."""
+
+_EVEN_WHOLE: Final = {"COPY_TRANSFORMS", "CHILD_OF"}
+"""The same of those that take over a rotation, unless in part, which may go either way round."""
+
 _ROUNDING: Final = 1e-3  # frames: keys are single precision
 
 
 def is_shown_by(apart: float, objects: Iterable[bpy.types.Object]) -> bool:
-    """Whether poses that many frames apart show all motion of some objects.
+    """Test that poses so many frames apart show all motion of some objects.
 
-    So it is where F-curves alone move them, each so slowly; the motion of all that they refer
-    to counts as well, since a constraint may pass it on to a bone.
+    So it is where F-curves alone move what they depend on, each so slowly, and constraints pass
+    it on no faster.
     """
     reached = data_reached_from(objects)
     moved = [each for each in reached if getattr(each, "animation_data", None) is not None]
     if any(len(owner.animation_data.drivers) for owner in moved):
         return False
+    if not all(_passes_on_evenly(each, reached) for each in _constraints(reached)):
+        return False
     speed = max(map(_speed_of, _strips(moved)), default=1.0)
-    if not math.isfinite(speed) or _acts_on_values(reached):
+    if not math.isfinite(speed):
         return False
     items = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items
     swinging = [items[name].value for name in _SWINGING]
@@ -61,16 +70,30 @@ def _speed_of(strip: bpy.types.NlaStrip) -> float:
     return 1.0 / max(abs(strip.scale), 1e-9)
 
 
-def _acts_on_values(reached: Iterable[bpy.types.ID]) -> bool:
-    """Whether a constraint plays an action as a value tells: a slow one may play it fast."""
+def _constraints(reached: Iterable[bpy.types.ID]) -> Iterator[bpy.types.Constraint]:
     for obj in reached:
-        if not isinstance(obj, bpy.types.Object):
-            continue
-        bones = () if obj.pose is None else obj.pose.bones
-        stacks = chain([obj.constraints], (bone.constraints for bone in bones))
-        if any(each.type == "ACTION" for stack in stacks for each in stack):
-            return True
-    return False
+        if isinstance(obj, bpy.types.Object):
+            yield from obj.constraints
+            for bone in () if obj.pose is None else obj.pose.bones:
+                yield from bone.constraints
+
+
+def _passes_on_evenly(constraint: bpy.types.Constraint, reached: Iterable[bpy.types.ID]) -> bool:
+    """Test that a constraint makes slow motion no faster, wherever its target goes."""
+    kind = constraint.type
+    if kind == "LIMIT_ROTATION":
+        return not any(getattr(constraint, f"use_limit_{axis}") for axis in "xyz")
+    if kind in _EVEN:
+        return True
+    if kind not in _EVEN_WHOLE or constraint.influence < 1.0:
+        return False
+    path = constraint.path_from_id()
+    if any(curve.data_path.startswith(path) for curve in _curves(reached)):
+        return False
+    if kind == "CHILD_OF":
+        ways = ("location", "rotation", "scale")
+        return all(getattr(constraint, f"use_{way}_{axis}") for way in ways for axis in "xyz")
+    return bool(constraint.mix_mode == "REPLACE")
 
 
 def _curves(reached: Iterable[bpy.types.ID]) -> Iterator[bpy.types.FCurve]:
