@@ -348,6 +348,34 @@ def test_holes_of_a_mesh_with_turned_faces_are_closed(rng):
     np.testing.assert_array_equal(volume.contains(points)[far], expected[far])
 
 
+@pytest.mark.parametrize(
+    ("turned", "note"),
+    [
+        ([7], "'Box' has 1 face that faces the other way: turned for it"),
+        ([0, 3], "'Box' has 2 faces that face the other way: turned for it"),
+        (range(12), ""),  # inside out is as good
+    ],
+)
+def test_turned_faces_are_counted(turned, note, rng):
+    triangles = CUBE[1].copy()
+    triangles[turned] = triangles[turned, ::-1]
+    volume = MeshVolume(CUBE[0], triangles, "Box")
+    assert volume.note == note
+    points = rng.uniform(-0.2, 1.2, (3, 4000))
+    inside = np.all((points > 0.0) & (points < 1.0), axis=0)
+    np.testing.assert_array_equal(volume.contains(points), inside)
+
+
+def test_what_was_mended_is_told_together():
+    triangles = np.delete(CUBE[1], 5, axis=0)
+    triangles[2] = triangles[2, ::-1]
+    told = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
+    assert [each.partition(":")[0] for each in told] == [
+        "'Box' has 1 face that faces the other way",
+        "'Box' is open at 3 edges",
+    ]
+
+
 def test_an_empty_mesh_is_refused():
     with pytest.raises(InputError, match=r"^'Nothing' has no faces"):
         MeshVolume(np.zeros((0, 3)), np.zeros((0, 3), np.int32), "Nothing")
