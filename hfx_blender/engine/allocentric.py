@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,9 +26,15 @@ from .scene import (
     PoseBlock,
 )
 from .surface_effects import SurfaceEffects
+from .volume.fewer_faces import SHARE, of_fewer_faces
+from .volume.mesh import MeshVolume
+from .volume.placement import world_bounds
 
 if TYPE_CHECKING:
     from .parallel.threads import Threads
+    from .placed import ReachableBounds
+
+_SMALLEST_BODY: Final = 0.4  # of a model's size, posed as it is; curled up it is no smaller
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
@@ -64,13 +70,16 @@ class AllocentricAreas:
             return _nothing
         rows, heard, follows = followed(rows, posed, animated, block)
         skin = self._maker.skins.of(body, effect.model_id)
+        near = reach.bounds(body, effect.model_id)
+        if not (volume.falloff.is_flat or volume.response):
+            animated = _coarse(animated, rows, skin, near)
         found = contact.begin(
             animated,
             volume.falloff,
             rows,
             skin,
             pose,
-            reach.bounds(body, effect.model_id),
+            near,
             self._maker.counters,
             follows=follows,
             heard=heard,
@@ -197,6 +206,36 @@ class AllocentricAreas:
         if "depth" in self._maker.record:
             felt = replace(felt, depth_m=depths_of(felt, run))
         return felt
+
+
+def _coarse(animated: EffectBlock, rows: I64, skin: BodySkin, near: ReachableBounds) -> EffectBlock:
+    """A volume of fewer faces where it may touch skin, and the tolerance allows for it.
+
+    It pays where depths are searched; that places are inside, voxels tell as soon of many faces.
+    """
+    bound_m = SHARE * skin.skin.least_edge_m
+    is_fine = any(isinstance(each, MeshVolume) and each.is_fine for each in animated.shapes)
+    if not (is_fine and 0.0 < bound_m < np.inf) or animated.matrices is None or not len(rows):
+        return animated
+    which, matrices = animated.shapes_at(rows), animated.matrices[rows]
+    boxes = np.concatenate(
+        [world_bounds(animated.shapes[k], matrices[which == k]) for k in np.unique(which)]
+    )
+    bodies = near.of_rows[np.searchsorted(near.rows, rows)]
+    if not (
+        (boxes[:, 0].min(axis=0) <= bodies[:, 1].max(axis=0)).all()
+        and (boxes[:, 1].max(axis=0) >= bodies[:, 0].min(axis=0)).all()
+    ):
+        return animated
+    # What a tolerance accepts shrinks with the body.
+    sizes = np.linalg.norm(bodies[:, 1] - bodies[:, 0], axis=1)
+    is_grown = sizes >= _SMALLEST_BODY * np.linalg.norm(np.ptp(skin.skin.model.vertices, axis=0))
+    shapes, index = of_fewer_faces(
+        animated.shapes, which, matrices, np.where(is_grown, bound_m, 0.0)
+    )
+    shape_index = np.zeros(len(animated.levels), np.int32)
+    shape_index[rows] = index
+    return replace(animated, shapes=shapes, shape_index=shape_index)
 
 
 def _nothing() -> None:

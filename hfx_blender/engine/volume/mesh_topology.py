@@ -58,8 +58,19 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
     Raises
     ------
     InputError
-        Holes are too large to guess at, or the faces cannot all face one way.
+        Holes are too large to guess at, the faces cannot all face one way, or trimesh, which mends
+        both, is not installed.
     """
+    try:
+        return _mended(vertices, triangles, name)
+    except ImportError as error:
+        raise InputError(
+            f"'{name}' has holes, or faces that face the other way, and {error.name}, with which "
+            f"they are mended, is not installed; fill the holes and recalculate the normals."
+        ) from error
+
+
+def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
     edge, uses, up = _edges(triangles)
     is_open = uses % 2 == 1
     notes: list[str] = []

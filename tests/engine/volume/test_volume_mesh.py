@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh volumes against the exact winding number, and against what a mesh must not be."""
 
+import sys
+
 import igl
 import numpy as np
 import pytest
@@ -374,6 +376,13 @@ def test_what_was_mended_is_told_together():
         "'Box' has 1 face that faces the other way",
         "'Box' is open at 3 edges",
     ]
+
+
+def test_only_what_has_to_be_mended_needs_trimesh(monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh.graph", None)
+    assert MeshVolume(*CUBE, "Whole").note == ""
+    with pytest.raises(InputError, match=r"^'Box' has holes, .* trimesh.*, is not installed; fill"):
+        MeshVolume(CUBE[0], CUBE[1][1:], "Box")
 
 
 def test_an_empty_mesh_is_refused():
