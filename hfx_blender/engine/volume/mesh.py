@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
@@ -17,6 +18,9 @@ from .mesh_crossing import comes_near, crossings
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
+
+MANY_FACES: Final = 50_000
+"""From here on, searching depths among all faces takes longer than finding fewer."""
 
 _CORE_TOLERANCE: Final = 0.005  # of the largest depth
 _CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
@@ -41,7 +45,8 @@ _SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as 
 class MeshVolume:
     """Closed triangle mesh; points with a winding number other than zero are inside.
 
-    Small holes are closed (see :func:`mesh_topology.closed_surface`), and ``note`` tells so.
+    Small holes are closed and faces that face the other way are turned (see
+    :func:`mesh_topology.closed_surface`); ``note`` tells of it.
     A hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
     a mirrored or inside-out mesh is as good as any. Points nearer to the surface than rounding
     may be taken for either side.
@@ -91,6 +96,12 @@ class MeshVolume:
         vertices, triangles, note = closed_surface(vertices, triangles, self.name)
         object.__setattr__(self, "_vertices", vertices)
         object.__setattr__(self, "_triangles", triangles)
+        if len(triangles) >= MANY_FACES and find_spec("fast_simplification") is None:
+            slower = (
+                f"'{self.name}' has {len(triangles)} faces, and fast-simplification, which finds "
+                f"fewer that feel the same, is not installed: it is felt more slowly"
+            )
+            note = "; ".join(filter(None, (note, slower)))
         object.__setattr__(self, "note", note)
 
     @classmethod
@@ -103,6 +114,44 @@ class MeshVolume:
         for key, value in values.items():
             object.__setattr__(made, key, value)
         return made
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether it has so many faces that it may pay to feel fewer."""
+        return len(self._triangles) >= MANY_FACES
+
+    def within(self, bound: float) -> MeshVolume:
+        """A volume of fewer faces, its surface at most ``bound`` from this one's, or this one.
+
+        Shape space; see :func:`decimation.decimated`. The same one for the same bound.
+        """
+        if bound not in self._fewer:
+            self._fewer[bound] = self._decimated(bound)
+        return self._fewer[bound]
+
+    def _decimated(self, bound: float) -> MeshVolume:
+        try:
+            from .decimation import decimated
+
+            found = decimated(
+                self._vertices,
+                self._triangles,
+                bound,
+                lambda places: self.surface_distance_m(places, np.eye(3)),
+            )
+        except ImportError:  # there is no wheel for every platform
+            return self
+        if found is None:
+            return self
+        try:
+            fewer = type(self)(*found, self.name)
+        except InputError:
+            return self
+        return self if fewer.note else fewer
+
+    @cached_property
+    def _fewer(self) -> dict[float, MeshVolume]:
+        return {}
 
     def __getstate__(self) -> dict[str, Any]:
         """State to pickle: the fields only; cached members may point into this process's memory."""
