@@ -27,7 +27,7 @@ class ExportReport:
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
     warnings: tuple[str, ...]
     engine: dict[str, Any] = field(default_factory=dict)
-    left_out: tuple[str, ...] = ()  # of the warnings: what a format could not hold of a device
+    left_out: tuple[str, ...] = ()  # among the warnings: what a format could not hold of a device
     silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
     notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options

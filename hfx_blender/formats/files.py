@@ -150,7 +150,7 @@ def validate(path: Path) -> tuple[FileFormat, list[Finding]]:
     try:
         findings = found.validate(content, str(path))
         if found.has_signals and not any(each.severity == "error" for each in findings):
-            found.signals(content, str(path))  # what is valid can be read
+            found.signals(content, str(path))  # a valid file can be read
         return found, findings
     except file_limits.TooLargeError as error:
         return found, [Finding(f"{prefix}-LARGE", "", _message(error, path))]

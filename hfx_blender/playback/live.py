@@ -47,10 +47,10 @@ class Live:
     def __init__(self) -> None:
         self._client: LiveClient | None = None
         self._devices: dict[str, _Connected] = {}
-        self._generation = -1  # of the evaluation that devices are told moments of
+        self._generation = -1  # of the evaluation in use for the devices
         self._is_described = False
         self._changed_s = 0.0
-        self._time_s = 0.0  # of the scene, when devices were told last
+        self._time_s = 0.0  # of the scene, at the last message to the devices
         self._muted: set[str] = set()  # then
         self._is_held = False
         self._lookahead: LookaheadScheduler | None = None
@@ -253,9 +253,9 @@ class Live:
         self._client.heartbeat()
         news = self._client.events()
         if any(each.event == "armed" for each in news):
-            live_handlers.request_update()  # it plays from now on: let it know what is felt
+            live_handlers.request_update()  # it plays from now on: send it the present samples
         if evaluation.scene is not None and evaluation.scene.rings:
-            evaluation.touch()  # nothing moved, but what was touched dies away
+            evaluation.touch()  # nothing moved, but responses are still ringing
             self.update(evaluation.scene.objects.scene)
         self._read_lookahead()
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
@@ -320,7 +320,7 @@ class Live:
         if self._client is None or not self.is_armed or evaluation.scene is None:
             return
         if evaluation.generation != self._generation or not self._is_described:
-            return  # described anew just now; devices are told soon
+            return  # described anew just now; devices will get it soon
         from .live_moment import moment_now
 
         self._changed_s, self._is_held = time.monotonic(), False

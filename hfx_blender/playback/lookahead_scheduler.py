@@ -143,7 +143,7 @@ class LookaheadScheduler:
             self._stretch = stretch
             self._is_read = np.zeros(playhead.last + 1 - playhead.first, np.bool_)
             self._bytes = self._points = 0
-        elif self._bytes > MOST_BYTES:  # what was read lies behind by now
+        elif self._bytes > MOST_BYTES:  # the frames read so far are in the past
             tell(plain_to(reader.scene(self.edition)), True)
             self._is_read[:] = False
             self._bytes = self._points = 0

@@ -205,7 +205,7 @@ class Pass:
         if self._scene.time.rate_hz < 2 * self._scene.time.fps:
             return None  # frames are that far apart that looking costs more than it saves
         if not is_shown_by(float(step * self._scene.time.fps / self._scene.time.rate_hz / 2)):
-            return None  # what swings between two poses would be missed
+            return None  # motion between two poses would be missed
         motions: dict[tuple[int, str], VertexMotion] = {}
         for k in self._bodies:
             binding = self._scene.bodies[k].binding

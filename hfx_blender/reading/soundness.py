@@ -55,7 +55,7 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
     told = []
     for bad in stored_values.bad_values(obj):
         if f"hfx.{bad.path}" in animated:
-            continue  # what it is now was evaluated; each sample is looked at when it is
+            continue  # its present value was evaluated; each sample is checked when it is read
         if not _counts(obj, bad):
             told.append(f"{titled(obj)}: {bad}; it plays no part")
         elif bad.taken is None or bad.top == "surface":

@@ -141,7 +141,7 @@ def _scratch(
         bpy.data.batch_remove(made)
 
 
-# What holds our own handlers: ``hfx_blender``, or its longer name as an extension.
+# Module of our own handlers: ``hfx_blender``, or its longer name as an extension.
 _OURS = (__package__ or "").rpartition(".")[0]
 
 

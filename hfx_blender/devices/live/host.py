@@ -87,7 +87,7 @@ class Reporter:
                 self._stream.write("\n".join(lines) + "\n")
                 self._stream.flush()
             except (OSError, ValueError):
-                return  # nobody listens any more; the end of standard input tells the rest
+                return  # the reader has gone; the end of standard input follows
 
 
 class Host:
@@ -194,7 +194,7 @@ class Host:
             lane.fault(answer.body.decode(errors="replace"))
             return
         question = questions.get(answer.device)
-        if question is None:  # it was not there, or did not play, when that was asked
+        if question is None:  # it did not exist, or did not play, at the time of the request
             return
         if answer.kind is Kind.ANSWER:
             lane.feed(values_from(answer.body), question)
@@ -327,7 +327,7 @@ def main() -> None:
     # Whatever prints must not garble the events.
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    sys.setswitchinterval(0.001)  # whoever has something to send does not wait for others long
+    sys.setswitchinterval(0.001)  # a thread with data to send must not wait long for others
     host = Host(Reporter(events))
     reader = threading.Thread(
         target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True

@@ -160,7 +160,7 @@ class HostPipe:
                 wake.get()
                 if process is not self._process and not self._is_closing:
                     return
-                # What is new first: whatever is urgent that came before it is then there as well.
+                # New values first: urgent messages from before them are then present as well.
                 silences, is_last, places = self._silences, self._is_closing, self.places
                 newest = list(_taken(self._newest.popitem))[::-1]
                 waiting = list(_taken(self._urgent.popleft))
@@ -168,12 +168,12 @@ class HostPipe:
                     _write_all(stream, b"".join(waiting))
                 data = b"".join(self._as_bytes(each, places) for _, each in newest)
                 if silences != self._silences and not is_last:
-                    continue  # a stop came meanwhile: nothing of before it is felt after it
+                    continue  # a stop came meanwhile: values from before it are dropped
                 _write_all(stream, data)
                 if is_last:
                     return
         except (OSError, ValueError):
-            pass  # the listener tells
+            pass  # the listener reports it
         finally:
             with suppress(OSError):
                 stream.close()

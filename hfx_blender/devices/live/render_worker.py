@@ -64,7 +64,7 @@ class _Rendered:
         values, partials = self.renderer.ahead(moment.runs, later)
         gain = moment.gains.get(self.worn.number, 1.0)
         values = with_gain(values, self.device, gain)
-        if self.worn.has_script and gain:  # one that is muted is not asked
+        if self.worn.has_script and gain:  # a muted script is not called
             felt = self.renderer.felt(moment.runs)
             return message(Kind.HAPTICS, self.worn.number, packed(moment.time_s, felt, values))
         tones = of_partials(partials, self.numbers, self.width)

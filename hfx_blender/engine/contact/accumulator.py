@@ -170,7 +170,7 @@ class Found:
         if not wide.any():
             return
         found = covered(skin, wide, self.placed.target, self.inside)
-        felt = np.flatnonzero(found)  # the others are 0 as it is
+        felt = np.flatnonzero(found)  # the others are 0 already
         self.weights[self._places(skin, felt)] = found[felt]
 
     def _follow(self, skin: PosedSkin, later: Bool) -> None:

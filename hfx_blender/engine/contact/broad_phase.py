@@ -50,7 +50,7 @@ class ReachableBounds:
     def around(cls, rows: I64, low: F64, high: F64) -> ReachableBounds:
         """Bounds of the skin's clusters, from boxes (n, C, 3) at some rows."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
-        # Where a row's is not a number, what the cluster does at the others still counts.
+        # If one row is not a number, the cluster's other rows still count.
         lowest = np.fmin.reduce(low, axis=0, initial=np.inf)
         highest = np.fmax.reduce(high, axis=0, initial=-np.inf)
         of_clusters = np.stack([lowest, highest], axis=1)
@@ -165,7 +165,7 @@ class Placed:
             & (np.maximum(self.high[later], self.high[earlier]) >= low[:, None])
         ).all(axis=2)
         if self.target.falloff.is_flat:
-            # From wholly inside nothing enters; to there it is felt anyway.
+            # From wholly inside nothing enters; on arrival there it is felt anyway.
             meets &= ~simple[earlier]
             if not always:
                 meets &= ~simple[later]

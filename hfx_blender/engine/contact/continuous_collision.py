@@ -159,7 +159,7 @@ def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool)
     ways = posed.points.take(after, axis=1) - posed.points.take(before, axis=1)
     lengths = np.sqrt(np.einsum("in,in->n", ways, ways))
     may = ~(clear - lengths > 2.0 * reaches + _ROUNDING * (np.abs(clear) + lengths))
-    if len(target.shapes) > 1:  # of another shape the clearance before tells nothing
+    if len(target.shapes) > 1:  # the clearance from another shape is meaningless
         rows = posed.rows_of(slots)
         may |= target.which[rows] != target.which[rows - 1]
     return slots[may]

@@ -56,7 +56,7 @@ class Target:
         """Largest change of weight for a distance of 1 in shape space, at some rows (k,)."""
         slopes = np.zeros(len(rows))
         which = self.which[rows]
-        for k in np.unique(which).tolist():  # of a mesh it takes a search: only of what occurs
+        for k in np.unique(which).tolist():  # a mesh needs a search: only for shapes that occur
             slopes[which == k] = steepest(self.falloff) * self.shapes[k].steepest_rise
         return slopes
 
@@ -95,7 +95,7 @@ class Target:
     def _clearance(self, shape: Shape, points: F64) -> F64:
         clear = clearance(shape, points)
         if isinstance(shape, MeshVolume) and not self.falloff.is_flat:
-            # How steeply strength rises depends on the mesh: inside samples have to tell.
+            # The slope of the strength depends on the mesh: inside samples are needed.
             np.maximum(clear, 0.0, out=clear)
         return clear
 

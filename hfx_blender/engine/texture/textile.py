@@ -149,7 +149,7 @@ class TextileStream:
     def push(self, time_s: float, point_m: tuple[float, float]) -> list[tuple[float, float]]:
         """Add the next position; returns (begin of the window, level) of completed windows."""
         if self._times and not time_s > self._times[-1]:
-            return []  # told twice, or late: what is known already stands
+            return []  # repeated or late: known positions are kept
         if not self._times:
             self._start_s = time_s
         self._times.append(time_s)

@@ -115,7 +115,7 @@ class _Receiver:
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.5)
         self.port = int(self._socket.getsockname()[1])
-        self.arrived: dict[int, float] = {}  # by what _level makes of a frame's number
+        self.arrived: dict[int, float] = {}  # by the level of a frame's number
         self._is_closed = False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -289,7 +289,7 @@ def _in_blender(
         try:
             for each in devices:
                 live.connect(each, LiveSettings())
-            live_handlers.stop_listening()  # we call what it would call
+            live_handlers.stop_listening()  # called directly, in its place
             end = time.monotonic() + _PATIENCE_S
             while sum(each.is_armed for each in live.states.values()) < len(devices):
                 live.beat()

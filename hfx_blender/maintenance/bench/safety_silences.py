@@ -193,7 +193,7 @@ class _NothingNew(_Several):
         asked_s = time.monotonic()
         self._send(playing())
         time.sleep(0.01)
-        self._client.show(Moment(0.0, []))  # of no scene: nobody answers
+        self._client.show(Moment(0.0, []))  # of no scene: no answer comes
         end = asked_s + FREEZE_S + 0.3
         while time.monotonic() < end:
             self._client.events()
