@@ -182,7 +182,7 @@ class SteppedReading:
         return row
 
     def is_settled(self, which: int) -> bool:
-        """Whether only the place of a volume is not known yet."""
+        """Test that only the place of a volume is not known yet."""
         known = self._settings.get(which)
         return known is not None and known.scale is not None and not known.is_mesh
 

@@ -106,7 +106,7 @@ class Ramp:
         return self._here.copy()
 
     def _share(self, since_s: float, intervals_s: F64) -> F64:
-        """Of the way to the newest frame, where values are taken so often."""
+        """Share of the way to the newest frame, with values taken this often."""
         steps = np.maximum(np.floor(self._lasts_s / intervals_s + _ROUNDING), 1.0)
         step = np.floor(since_s / intervals_s + _ROUNDING) + 1.0
         return np.asarray(np.minimum(step / steps, 1.0))

@@ -222,8 +222,8 @@ class Placed:
                 yield self.target.shapes[k], self.target.which == k
 
     def _swings(self, later: I64, parts: F64) -> F64:
-        """How far turning may take anything out of the boxes of ``parts`` (n,) of the volume's
-        way, and of both ends of the skin's, metres (n,)."""
+        """Largest distance that rotation may take anything out of the boxes of ``parts`` (n,) of
+        the volume's path, and of both ends of the skin's, metres (n,)."""
         swing = np.zeros(len(later))
         own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1], parts
         skin = self.pose.to_world[self.rows], self.low, self.high, 1.0

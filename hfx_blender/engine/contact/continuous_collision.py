@@ -246,7 +246,7 @@ def _entered(posed: PosedSkin, ways: Ways, slots: I64, shares: F64, target: Targ
 
 
 def _steps_at(path: F64, share: F64) -> I64:
-    """Which steps of polylines (steps + 1, 3, N) shares (N,) of their time are in."""
+    """Step of polylines (steps + 1, 3, N) at shares (N,) of their time, (N,)."""
     steps = len(path) - 1
     found: I64 = np.clip((share * steps).astype(np.int64), 0, steps - 1)
     return found

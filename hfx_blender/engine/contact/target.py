@@ -112,7 +112,7 @@ class Target:
         return first, last
 
     def comes_near(self, ways: Ways, reaches: F64, rows: I64) -> Bool:
-        """Which balls of radii ``reaches`` (N,) may meet the volume on their ways, or be in it.
+        """Balls of radii ``reaches`` (N,) that may meet the volume on their paths, or be in it.
 
         Every convex shape here holds the unit ball, so that within a factor 1 + r of it is all
         that is nearer than r.
@@ -176,7 +176,7 @@ class Target:
 
 
 def _meets_hull(shape: Shape, ways: Ways, reaches: F64) -> Bool:
-    """Which balls may meet a shape, or the box around one that is not convex."""
+    """Test balls against a shape, or against the box around one that is not convex."""
     middle, half = np.zeros((3, 1)), 1.0 + reaches
     if not shape.is_convex:
         low, high = shape.bounds

@@ -235,7 +235,7 @@ class Renderer:
             tally.below_threshold += int(np.count_nonzero(faint))
 
     def notes(self) -> tuple[str, ...]:
-        """What of the rendering is otherwise than the device is configured, when all is added.
+        """Notes on differences of the rendering from the device's configuration, after all blocks.
 
         Tell it before :meth:`raster`, which looks ahead.
         """

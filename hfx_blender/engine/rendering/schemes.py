@@ -120,7 +120,7 @@ def panned_layout(
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
-    """Why no scheme pans between some actuators on a model; empty: one can.
+    """Reason why no scheme pans between some actuators on a model; empty if one can.
 
     Raises
     ------

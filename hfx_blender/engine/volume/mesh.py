@@ -173,11 +173,11 @@ class MeshVolume:
         return clear
 
     def crossings(self, ways: Ways) -> tuple[F64, F64]:
-        """When points cross the surface on their ways, see :func:`mesh_crossing.crossings`."""
+        """First and last crossings of paths, see :func:`mesh_crossing.crossings`."""
         return crossings(self._tree, self._middle, ways)
 
     def comes_near(self, ways: Ways, reaches: F64) -> Bool | None:
-        """Which points come near the surface, see :func:`mesh_crossing.comes_near`."""
+        """Points that come near the surface, see :func:`mesh_crossing.comes_near`."""
         return comes_near(self._tree, self._middle, ways, reaches)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:

@@ -95,7 +95,7 @@ def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
 
 
 def passage_along(shape: Shape, ways: Ways) -> tuple[F64, F64]:
-    """As :func:`passage`, of ways that may have several steps."""
+    """:func:`passage` for paths that may have several steps."""
     if isinstance(shape, MeshVolume):
         return _unless_empty(*_through_mesh(shape, ways))
     first = np.full(len(ways.intervals), np.inf)
