@@ -321,12 +321,12 @@ class Live:
             return
         if evaluation.generation != self._generation or not self._is_described:
             return  # described anew just now; devices will get it soon
-        from .live_moment import moment_now
+        from .current_live_frame import current_live_frame
 
         self._changed_s, self._is_held = time.monotonic(), False
         numbers = self._numbers()
         playhead = self.lookahead.playhead(scene, live_handlers.is_playing())
-        moment = moment_now(scene, numbers, self.lookahead.edition, playhead)
+        moment = current_live_frame(scene, numbers, self.lookahead.edition, playhead)
         self._time_s = moment.time_s
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
         self._client.show(moment)
@@ -342,7 +342,7 @@ class Live:
         return {name: state.number for name, state in self.states.items()}
 
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
-        from .live_moment import gains
+        from .current_live_frame import gains
 
         return gains(scene, self._numbers())
 

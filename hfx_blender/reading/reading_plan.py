@@ -34,9 +34,9 @@ from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, 
 from .animation_curves import NotModelledError
 from .animation_time import animation_frames
 from .curve_reading import CurveBody, CurveEffect, EffectChunks, is_steady
-from .fed_rig import FedRig
+from .fcurve_kinematics import Parents
 from .nearness import SkinBoxes
-from .own_kinematics import Parents
+from .presampled_rig import PresampledRig
 from .scene_description import IN_SCENE, HapticObjects, sample_frames
 from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
@@ -56,7 +56,9 @@ class Plan:
     bodies: dict[int, CurveBody] = field(default_factory=dict)
     reason: str = ""  # why not all of them; empty if all
     in_own_scene: bool = False
-    fed: dict[int, FedRig] = field(default_factory=dict)  # bodies that only Blender can pose
+    presampled: dict[int, PresampledRig] = field(
+        default_factory=dict
+    )  # bodies that only Blender can pose
     is_exact: bool = False  # every sample that is stepped is read; none is interpolated
     is_sequential: bool = False  # a handler may do otherwise if it goes back in time
 
@@ -101,20 +103,22 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
         reason=own or reasons[0],
         in_own_scene=own is not None,
         is_exact=found.simulation is not None or any(map(visibility.is_keyed, found.bodies)),
-        fed={} if own else _fed(found, scene, plan),
+        presampled={} if own else _presampled(found, scene, plan),
     )
 
 
-def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int, FedRig]:
+def _presampled(
+    found: HapticObjects, scene: SceneDescription, plan: Plan
+) -> dict[int, PresampledRig]:
     """Rigs, among the bodies that are stepped, whose keyed channels are sampled beforehand."""
-    fed = {}
+    presampled = {}
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         if k in plan.bodies or isinstance(described.binding, SurfaceBinding):
             continue
         with suppress(NotModelledError):
             step = scene.time.fps / scene.time.rate_hz
-            fed[k] = FedRig(found.scene, body, scene.time.frame(0), step)
-    return fed
+            presampled[k] = PresampledRig(found.scene, body, scene.time.frame(0), step)
+    return presampled
 
 
 class Pass:
@@ -182,12 +186,12 @@ class Pass:
 
     def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
         """Step these objects in a scratch scene, with presampled rigs as copies."""
-        scene, fed = self._found.scene, list(self._plan.fed.values())
-        if fed:
-            rigs = [rig.obj for rig in fed]
+        scene, presampled = self._found.scene, list(self._plan.presampled.values())
+        if presampled:
+            rigs = [rig.obj for rig in presampled]
             others = [obj for obj in objects if obj not in rigs]
             with suppress(NotModelledError):
-                return stack.enter_context(stepping.scratch_scene(scene, others, fed))
+                return stack.enter_context(stepping.scratch_scene(scene, others, presampled))
         return stack.enter_context(stepping.scratch_scene(scene, objects))
 
     def _adaptive_poses(

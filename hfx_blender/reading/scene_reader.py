@@ -335,8 +335,8 @@ class SceneReader:
         truth = self._truth(probes.tolist())
         if self._agrees(plan, truth):
             return plan
-        if plan.fed:
-            plan = replace(plan, fed={})
+        if plan.presampled:
+            plan = replace(plan, presampled={})
             if self._agrees(plan, truth):
                 return plan
         if plan.effects or plan.bodies:

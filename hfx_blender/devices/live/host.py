@@ -30,8 +30,8 @@ from ...engine.rendering.device import DeviceConfig
 from ...errors import InputError
 from ..configuration import load_device
 from .clock import SYSTEM, Clock
+from .device_thread import FREEZE_S, DeviceThread
 from .kept_accounts import KeptAccounts, identities
-from .lane import FREEZE_S, Lane
 from .messages import (
     EVERY_DEVICE,
     Kind,
@@ -95,7 +95,7 @@ class Host:
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
-        self._lanes: dict[int, Lane] = {}
+        self._lanes: dict[int, DeviceThread] = {}
         self._wake = threading.Condition()
         self._last_sign_s = self._last_turn_s = clock.now()
         self._end = ""
@@ -228,7 +228,7 @@ class Host:
                 before.wait_closed()  # it may have the same port
             return open_output(device, output if isinstance(output, dict) else {})
 
-        lane = Lane(
+        lane = DeviceThread(
             number,
             device,
             opened,
@@ -244,7 +244,7 @@ class Host:
     def _accounts_of(self, device: DeviceConfig, target: dict[str, Any]) -> list[Account]:
         return [self._accounts.of(each) for each in identities(device, target)]
 
-    def _add_script(self, lane: Lane, wish: dict[str, Any]) -> None:
+    def _add_script(self, lane: DeviceThread, wish: dict[str, Any]) -> None:
         script = wish.get("script")
         if not isinstance(script, dict):
             return

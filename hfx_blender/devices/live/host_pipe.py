@@ -17,8 +17,8 @@ from ... import own_processes
 from ...engine.samples import Stream
 from ...errors import DeviceError
 from .device_state import Event, event_of
+from .live_frame import LiveFrame, live_frame_to
 from .messages import EVERY_DEVICE, Kind, message
-from .moments import Moment, moment_to
 
 _MAX_EVENTS: Final = 1000
 _Taken = TypeVar("_Taken")
@@ -36,7 +36,7 @@ class HostPipe:
         # Between threads without a lock, which Blender would wait for: each step is atomic.
         self._wake: SimpleQueue[None] = SimpleQueue()
         self._urgent: deque[bytes] = deque()
-        self._newest: dict[int, bytes | Moment] = {}
+        self._newest: dict[int, bytes | LiveFrame] = {}
         self._silences = 0  # how often everything before became void
         self._is_closing = False
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
@@ -89,7 +89,7 @@ class HostPipe:
         self._urgent.append(message(kind, device, body))
         self._nudge()
 
-    def replace(self, device: int, newest: bytes | Moment) -> None:
+    def replace(self, device: int, newest: bytes | LiveFrame) -> None:
         """Set what a device is to play now, in place of what was not sent yet."""
         if self._process is None:
             return
@@ -178,11 +178,11 @@ class HostPipe:
             with suppress(OSError):
                 stream.close()
 
-    def _as_bytes(self, newest: bytes | Moment, places: Mapping[Stream, int]) -> bytes:
-        if not isinstance(newest, Moment):
+    def _as_bytes(self, newest: bytes | LiveFrame, places: Mapping[Stream, int]) -> bytes:
+        if not isinstance(newest, LiveFrame):
             return newest
         try:
-            return message(Kind.MOMENT, EVERY_DEVICE, moment_to(newest, places))
+            return message(Kind.MOMENT, EVERY_DEVICE, live_frame_to(newest, places))
         except KeyError:
             return b""  # of the scene before
         except Exception as error:

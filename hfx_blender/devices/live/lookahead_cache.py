@@ -20,9 +20,9 @@ from typing import Final
 from ...engine.evaluate import Engine
 from ...engine.samples import SampleRun
 from .keyed_scene import KeyedBlock, KeyedScene
-from .moments import Moment
-from .plain_data import plain_from
+from .live_frame import LiveFrame
 from .playhead import Playhead
+from .serialization import from_bytes
 
 _log = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ class LookaheadCache:
             self._wake.notify()
 
     @contextmanager
-    def answering(self, moment: Moment) -> Iterator[Mapping[float, Runs]]:
+    def answering(self, moment: LiveFrame) -> Iterator[Mapping[float, Runs]]:
         """Context with the known later samples, by latency; the thread begins nothing else
         meanwhile.
         """
@@ -96,7 +96,7 @@ class LookaheadCache:
                 self._is_answering = False
                 self._wake.notify()
 
-    def _later(self, moment: Moment) -> dict[float, Runs]:
+    def _later(self, moment: LiveFrame) -> dict[float, Runs]:
         playhead = moment.playhead
         if playhead is None or not self._latencies_ms:
             return {}
@@ -169,7 +169,7 @@ class LookaheadCache:
 
     def _read(self, body: bytes) -> None:
         try:
-            found = plain_from(body)
+            found = from_bytes(body)
         except Exception as error:  # without it, devices get the present samples
             _log.warning("looking ahead: %s", error)
             return

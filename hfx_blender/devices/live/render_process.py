@@ -16,7 +16,7 @@ from typing import Final
 
 from ... import own_processes
 from .clock import SYSTEM, Clock
-from .lane import Question
+from .device_thread import Question
 from .messages import Kind, Message, MessageError, message, read_message
 
 SCENE_S: Final = 60.0

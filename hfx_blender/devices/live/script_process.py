@@ -25,7 +25,7 @@ import numpy.typing as npt
 from ... import own_processes
 from .approval import Approval
 from .clock import SYSTEM, Clock
-from .lane import PATIENCE_S, ScriptRefusedError
+from .device_thread import PATIENCE_S, ScriptRefusedError
 from .messages import Kind, MessageError, json_to, message, read_message, values_from
 
 F64 = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.lane import Lane
+from hfx_blender.devices.live.device_thread import DeviceThread
 
 BAND = load_device("forearm_band_left")  # eight motors: amplitude and frequency in turn
 
@@ -70,7 +70,7 @@ class Played:
         self.clock = clock or FakeClock()
         self.port = Port(self.clock)
         self.reports: list[tuple[str, str]] = []
-        self.lane = Lane(1, device, lambda: self.port, self._told, clock=self.clock, **more)
+        self.lane = DeviceThread(1, device, lambda: self.port, self._told, clock=self.clock, **more)
         self.lane._output, self.lane._is_open = self.port, True  # its threads are this one
         self.lane._silence = self.port.stop  # type: ignore[method-assign]
         self.lane.arm()

@@ -76,7 +76,7 @@ class Script(Protocol):
     def close(self) -> None: ...
 
 
-class Lane:
+class DeviceThread:
     """Thread that carries a device's newest values to its output.
 
     Parameters

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from .. import compat
 from .animation_curves import AnimatedValues, NotModelledError
 from .animation_time import animation_frames
-from .own_kinematics import BONE_PATH, WIDTHS, rest_value
+from .fcurve_kinematics import BONE_PATH, WIDTHS, rest_value
 
 F32 = npt.NDArray[np.float32]
 
@@ -26,7 +26,7 @@ _CHUNK = 128
 """Times that are sampled together, always the same ones."""
 
 
-class FedRig:
+class PresampledRig:
     """Animated bones of an armature over time, and the copy that they are set on.
 
     Parameters
