@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import compat
-from ..authoring import responses
+from ..authoring import effect_values, responses
 from ..stored_values import limited, limited_row
-from . import effect_values, visibility
+from . import visibility
 from .nearness import Box, swept_boxes
 from .response_values import highest_of
 from .scene_rows import Places
