@@ -18,7 +18,7 @@ VARIABLE = "HFX_TEST_PATIENCE_S"
 
 
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
-    """In place of ``own_processes.command``."""
+    """Command line in place of ``own_processes.command``."""
     if module == "devices.live.host":
         return own_processes.program(Path(__file__).read_text(encoding="utf-8"))
     return of(module, *arguments)

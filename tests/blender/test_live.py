@@ -72,7 +72,7 @@ def is_loud(log: Path) -> bool:
 
 
 def until(happened: Callable[[], object]) -> None:
-    """What Blender's main loop does: timers are called."""
+    """Act as Blender's main loop: call the timers."""
     end = time.monotonic() + PATIENCE_S
     while not happened():
         assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
@@ -361,7 +361,7 @@ def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def is_read() -> bool:
-    """Whether all that comes has been read."""
+    """Test that the whole lookahead has been read."""
     return live.lookahead.is_read
 
 

@@ -43,7 +43,7 @@ def ball(scene: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 class Reading:
-    """What is told while it works, slice after slice."""
+    """Record of the messages of a reader, slice after slice."""
 
     def __init__(self) -> None:
         self.lookahead = LookaheadScheduler()
@@ -96,7 +96,7 @@ def test_what_comes_is_felt_as_it_is_when_the_scene_stands_there(ball: Any) -> N
 
 
 def felt(run: SampleRun) -> np.ndarray:
-    """How strongly each vertex feels it."""
+    """Strength at each vertex."""
     found = np.zeros(100_000)
     found[run.vertices] = run.weights
     return found

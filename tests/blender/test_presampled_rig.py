@@ -39,7 +39,7 @@ def _read(scene: Any, rate_hz: int) -> tuple[SceneReader, list[Any]]:
 def _farthest(
     scene: Any, monkeypatch: pytest.MonkeyPatch, rate_hz: int = 24, *, is_presampled: bool = True
 ) -> float:
-    """How far the bones are off from those of the own scene; they do move."""
+    """Largest distance of the bones from those of the own scene; they do move."""
     before = [len(each) for each in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     reader, blocks = _read(scene, rate_hz)
     assert reader.stepping_note.startswith("stepped a scratch scene")

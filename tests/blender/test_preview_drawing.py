@@ -118,7 +118,7 @@ def test_skin_that_is_felt_is_coloured_and_darker_where_it_is_seen_from_the_side
 
 
 def profile(picture: np.ndarray, pictures: Any) -> np.ndarray:
-    """From the middle of the first actuator to the right, two and a half of its radii."""
+    """Profile from the middle of the first actuator to the right, two and a half of its radii."""
     x, _, z = pictures["first"]
     row, column = pixel(x, z)
     return picture[row, column : column + round(2.5 * float(pictures["radius"]) * SIZE)]

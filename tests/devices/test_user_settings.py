@@ -32,7 +32,7 @@ for k in range({count}):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where the user's data is."""
+    """Folder of the user's data."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
     return tmp_path / "data"
 

@@ -83,7 +83,7 @@ class Driver:
         return x, self.window.height - (region.y + up * region.height)
 
     def xy_of(self, place: Sequence[float]) -> Point:
-        """Where a point of the scene is seen in the 3D viewport."""
+        """Position of a point of the scene in the 3D viewport."""
         from bpy_extras.view3d_utils import location_3d_to_region_2d
 
         region = self.region()
@@ -292,7 +292,7 @@ class Driver:
     def document(
         self, name: str, left: float = 0.3, right: float = 1.0, bottom: float = 0.05
     ) -> None:
-        """With ``--pictures``: a picture for the documentation, a part of the 3D viewport.
+        """Save a picture for the documentation, with ``--pictures``: a part of the 3D viewport.
 
         Parameters
         ----------
@@ -309,7 +309,7 @@ class Driver:
         pictures.write(self._documented / name, pixels[rows, columns])
 
     def document_area(self, name: str, area: bpy.types.Area, height: float = 1.0) -> None:
-        """With ``--pictures``: a picture for the documentation, the upper part of an area."""
+        """Save a picture for the documentation, with ``--pictures``: the upper part of an area."""
         if self._documented is None:
             return
         pixels = self._picture(name)

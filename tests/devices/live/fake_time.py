@@ -57,7 +57,7 @@ class Port:
         return bool(self.given) and self.strengths()[-1][1] > 0.0
 
     def last_loud_s(self, since_s: float = 0.0) -> float:
-        """When something that can be felt was on last, until it was replaced; -1: never."""
+        """Time at which the last perceptible output was replaced; -1 without any."""
         found = [*self.strengths(), (self._clock.now_s, 0.0)]
         ends = [after for (t, v), (after, _) in pairwise(found) if v > 0.0]
         return max((each for each in ends if each > since_s), default=-1.0)

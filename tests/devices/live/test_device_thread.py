@@ -53,7 +53,7 @@ class Recorder:
 
 @pytest.fixture(autouse=True)
 def _holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is played holds for ever: deadlines are tested on a clock of their own."""
+    """Make values valid for ever: deadlines are tested on a clock of their own."""
     monkeypatch.setattr(device_thread, "FREEZE_S", 1e9)
 
 

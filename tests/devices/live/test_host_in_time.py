@@ -67,7 +67,7 @@ class Session:
         self.host.hear(Message(kind, device, body))
 
     def pass_time(self, seconds: float, beat: bool = False) -> None:
-        """What the process does meanwhile."""
+        """Let time pass for the process."""
         end = self.clock.now_s + seconds
         while self.clock.now_s < end - 1e-9:
             run([self.played], min(0.001, end - self.clock.now_s))

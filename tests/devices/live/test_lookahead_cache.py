@@ -40,7 +40,7 @@ FPS = 25.0  # 40 ms are a frame
 
 
 def scene(edition: int = 1) -> KeyedScene:
-    """One painted effect; its bones do not matter."""
+    """Scene with one painted effect; its bones do not matter."""
     area = PaintedArea("body", np.arange(3, dtype=np.int32), np.ones(3, np.float32))
     return KeyedScene(
         edition,
@@ -72,7 +72,7 @@ def shown(frame: float, edition: int = 1, *, is_playing: bool = True, step: int 
 
 
 def later(known: LookaheadCache, moment: LiveFrame) -> dict[float, Any]:
-    """What is later, by latency: the strength of what was evaluated, or what was shown."""
+    """Later samples by latency: the strength of what was evaluated, or what was shown."""
     with known.answering(moment) as found:
         return {
             ms: runs[0] if isinstance(runs[0], str) else runs[0].parameters[0, 0]

@@ -139,7 +139,7 @@ def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
 
 
 def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int, bytes]:
-    """What the worker would say, by device."""
+    """Answers of the worker, by device."""
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
     found = {}

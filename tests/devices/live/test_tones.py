@@ -51,7 +51,7 @@ def both(low: float = 3.0, high: float = 2.0) -> np.ndarray:
 
 
 def played(sounding: Sounding, frame: np.ndarray) -> Tones:
-    """What is played of a frame that the guard has let pass."""
+    """Tones of a frame that the guard has let pass."""
     columns = sounding.split(frame)
     return sounding.at(1.0, columns, columns)
 
@@ -189,7 +189,7 @@ def card(monkeypatch: pytest.MonkeyPatch) -> SoundCard:
 
 
 def through(card: Any, frame: np.ndarray) -> None:
-    """As the output process does."""
+    """Send a frame as the output process does."""
     sounding = Sounding(PAD)
     columns = sounding.split(frame)
     card.send_tones(columns, sounding.at(1.0, columns, columns))

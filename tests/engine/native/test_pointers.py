@@ -19,7 +19,7 @@ FILES = sorted(Path(hfx_blender.engine.native.__file__).parent.glob("*.py"))
 
 
 def _nameless(source: str) -> list[str]:
-    """What is pointed at in some source without being held."""
+    """Pointers in some source without an owner."""
     tree = ast.parse(source)
     found: list[str] = []
     for node in ast.walk(tree):
@@ -35,7 +35,7 @@ def _nameless(source: str) -> list[str]:
 
 
 def _points(expression: ast.expr) -> bool:
-    """Whether that is ``pointer``, or a call of it."""
+    """Test an expression for ``pointer``, or a call of it."""
     if isinstance(expression, ast.Call):
         expression = expression.func
     return isinstance(expression, ast.Name) and expression.id == "pointer"

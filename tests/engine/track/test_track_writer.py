@@ -113,7 +113,7 @@ def test_settings_that_are_not_json(tmp_path, settings):
 
 
 class Model(SimpleNamespace):
-    """What a header needs of a perceptual model."""
+    """Stand-in for a perceptual model in a header."""
 
     def __len__(self):
         return self.size
