@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which part of a mesh is coloured: beside modifiers, overrides, and from a record."""
+"""Coloured part of a mesh: with modifiers, overrides, and from a timeline record."""
 
 from __future__ import annotations
 

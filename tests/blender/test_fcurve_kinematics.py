@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is computed from F-curves is where Blender puts it, or is refused."""
+"""Transforms computed from F-curves equal Blender's, or the computation is refused."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def play(log: Path) -> None:
     pressed = time.monotonic()
 
     def plays() -> bool:
-        """Where Blender was too slow while a device was opened, the user presses Play."""
+        """Presses Play again if Blender was too slow while a device was opened."""
         nonlocal pressed
         if not live.is_armed and time.monotonic() - pressed > 0.5:
             pressed = time.monotonic()

@@ -101,7 +101,7 @@ def test_one_action_for_bones_and_the_rest(
 def test_a_rig_that_others_follow_is_not_fed(
     scene: Any, walker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What its constraint looks at hangs on its own hand."""
+    """The target of its constraint is parented to its own hand."""
     hand = oracle.empty(scene, "Hand", walker)
     hand.parent_type, hand.parent_bone = "BONE", "wrist.L"
     walker.pose.bones["neck01"].constraints.new("DAMPED_TRACK").target = hand

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the graphics card makes of the preview: drawn off screen, and looked at pixel by pixel.
+"""Preview drawn off screen by the graphics card, compared pixel by pixel.
 
-In a process of its own: where no driver can be had, Blender ends it.
+Runs in a separate process, as Blender ends the process if there is no graphics driver.
 """
 
 from __future__ import annotations

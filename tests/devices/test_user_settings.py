@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is kept beside the user's data: two processes that write at the same time lose nothing."""
+"""User settings: two processes that write at the same time lose nothing."""
 
 from __future__ import annotations
 

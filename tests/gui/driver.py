@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a journey has in its hands: mouse, keyboard, places in the window, pictures, checks.
+"""Driver of GUI journeys: mouse, keyboard, places in the window, pictures, checks.
 
 A journey is a file with ``def steps(h):``, a generator. ``yield 0.5`` gives Blender half a second
 to handle events; actions are called with ``yield from``.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What late actuators are given while it plays: known ahead, or remembered, or what is now."""
+"""Input of late actuators in playback: the look-ahead, a remembered frame, or the current one."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where vibrations of 80 and 250 Hz meet, an actuator that is driven as sound plays both, live."""
+"""An actuator that is driven as sound plays overlapping vibrations of 80 and 250 Hz both, live."""
 
 from __future__ import annotations
 

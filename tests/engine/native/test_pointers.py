@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the compiled library is pointed at has a name: nothing else lives until the call is over.
+"""Arrays passed by pointer to the compiled library are bound to a name until the call is over.
 
-Python frees an array that only ``pointer`` was given before the library reads it. Whether its
-memory has been used again by then is chance, and in one thread it hardly ever has.
+Python frees an array that only ``pointer`` was given before the library reads it. The memory is
+reused by then only by chance, and hardly ever in one thread.
 """
 
 from __future__ import annotations

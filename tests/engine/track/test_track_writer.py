@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the writer refuses, and what a header is made of."""
+"""Input that the track writer refuses, and the fields of a header."""
 
 from dataclasses import replace
 from fractions import Fraction

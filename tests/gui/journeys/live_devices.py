@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who designs feels it: a device follows scrubbing, playback and edits; Stop All is a key."""
+"""Live device in the editor: it follows scrubbing, playback and edits; Stop All is a key."""
 
 from __future__ import annotations
 
