@@ -133,7 +133,7 @@ def main() -> None:
         code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
     except SystemExit as finished:  # --help and --version
         code = finished.code if isinstance(finished.code, int) else 0
-    except OSError as error:  # of what argparse printed past the console
+    except OSError as error:  # of argparse's output past the console
         code = 0 if is_unread(error) else OutputError.exit_code
     blender_session.leave(code)
 

@@ -322,9 +322,9 @@ class SceneExport:
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
         with atomic_file(report_file) as file:
             file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
-        # The report comes last: where it is, all that it names was there.
+        # The report comes last: if it exists, all of its files do.
         placed = place((*report.files, report_file), folder)
-        for path in earlier:  # it would be taken for what the device plays now
+        for path in earlier:  # it would be mistaken for the device's present output
             path.unlink(missing_ok=True)
         return replace(report, files=placed)
 

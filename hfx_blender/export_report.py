@@ -26,9 +26,9 @@ class ExportReport:
     felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
     warnings: tuple[str, ...]
-    engine: dict[str, Any] = field(default_factory=dict)  # what it did
-    reading: dict[str, Any] = field(default_factory=dict)  # what reading the scene took
-    left_out: tuple[str, ...] = ()  # of the warnings: what a format could not hold of a device
+    engine: dict[str, Any] = field(default_factory=dict)
+    reading: dict[str, Any] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()  # among the warnings: what a format could not hold of a device
     silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
     notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options

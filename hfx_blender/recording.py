@@ -138,7 +138,7 @@ def record_track(
     first, stop = part or (0, reader.time.sample_count)
     wanted = reader.sample_indices
     count = max(int(((wanted >= first) & (wanted < stop)).sum()), 1)
-    read = done = 0  # samples, each of which counts half when it is read
+    read = done = 0  # samples, each of which counts half after reading
     start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks(part and (start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []
@@ -167,7 +167,7 @@ def record_track(
 
     # Two threads pay where Blender steps a scene, and lets the other one run meanwhile.
     together = overlapped if reader.is_stepped else in_turn
-    # Scenes are as they were even if nobody goes on after a step.
+    # Scenes are restored even if the caller stops after a step.
     with closing(blocks), closing(together(counted(), work)) as worked:
         for done_now in worked:
             for block in (block for some in done_now for block in some):

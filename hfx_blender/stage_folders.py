@@ -54,7 +54,7 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     owner: BinaryIO | None = None
     try:
         owner = open(stage / _OWNER, "xb")
-        with suppress(OSError):  # some network file systems know no locks: then nobody removes it
+        with suppress(OSError):  # some network file systems have no locks: then it is not removed
             _lock(owner)
             owner.write(_machine())  # last: without it, nobody else touches the folder
             owner.flush()
@@ -80,7 +80,7 @@ def _is_abandoned(owner: Path) -> bool:
                 return False  # of another machine, or just being made
             _lock(file)
             return True
-    except OSError:  # somebody holds the lock, or it is not ours to change
+    except OSError:  # the lock is held, or it is not ours to change
         return False
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the command line writes where."""
+"""Streams that the command line writes to."""
 
 from __future__ import annotations
 

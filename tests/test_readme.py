@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the README promises, tried: its Python example, its command lines, its links."""
+"""Claims of the README: its Python example, its command lines, its links."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class Shapes:
 
     def __init__(self) -> None:
         self._meshes: dict[tuple[str, int], tuple[bytes, MeshVolume]] = {}
-        self.notes: dict[str, None] = {}  # in order: what was mended in a mesh
+        self.notes: dict[str, None] = {}  # notes on repaired meshes, in order
         self.counters = ReadingCounters()
 
     def shape_of(
@@ -101,7 +101,7 @@ class Shapes:
             )
         if not evaluated.data.is_editmode:
             return self._mesh_volume(effect, evaluated.data, part)
-        try:  # what is being edited is not in the evaluated mesh itself
+        try:  # edits in progress are not in the evaluated mesh
             return self._mesh_volume(effect, evaluated.to_mesh(), part)
         finally:
             evaluated.to_mesh_clear()

@@ -218,7 +218,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
         raise InputError(f"The surface of '{obj.name}' has no map yet; bake it first.")
     heights_m = image_values.pixels_of(settings.relief_image)[..., 0].astype(np.float64) / 1000.0
     size_mm = settings.made_size_mm
-    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, however large it is now
+    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, whatever its present size
         size_mm = surface_sources.tile_mm(obj)
     rows, columns = heights_m.shape
     texel = size_mm[0] / 1000.0 / columns, size_mm[1] / 1000.0 / rows

@@ -162,7 +162,7 @@ def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """:func:`read` from bytes."""
     found = parse(content, name)
-    # What Apple's reader takes, ours takes too; only its own writer must keep the limits.
+    # Ours accepts what Apple's reader accepts; only a writer must keep the limits.
     lenient = {"AHAP-DURATION", "AHAP-CURVE-POINTS", "AHAP-ENTRY"}
     refuse_errors([each for each in findings(found) if each.code not in lenient], name)
     metadata = found.get("Metadata")

@@ -107,7 +107,7 @@ def _target(target: Path, to: str | None) -> tuple[str, str]:
     by_length = sorted(formats.values(), key=lambda each: -len(each.suffix))
     for each in by_length:
         if target.name.endswith(each.suffix) and target.name != each.suffix:
-            # .he is version 2 unless asked otherwise: it comes first in the table.
+            # .he is version 2 by default: it comes first in the table.
             name = next(key for key, one in formats.items() if one.suffix == each.suffix)
             return name, target.name[: -len(each.suffix)]
     suffixes = ", ".join(dict.fromkeys(each.suffix for each in formats.values()))

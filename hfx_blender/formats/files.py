@@ -156,7 +156,7 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FileFormat, list[Findin
     try:
         findings = found.validate(content, str(path))
         if reads and found.has_signals and not any(each.severity == "error" for each in findings):
-            found.signals(content, str(path))  # what is valid can be read
+            found.signals(content, str(path))  # a valid file can be read
         return found, findings
     except file_limits.TooLargeError as error:
         return found, [Finding(f"{prefix}-LARGE", "", _message(error, path))]

@@ -85,7 +85,7 @@ def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str
 
 
 def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
-    """Whether anything of an envelope sounds strictly within a stretch of time."""
+    """Test for a part of an envelope that sounds strictly within a stretch of time."""
     times, values = signal.amplitude.times_s, signal.amplitude.values
     inside = (times > start_s) & (times < end_s)
     ends = signal.amplitude.at([start_s]), signal.amplitude.before([end_s])

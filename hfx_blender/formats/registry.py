@@ -311,7 +311,7 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
 
 
 def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
-    """Those of some formats that hold what is felt, or what any of these devices plays."""
+    """Formats that hold what is felt, or what any of these devices plays."""
     played = {modality for device in devices for modality in device.modalities}
     chosen = DEVICE_FORMATS
     return tuple(f for f in formats if f not in chosen or played & set(chosen[f].modalities))

@@ -45,7 +45,7 @@ class Signal:
     amplitude: Curve  # 0..1; its last keyframe is the end
     frequency_hz: Curve
     transients: tuple[Transient, ...] = ()
-    left_out: tuple[str, ...] = ()  # what its file holds and this does not, one sentence each
+    left_out: tuple[str, ...] = ()  # contents of the file left out here, one sentence each
 
     @property
     def duration_s(self) -> float:
@@ -176,7 +176,7 @@ def simplified_signals(
             each.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
         )
         sounds = each.amplitude.at(each.frequency_hz.times_s) > 0.0
-        near = sounds.copy()  # the rows beside what sounds are ramps: they sound too
+        near = sounds.copy()  # the rows beside sounding ones are ramps: they sound too
         near[1:] |= sounds[:-1]
         near[:-1] |= sounds[1:]
         frequency = simplified(
@@ -233,7 +233,7 @@ def mixed(
     TooLargeError
         So many pieces overlap that it is not the file of a sane tool.
     """
-    # What has no duration is not felt: nothing is lost.
+    # Pieces without duration are not felt: nothing is lost.
     kept = [each for each in pieces if each.end_s > each.start_s]
     end_s = max([end_s, *(each.end_s for each in kept)])
     bounds = [time for each in kept for time in (each.start_s, each.end_s)]

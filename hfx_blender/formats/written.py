@@ -58,5 +58,5 @@ def beside(stem: Path, part: str) -> Path:
 
 
 def silent_note(names: Sequence[str]) -> tuple[str, ...]:
-    """That these actuators play nothing and got no file."""
+    """Note on actuators that play nothing and got no file."""
     return (f"no file for what stays silent: {named(names)}",) if names else ()

@@ -66,7 +66,7 @@ class HFX_OT_add_surface(HfxOperator):
         try:
             return _made(self, obj)
         except InputError as error:
-            # The surface stays, so that what is wrong can be put right.
+            # The surface stays, so that the fault can be corrected.
             self.report({"WARNING"}, str(error))
             return ""
 
@@ -124,7 +124,7 @@ class HFX_OT_load_surface_image(_OfFile):
         image = image_values.load(str(self.path()))
         if self.kind == "HEIGHT":
             image.colorspace_settings.is_data = True
-            image.reload()  # what was loaded as a colour stays one
+            image.reload()  # an image loaded as a colour stays one
         settings.source, settings.image, settings.image_kind = "IMAGE", image, self.kind
         return _made(self, context.object)
 

@@ -173,7 +173,7 @@ def _renderers(
         for body in header.bodies:
             renderer = Renderer(
                 header, device, load_model, body_id=body.id, compensates_latency=False
-            )  # what is drawn is of the frame that is shown
+            )  # the drawing belongs to the displayed frame
             found.append((device, renderer))
     return found
 

@@ -18,7 +18,7 @@ from ..stored_values import limited
 from . import response_values, skin_values, visibility
 from .activation import Activation, Source
 from .animation_curves import NotModelledError
-from .own_kinematics import Parents, PlainObject, rest_value
+from .fcurve_kinematics import Parents, PlainObject, rest_value
 from .surface_reading import SurfaceVertices
 
 _CHUNK = 256

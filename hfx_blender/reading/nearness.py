@@ -92,7 +92,7 @@ class SkinBoxes:
 
 
 def _longest_side(model: PerceptualModel) -> float:
-    """Of all triangles of a model, metres."""
+    """Longest side of all triangles of a model, metres."""
     corners = model.vertices[model.triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     return float(sides.max(initial=0.0))

@@ -111,7 +111,7 @@ class Pass:
 
     def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
         """Step these objects, those rigs that can be fed as copies."""
-        scene, fed = self._found.scene, list(self._plan.fed.values())
+        scene, fed = self._found.scene, list(self._plan.presampled.values())
         if fed:
             rigs = [rig.obj for rig in fed]
             others = [obj for obj in objects if obj not in rigs]

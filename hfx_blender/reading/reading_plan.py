@@ -18,8 +18,8 @@ from ..engine.scene import (
 from . import stepping, visibility
 from .animation_curves import NotModelledError
 from .curve_reading import CurveBody, CurveEffect, is_steady
-from .fed_rig import FedRig
-from .own_kinematics import Parents
+from .fcurve_kinematics import Parents
+from .presampled_rig import PresampledRig
 from .scene_description import HapticObjects
 
 
@@ -31,7 +31,9 @@ class Plan:
     bodies: dict[int, CurveBody] = field(default_factory=dict)
     reason: str = ""  # why not all of them; empty if all
     in_own_scene: bool = False
-    fed: dict[int, FedRig] = field(default_factory=dict)  # bodies that only Blender can pose
+    presampled: dict[int, PresampledRig] = field(
+        default_factory=dict
+    )  # bodies that only Blender can pose
     is_exact: bool = False  # every sample that is stepped is read; none is interpolated
     is_sequential: bool = False  # a handler may do otherwise if it goes back in time
 
@@ -76,17 +78,19 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: effect_values
         reason=own or reasons[0],
         in_own_scene=own is not None,
         is_exact=found.simulation is not None or any(map(visibility.is_keyed, found.bodies)),
-        fed={} if own else _fed(found, scene, plan),
+        presampled={} if own else _presampled(found, scene, plan),
     )
 
 
-def _fed(found: HapticObjects, scene: SceneDescription, plan: Plan) -> dict[int, FedRig]:
+def _presampled(
+    found: HapticObjects, scene: SceneDescription, plan: Plan
+) -> dict[int, PresampledRig]:
     """Rigs, among the bodies that are stepped, whose keyed channels are sampled beforehand."""
-    fed = {}
+    presampled = {}
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
         if k in plan.bodies or isinstance(described.binding, SurfaceBinding):
             continue
         with suppress(NotModelledError):
             step = scene.time.fps / scene.time.rate_hz
-            fed[k] = FedRig(found.scene, body, scene.time.frame(0), step)
-    return fed
+            presampled[k] = PresampledRig(found.scene, body, scene.time.frame(0), step)
+    return presampled

@@ -151,7 +151,7 @@ class SceneReader:
         told = self.description.warnings
         warnings = (*told, *self._instances.warnings, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
-        # What is read of objects; instances are read apart.
+        # Objects only; instances are read separately.
         own = self.description.effects[: len(self._found.effects)]
         self._described = replace(self.description, effects=own)
         self._reading = SteppedReading(
@@ -192,7 +192,7 @@ class SceneReader:
         told = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
         told = {text: s for text, s in told.items() if s.warning}
         asleep = self._found.dormant.items()
-        # That an effect is muted is told as a warning.
+        # Muted effects are reported as a warning.
         unfelt = (
             f"effect '{effect.name}' {why}: nothing of it was read"
             for effect, why in asleep
@@ -344,8 +344,8 @@ class SceneReader:
         truth = self._truth(probes.tolist())
         if self._agrees(plan, truth):
             return plan
-        if plan.fed:
-            plan = replace(plan, fed={})
+        if plan.presampled:
+            plan = replace(plan, presampled={})
             if self._agrees(plan, truth):
                 return plan
         if plan.effects or plan.bodies:
@@ -367,9 +367,9 @@ class SceneReader:
         found = self._found
         stepped = stepping.own_scene(found.scene, found.layer, found.simulation)
         if found.simulation is None and goes_on_by_itself(found.scene):
-            # What was not played through must not be disturbed, and nothing of it is felt.
+            # Simulations that were not played through must not be disturbed, and cannot be felt.
             stepped = stepping.scratch_scene(found.scene, found.read)
-        # What is compared are places and values, which no mesh has to be made for.
+        # Places and values are compared, for which no mesh is needed.
         self._reading.far = frozenset(self._found.awake)
         with stepped as stepper:
             return [self._reading.read(index, stepper, *everything) for index in probes]

@@ -189,7 +189,7 @@ class SteppedReading:
         far[name] = far.get(name, 0) + count
 
     def is_settled(self, which: int) -> bool:
-        """Whether only the place of a volume is not known yet."""
+        """Test that only the place of a volume is not known yet."""
         known = self._settings.get(which)
         return known is not None and known.scale is not None and not known.is_mesh
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where volumes are that only Blender can place: all of them are read at once, and little of each.
+"""Placements of volumes that only Blender can place: all are read at once, and little of each.
 
 A place and a box tell that a volume is near no skin; then nothing else of it is read.
 """
@@ -30,7 +30,7 @@ _SIZES = {
 
 
 def is_placeable(effect: bpy.types.Object) -> bool:
-    """Whether a volume's place tells where it can be felt, and nothing of it depends on before.
+    """Test that a volume's place decides where it can be felt, independent of earlier times.
 
     It is in a box that is known at all times, and has no filters that would go on ringing.
     """
@@ -60,7 +60,7 @@ class SteppedVolumes:
         return len(self._effects)
 
     def read(self, stepper: Stepper) -> Places:
-        """Where they are at the time that is set."""
+        """Read their placements at the present time."""
         listed = stepper.objects
         count = len(listed)
         rows, missing = self._rows(stepper, count)
@@ -112,7 +112,7 @@ def swept(places: Sequence[Places], unit_m: float) -> tuple[Box, F64]:
 
 
 def near(places: Sequence[Places], unit_m: float, skins: Sequence[Box | None]) -> Bool:
-    """Which volumes may meet any of some boxes at these times, or between two of them, (N,)."""
+    """Volumes that may meet any of some boxes at these times, or between two of them, (N,)."""
     there = np.stack([each.there for each in places])
     (low, high), _ = swept(places, unit_m)
     # Not "and": a box that is no number may be anywhere.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the operators of haptic surfaces do, what they tell, and what a .blend keeps."""
+"""Operators of haptic surfaces: their effect, their messages, and what a .blend keeps."""
 
 from __future__ import annotations
 

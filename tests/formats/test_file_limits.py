@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a small file may ask for, and that nothing is written that is not valid."""
+"""Limits on what a small file may ask for, and that no invalid file is written."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What formats drop, cut or round to nothing is told in a counted sentence, and once."""
+"""Losses of formats (dropped, cut, rounded to nothing) are reported once, with a count."""
 
 from __future__ import annotations
 

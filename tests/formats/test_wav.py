@@ -49,7 +49,7 @@ def make_device(channels, modality="vibration"):
 
 
 def make_raster(amplitudes, frequencies, rate_hz=Fraction(100)):
-    """From (T, C) amplitudes and frequencies."""
+    """Make a raster from (T, C) amplitudes and frequencies."""
     amplitudes = np.asarray(amplitudes, np.float64)
     amplitudes = amplitudes.reshape(len(amplitudes), -1)
     frequencies = np.broadcast_to(

@@ -143,7 +143,7 @@ class Watched:
 
 
 def _memory_mib() -> float:
-    """What this process has now; where that is not told, the most that it ever had."""
+    """Present memory of this process; where the system does not report it, the peak."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:
@@ -189,7 +189,7 @@ class Coverage:
         self._new = False
 
     def run(self, reader: Watched, content: bytes) -> bool:
-        """Whether it reached something new."""
+        """Run a reader; returns True for new coverage."""
         self._new = False
         sys.settrace(self._call)
         try:
@@ -210,7 +210,9 @@ class Coverage:
 
 
 def fuzz_plainly(watched: Watched, options: argparse.Namespace, corpus: Path) -> None:
-    """The same without libFuzzer: one input in eight tells about coverage. Never returns."""
+    """Fuzz without libFuzzer: one input in eight measures coverage. Never returns. Never
+    returns.
+    """
     rng = random.Random(options.seed)
     kept = [path.read_bytes() for path in sorted(corpus.iterdir())]
     coverage = Coverage()

@@ -27,7 +27,7 @@ _CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
 _CORE_ROUNDS: Final = 24
 _ALIKE: Final = 1e-9  # depths, as shares of the largest
 _AROUND: Final = 1 / 16  # of the extent: beyond it the distance to the box is enough
-_NEARLY: Final = 0.4  # of a distance is found ten times faster, and tells nearly as much
+_NEARLY: Final = 0.4  # a bound of a distance is found ten times faster, and is nearly as useful
 _UNSURE: Final = 1e-9  # of the extent: nearer to the boundary a point may count for either side
 _FLATTEST: Final = 1e-12  # least extent over largest
 _BOX_CORNERS: Final = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
@@ -70,7 +70,7 @@ class MeshVolume:
     vertices: F64
     triangles: I32
     name: str
-    note: str = field(init=False, default="")  # what a user should know, or nothing
+    note: str = field(init=False, default="")  # note for the user, or empty
     _vertices: F64 = field(init=False, repr=False)  # merged
     _triangles: I32 = field(init=False, repr=False)  # of merged vertices, facing one way
 
@@ -223,11 +223,11 @@ class MeshVolume:
         return clear
 
     def crossings(self, ways: Ways) -> tuple[F64, F64]:
-        """When points cross the surface on their ways, see :func:`mesh_crossing.crossings`."""
+        """First and last crossings of paths, see :func:`mesh_crossing.crossings`."""
         return crossings(self._tree, self._middle, ways)
 
     def comes_near(self, ways: Ways, reaches: F64) -> Bool | None:
-        """Which points come near the surface, see :func:`mesh_crossing.comes_near`."""
+        """Points that come near the surface, see :func:`mesh_crossing.comes_near`."""
         return comes_near(self._tree, self._middle, ways, reaches)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
@@ -284,7 +284,7 @@ class MeshVolume:
             promising = np.flatnonzero(depths + reach > best * (1.0 + _CORE_TOLERANCE))
             if not len(promising) or reach < _CORE_TOLERANCE * best:
                 break
-            # What differs only by rounding stands as it is: no machine chooses otherwise.
+            # Differences by rounding only are ignored, so that all machines choose the same.
             rank = np.rint(depths[promising] / (_ALIKE * max(best, reach)))
             order = np.argsort(-rank, kind="stable")[:_CORE_CANDIDATES]
             kept = centres[:, promising[order]]

@@ -93,7 +93,7 @@ def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
 
 
 def passage_along(shape: Shape, ways: Ways) -> tuple[F64, F64]:
-    """As :func:`passage`, of ways that may have several steps."""
+    """:func:`passage` for paths that may have several steps."""
     if isinstance(shape, MeshVolume):
         with np.errstate(all="ignore"):  # as in passage
             return _unless_empty(*_through_mesh(shape, ways))

@@ -177,7 +177,7 @@ class ButtplugOutput:
             self._server = dict(message["ServerInfo"])
         elif "DeviceList" in message:
             devices = dict(message["DeviceList"]["Devices"])
-            # Sent anew whenever a device comes or goes.
+            # Sent anew whenever a device appears or vanishes.
             if self._given and not any(
                 each.get("DeviceIndex") == self._index for each in devices.values()
             ):

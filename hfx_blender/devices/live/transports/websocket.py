@@ -202,7 +202,7 @@ class WebSocket:
                 continue
             except OutputLostError as error:
                 self._lost = self._lost or str(error).rstrip(".")
-            except Exception as error:  # what a server sends must not raise in a thread
+            except Exception as error:  # data from a server must not raise in a thread
                 self._lost = self._lost or f"the connection is lost ({error})"
 
     def _take(self) -> None:
