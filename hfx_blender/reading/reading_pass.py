@@ -110,13 +110,13 @@ class Pass:
         self._adaptive = self._adaptive_poses(tolerance, stretch_of)
 
     def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
-        """Step these objects, those rigs that can be fed as copies."""
-        scene, fed = self._found.scene, list(self._plan.presampled.values())
-        if fed:
-            rigs = [rig.obj for rig in fed]
-            others = [obj for obj in objects if obj not in rigs]
+        """Step these objects; rigs that are presampled as copies."""
+        scene, rigs = self._found.scene, list(self._plan.presampled.values())
+        if rigs:
+            presampled = [rig.obj for rig in rigs]
+            others = [obj for obj in objects if obj not in presampled]
             with suppress(NotModelledError):
-                return stack.enter_context(stepping.scratch_scene(scene, others, fed))
+                return stack.enter_context(stepping.scratch_scene(scene, others, rigs))
         return stack.enter_context(stepping.scratch_scene(scene, objects))
 
     def _adaptive_poses(
