@@ -12,6 +12,7 @@ from typing import Any
 from .engine.rendering.raster import Raster, unrendered
 from .engine.track import TrackHeader, TrackReader
 from .file_hash import sha256_of
+from .reading_counters import as_reported
 
 REPORT_SUFFIX = ".report.json"
 _LARGEST_REPORT = 2**26
@@ -52,7 +53,7 @@ class ExportReport:
             "silent_devices": list(self.silent_devices),
             "notes": list(self.notes),
             "engine": self.engine,
-            "reading": self.reading,
+            "reading": as_reported(self.reading),
             "made_from": dict(self.made_from),
         }
 

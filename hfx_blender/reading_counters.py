@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Final
 
@@ -17,9 +18,10 @@ class ReadingCounters:
     places_read: int = 0  # (volume, time) of which only the place and a box were read
     poses_read: int = 0  # (body, time) read from Blender
     meshes_read: int = 0  # (mesh, time) whose vertices were read
-    meshes_made: int = 0  # meshes made into closed surfaces; see Counters.meshes_indexed
+    meshes_made: int = 0  # meshes made into closed surfaces
     instances: int = 0  # volumes that are shown as instances
-    far: dict[str, int] = field(default_factory=dict)  # volume: samples at which only its place was
+    # Volume: number of its samples in blocks of which only its place was needed, by their first.
+    far: dict[str, dict[str, int]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)  # effect: why nothing of it was read
 
     def add(self, more: ReadingCounters) -> None:
@@ -27,13 +29,19 @@ class ReadingCounters:
         for name in _NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         self.instances = max(self.instances, more.instances)
-        for name, count in more.far.items():
-            self.far[name] = self.far.get(name, 0) + count
+        for name, blocks in more.far.items():
+            self.far.setdefault(name, {}).update(blocks)
         self.skipped |= more.skipped
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for a report."""
+        """Plain data."""
         return asdict(self)
+
+
+def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:
+    """Of counters as plain data, what is the same however a scene is split into parts."""
+    far = {name: sum(blocks.values()) for name, blocks in sorted(counters.get("far", {}).items())}
+    return {"far": far, "skipped": counters.get("skipped", {})}
 
 
 _NUMBERS: Final = tuple(

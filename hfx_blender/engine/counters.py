@@ -17,7 +17,7 @@ class Counters:
     bodies_reached: list[str] = field(
         default_factory=list
     )  # ids; a volume came near, skin was looked at
-    meshes_indexed: int = 0  # mesh volumes that were made searchable, as skin came near
+    meshes_searched: int = 0  # (mesh volume, body, time) in blocks where skin was looked at
     times_evaluated: int = 0  # rows of blocks that held an active effect
     times_skipped: int = 0  # rows in which nothing was active
     volume_tests: int = 0  # (volume, body, time) whose boxes were compared

@@ -291,9 +291,9 @@ class Pass:
         found: dict[int, EffectBlock] = {}
         for n, k in self._far.items():
             if not is_near[n]:
+                self._reading.count_far(k, rows[history].index, len(rows) - history)
                 if k not in self._full:
                     found[k] = self._silence(k, len(rows))
-                    self._reading.count_far(k, len(rows) - history)
             elif self._reading.is_settled(k):
                 found[k] = self._reading.placed(k, matrices[:, n], there[:, n])
             elif k not in self._full:

@@ -183,10 +183,10 @@ class SteppedReading:
                 row.shape = self._shapes.box_of(effect, evaluated)
         return row
 
-    def count_far(self, which: int, count: int) -> None:
-        """Count samples at which only the place of a volume was read."""
-        far, name = self.counters.far, self._scene.effects[which].name
-        far[name] = far.get(name, 0) + count
+    def count_far(self, which: int, first: int, count: int) -> None:
+        """Count the samples of a block of which only the place of a volume is needed."""
+        name = self._scene.effects[which].name
+        self.counters.far.setdefault(name, {})[str(first)] = count
 
     def is_settled(self, which: int) -> bool:
         """Test that only the place of a volume is not known yet."""

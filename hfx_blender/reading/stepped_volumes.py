@@ -123,7 +123,10 @@ def near(places: Sequence[Places], unit_m: float, skins: Sequence[Box | None]) -
 
 
 def _boxes(corners: F64) -> F64:
-    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN where they are one point, as of no mesh."""
+    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN where they are one point, as of no mesh.
+
+    Of a subdivided mesh Blender may give the corners of its cage, which it lies within.
+    """
     boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
     boxes[(boxes[:, 0] == boxes[:, 1]).all(axis=1)] = np.nan
     return boxes
@@ -161,9 +164,14 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
         if _has_curves(effect, name):
             data = effect.animation_data
             curves = [c for c in compat.fcurves(effect) if c.data_path == f"hfx.{name}"]
-            if len(data.nla_tracks) or not curves or _is_driven(effect, name):
+            every = [c for each in compat.curve_collections(effect) for c in each]
+            if len(curves) < sum(c.data_path == f"hfx.{name}" for c in every):
+                return None  # strips may add to each other
+            if data.action_blend_type != "REPLACE" or _is_driven(effect, name):
                 return None
-            most = max(most, *map(highest_of, curves))
+            limits = effect.hfx.bl_rna.properties[name]
+            default = max(limits.default_array) if name == "size" else limits.default
+            most = max(most, default, *map(highest_of, curves))
         if not np.isfinite(most):
             return None
         found += [most] * len(now) if most > max(now) else now

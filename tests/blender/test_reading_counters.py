@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hfx_blender.reading_counters import ReadingCounters
+from hfx_blender.reading_counters import ReadingCounters, as_reported
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -153,12 +153,12 @@ def test_of_what_is_far_only_places_are_read(scene: Any, felt: Any) -> None:
     evaluation = oracle.evaluate(scene, rate_hz=RATE_HZ)
     read, samples = evaluation.reader.counters, evaluation.reader.time.sample_count
     stepped = {"Deforming", "Constrained", "Parented"}
-    assert read.far == dict.fromkeys(stepped, samples)
+    assert as_reported(read.as_dict())["far"] == dict.fromkeys(stepped, samples)
     assert read.places_read == len(stepped) * samples
     probes = read.times_stepped - samples  # compared with what Blender evaluates
     assert probes <= 10 and read.effects_read <= probes * (1 + len(KINDS))
     assert read.meshes_made == 1  # the static one, once: it is told of at once if it has holes
-    assert evaluation.counters.meshes_indexed == 0
+    assert evaluation.counters.meshes_searched == 0
     assert evaluation.counters.vertices_posed == alone.counters.vertices_posed
     assert _entries(evaluation) == _entries(alone)
 
@@ -171,7 +171,7 @@ def test_what_comes_near_is_counted(scene: Any, felt: Any) -> None:
     assert set(evaluation.samples) == {"Felt", *(kind.__name__.capitalize() for kind in KINDS)}
     read = evaluation.reader.counters
     assert read.far == {} and read.meshes_made > evaluation.reader.time.sample_count
-    assert evaluation.counters.meshes_indexed == read.meshes_made
+    assert evaluation.counters.meshes_searched == 2 * evaluation.reader.time.sample_count
 
 
 def test_a_body_that_nothing_reaches_is_not_looked_at(scene: Any, felt: Any) -> None:

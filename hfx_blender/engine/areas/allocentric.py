@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
-from weakref import WeakSet
 
 import numpy as np
 
@@ -49,7 +48,6 @@ class AllocentricAreas:
         self._builder = builder
         self._threads = threads
         self._responses = responses
-        self._indexed: WeakSet[MeshVolume] = WeakSet()
         self._surfaces = SurfaceEffects(1.0 / float(builder.scene.time.rate_hz), builder.counters)
 
     def volume(
@@ -99,20 +97,14 @@ class AllocentricAreas:
 
         def felt() -> SampleRun | None:
             before = counters.vertices_posed - at_once
-            hits = self._counted(found(), animated)
+            hits = found()
             if counters.vertices_posed > before:
                 counters.reach(body.id)
+                if any(isinstance(shape, MeshVolume) for shape in animated.shapes):
+                    counters.meshes_searched += int(np.count_nonzero(reported))
             return self._felt(effect, animated, body, block, pose, skin, hits)
 
         return felt
-
-    def _counted(self, hits: contacts.Contacts, animated: EffectBlock) -> contacts.Contacts:
-        """Count the meshes that were indexed for some contacts; returns the contacts."""
-        for shape in animated.shapes:
-            if isinstance(shape, MeshVolume) and shape.is_indexed and shape not in self._indexed:
-                self._indexed.add(shape)
-                self._builder.counters.meshes_indexed += 1
-        return hits
 
     def _felt(
         self,

@@ -157,11 +157,6 @@ class MeshVolume:
         """State to pickle: the fields only; cached members may point into this process's memory."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
-    @property
-    def is_indexed(self) -> bool:
-        """Whether it was made searchable."""
-        return not self.__dict__.keys().isdisjoint(("_grid", "_tree"))
-
     @cached_property
     def bounds(self) -> F64:
         return np.stack([self._vertices.min(axis=0), self._vertices.max(axis=0)])
