@@ -23,18 +23,25 @@ it a mesh is rather a sheet, of which nobody can say what is inside."""
 
 def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
     """Make coincident vertices one; drop unused vertices and triangles without three corners."""
-    used, corners = np.unique(triangles, return_inverse=True)
+    used, corners = _used(triangles, len(vertices))
     vertices = vertices[used]
     order = np.lexsort(vertices.T)
     new = np.ones(len(vertices), np.bool_)
     new[1:] = np.any(vertices[order[1:]] != vertices[order[:-1]], axis=1)
     group = np.zeros(len(vertices), np.int64)
     group[order] = np.cumsum(new) - 1
-    corners = group[corners.reshape(-1, 3)]
+    corners = group[corners]
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
-    used, corners = np.unique(corners, return_inverse=True)
-    return vertices[order][new][used], corners.reshape(-1, 3).astype(np.int32)
+    used, corners = _used(corners, int(np.count_nonzero(new)))
+    return vertices[order][new][used], corners.astype(np.int32)
+
+
+def _used(numbers: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
+    """Which of 0 .. ``count`` - 1 occur, ascending, and the place of each number among them."""
+    occurs = np.zeros(count, np.bool_)
+    occurs[numbers] = True
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[numbers]
 
 
 def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
