@@ -110,7 +110,7 @@ class SceneExport:
             tolerance=self.tolerance,
             with_positions="positions" in settings.record,
             with_velocities="velocities" in settings.record,
-            with_shapes="glb" in settings.formats,
+            with_far="glb" in settings.formats,
         )
         if settings.strict and self.reader.description.warnings:
             told = shortened(self.reader.description.warnings, MOST_LINES)
@@ -290,6 +290,7 @@ class SceneExport:
                 "stepping": recorded.stepping,
                 **recorded.engine,
             },
+            reading=recorded.reading,
             notes=shortened((*removed, *recorded.notes, *short, *rendered.notes, *written.notes)),
             made_from=made_from,
         )

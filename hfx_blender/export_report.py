@@ -12,6 +12,7 @@ from typing import Any
 from .engine.rendering.raster import Raster, unrendered
 from .engine.track import TrackHeader, TrackReader
 from .file_hash import sha256_of
+from .reading.reading_counters import as_reported
 
 REPORT_SUFFIX = ".report.json"
 _LARGEST_REPORT = 2**26
@@ -26,7 +27,8 @@ class ExportReport:
     felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
     warnings: tuple[str, ...]
-    engine: dict[str, Any] = field(default_factory=dict)
+    engine: dict[str, Any] = field(default_factory=dict)  # what it did
+    reading: dict[str, Any] = field(default_factory=dict)  # what reading the scene took
     left_out: tuple[str, ...] = ()  # of the warnings: what a format could not hold of a device
     silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
     notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
@@ -51,6 +53,7 @@ class ExportReport:
             "silent_devices": list(self.silent_devices),
             "notes": list(self.notes),
             "engine": self.engine,
+            "reading": as_reported(self.reading),
             "made_from": dict(self.made_from),
         }
 

@@ -26,6 +26,7 @@ from .engine.samples import SampleRun
 from .engine.scene import AnimationBlock, HapticSurface, SceneDescription
 from .engine.track import TrackHeader, TrackWriter, as_kept
 from .engine.track.layout import SAMPLES_PER_CHUNK
+from .reading.reading_counters import ReadingCounters
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 
 Watch = Callable[[AnimationBlock], None]
@@ -37,6 +38,7 @@ class Recorded:
     """What recording told besides the samples; plain data, so that processes can hand it on."""
 
     engine: dict[str, Any]  # the engine's counters
+    reading: dict[str, Any]  # the reader's
     faults: dict[str, list[int]]  # message: samples at which the scene could not be read well
     notes: tuple[str, ...]
     stepping: str
@@ -46,6 +48,7 @@ class Recorded:
         """That of a recording that has just ended."""
         return cls(
             engine.counters.as_dict(),
+            reader.counters.as_dict(),
             {text: sorted(samples) for text, samples in reader.faults.items()},
             reader.notes,
             reader.stepping_note,
@@ -67,11 +70,14 @@ class Recorded:
         for part in parts:
             for text, samples in part.faults.items():
                 faults.setdefault(text, set()).update(samples)
+        read = ReadingCounters()
         for part in parts:
             counted.add(Counters(**part.engine))
+            read.add(ReadingCounters(**part.reading))
         notes = dict.fromkeys(note for part in parts for note in part.notes)
         return cls(
             counted.as_dict(),
+            read.as_dict(),
             {text: sorted(samples) for text, samples in faults.items()},
             tuple(notes),
             parts[0].stepping,

@@ -188,7 +188,7 @@ def write_sound(
     OutputError
         The file cannot be written.
     """
-    reader = SceneReader(scene, with_positions=True)
+    reader = SceneReader(scene, with_positions=True, with_far=True)
     engine = Engine(reader.description, tolerance=reader.tolerance)
     recorder = SoundRecorder(reader.description, settings)
     count = max(len(reader.sample_indices), 1)

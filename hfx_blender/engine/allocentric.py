@@ -26,6 +26,7 @@ from .scene import (
     PoseBlock,
 )
 from .surface_effects import SurfaceEffects
+from .volume.mesh import MeshVolume
 
 if TYPE_CHECKING:
     from .parallel.threads import Threads
@@ -64,6 +65,8 @@ class AllocentricAreas:
             return _nothing
         rows, heard, follows = followed(rows, posed, animated, block)
         skin = self._maker.skins.of(body, effect.model_id)
+        counters = self._maker.counters
+        before = counters.vertices_posed
         found = contact.begin(
             animated,
             volume.falloff,
@@ -71,7 +74,7 @@ class AllocentricAreas:
             skin,
             pose,
             reach.bounds(body, effect.model_id),
-            self._maker.counters,
+            counters,
             follows=follows,
             heard=heard,
             own_sets=bool(self._maker.record),
@@ -80,7 +83,19 @@ class AllocentricAreas:
             threads=self._threads,
             title=f"effect '{effect.name}'",
         )
-        return lambda: self._felt(effect, animated, body, block, pose, skin, found())
+
+        at_once = counters.vertices_posed - before
+
+        def felt() -> SampleRun | None:
+            before = counters.vertices_posed - at_once
+            hits = found()
+            if counters.vertices_posed > before:
+                counters.reach(body.id)
+                if any(isinstance(shape, MeshVolume) for shape in animated.shapes):
+                    counters.meshes_searched += int(np.count_nonzero(heard))
+            return self._felt(effect, animated, body, block, pose, skin, hits)
+
+        return felt
 
     def _felt(
         self,

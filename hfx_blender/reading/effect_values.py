@@ -11,6 +11,7 @@ from ..authoring import volumes
 from ..engine.volume.mesh import MeshVolume
 from ..engine.volume.shape import Falloff, FalloffKind, Shape
 from ..stored_values import limited
+from .reading_counters import ReadingCounters
 
 F64 = npt.NDArray[np.float64]
 
@@ -75,6 +76,7 @@ class Shapes:
     def __init__(self) -> None:
         self._meshes: dict[tuple[str, int], tuple[bytes, MeshVolume]] = {}
         self.notes: dict[str, None] = {}  # in order: what was mended in a mesh
+        self.counters = ReadingCounters()
 
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
@@ -93,11 +95,13 @@ class Shapes:
         positions = np.zeros(len(mesh.vertices) * 3, np.float32)
         if len(mesh.vertices):
             mesh.attributes["position"].data.foreach_get("vector", positions)
+        self.counters.meshes_read += 1
         content = positions.tobytes()
         which = effect.name_full, part
         known = self._meshes.get(which)
         if known is None or known[0] != content:
             mesh.calc_loop_triangles()
+            self.counters.meshes_made += 1
             triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
             mesh.loop_triangles.foreach_get("vertices", triangles)
             volume = MeshVolume(

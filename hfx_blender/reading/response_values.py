@@ -46,7 +46,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
         for curves in compat.curve_collections(effect):
             for curve in curves:
                 if curve.data_path == path:
-                    bound = min(_bound(curve), highest)
+                    bound = min(highest_of(curve), highest)
                     attack, decay = (
                         (max(attack, bound), decay)
                         if name == "attack"
@@ -55,7 +55,7 @@ def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGro
     return longest_s(attack, decay)
 
 
-def _bound(curve: bpy.types.FCurve) -> float:
+def highest_of(curve: bpy.types.FCurve) -> float:
     """What a curve does not exceed; endless where modifiers or extrapolation make it up."""
     keys = curve.keyframe_points
     plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)

@@ -27,7 +27,9 @@ from ..report import shortened
 from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
 from .effect_values import Shapes
-from .reading_plan import Pass, Plan, plan_of
+from .reading_counters import ReadingCounters
+from .reading_pass import Pass
+from .reading_plan import Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
 from .simulation import Simulation, goes_on_by_itself
 from .stepped_reading import SteppedReading
@@ -103,9 +105,9 @@ class SceneReader:
     with_velocities : bool
         The same, exactly, and the time before each stretch, so that its first sample has a
         velocity.
-    with_shapes : bool
-        Read the meshes of volumes also where they are near no skin; else only their boxes are
-        told then.
+    with_far : bool
+        Tell of volumes also where they are near no skin; those that have to be stepped may be
+        silent then otherwise.
     is_probed : bool
         Compare a few times with what Blender evaluates, which sets the scene's frame.
 
@@ -124,7 +126,7 @@ class SceneReader:
         tolerance: Tolerance = EXACT,
         with_positions: bool = False,
         with_velocities: bool = False,
-        with_shapes: bool = False,
+        with_far: bool = False,
         is_probed: bool = True,
     ) -> None:
         self.tolerance = tolerance
@@ -134,7 +136,7 @@ class SceneReader:
             layer = bpy.context.view_layer
         self._shapes = Shapes()
         self._with_velocities = with_velocities
-        self._with_shapes = with_shapes
+        self._with_far = with_far
         found = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
         found = replace(found, dormant=_dormant(found, self.time))
@@ -165,9 +167,15 @@ class SceneReader:
         self._plan: Plan | None = None
 
     @property
-    def times_stepped(self) -> int:
-        """How often a scene was set to a time and evaluated by Blender, so far."""
-        return self._reading.times_stepped
+    def counters(self) -> ReadingCounters:
+        """What reading took, so far."""
+        simulation, asleep = self._found.simulation, self._found.dormant.items()
+        return replace(
+            self._shapes.counters,
+            frames_played=0 if simulation is None else simulation.frames_played,
+            instances=len(self._instances.descriptions),
+            skipped={effect.name: why for effect, why in asleep},
+        )
 
     @property
     def faults(self) -> dict[str, set[int]]:
@@ -262,7 +270,10 @@ class SceneReader:
                 if history:
                     indices = np.insert(indices, 0, first - 1)
                 block = self._without_hidden(reading.block(indices, history))
-                yield block if own is None else self._instances.extended(block, own)
+                if own is not None:
+                    block = self._instances.extended(block, own)
+                    self._shapes.counters.times_stepped += len(indices)
+                yield block
 
     def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
         """Nothing is felt on a body while it is disabled."""
@@ -283,7 +294,7 @@ class SceneReader:
         return self._plan
 
     def _pass(
-        self, plan: Plan, stack: ExitStack, tolerance: Tolerance, *, is_spotty: bool = False
+        self, plan: Plan, stack: ExitStack, tolerance: Tolerance, spots: I64 | None = None
     ) -> Pass:
         is_exact = self._with_velocities or bool(self._instances.descriptions)
         return Pass(
@@ -295,8 +306,8 @@ class SceneReader:
             always_posed=self._always_posed,
             stretch_of=self._stretch_of,
             stack=stack,
-            is_spotty=is_spotty,
-            with_shapes=self._with_shapes,
+            spots=spots,
+            with_far=self._with_far,
         )
 
     def _has_history(self, index: int) -> bool:
@@ -367,7 +378,8 @@ class SceneReader:
 
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
         with ExitStack() as stack:
-            reading = self._pass(plan, stack, EXACT, is_spotty=True)
+            spots = np.array([row.index for row in truth])
+            reading = self._pass(plan, stack, EXACT, spots)
             return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 

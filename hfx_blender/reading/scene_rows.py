@@ -67,12 +67,22 @@ class PoseRow:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where N volumes are at a time, see :mod:`.stepped_volumes`."""
+
+    there: npt.NDArray[np.bool_]  # (N,) False: disabled; the rest may be anything then
+    matrices: F64  # (N, 4, 4) object space to world, Blender's units
+    boxes: F64  # (N, 2, 3) corners of what holds the volume, object space; NaN: not known
+
+
 @dataclass(eq=False)
 class Row:
     """What was read at one time; effects and bodies by their place in the scene's lists."""
 
     index: int
     effects: dict[int, EffectRow] = field(default_factory=dict)
+    places: Places | None = None  # of volumes of which nothing else was read
     poses: dict[int, PoseRow | None] = field(default_factory=dict)  # None: disabled
 
 
@@ -135,6 +145,12 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
         response=response,
         vertices=joined([row.vertices for row in rows]),
     )
+
+
+def silence(count: int, modality: str) -> EffectBlock:
+    """An effect that is not felt at some times."""
+    width = len(MODALITIES[modality].parameters)
+    return EffectBlock(np.zeros(count), np.zeros((count, width)))
 
 
 def _stacked(values: Sequence[F64 | None]) -> F64 | None:

@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 
 from .. import compat
+from .reached import data_reached_from
 
 _MOST_TURN: Final = math.pi / 4
 """Radians that a rotation may turn between two poses: its fastest is not thrice its mean."""
@@ -29,38 +30,28 @@ _SWINGING: Final = ("ELASTIC", "BOUNCE")
 _ROUNDING: Final = 1e-3  # frames: keys are single precision
 
 
-def is_shown_by(apart: float) -> bool:
-    """Whether poses that many frames apart show all motion of the file.
+def is_shown_by(apart: float, objects: Iterable[bpy.types.Object]) -> bool:
+    """Whether poses that many frames apart show all motion of some objects.
 
-    So it is where F-curves alone move what the file holds, each so slowly; other objects'
-    motion counts as well, since a constraint may pass it on to a bone.
+    So it is where F-curves alone move them, each so slowly; the motion of all that they refer
+    to counts as well, since a constraint may pass it on to a bone.
     """
-    if any(_is_driven(owner) for owner in _owners()):
+    reached = data_reached_from(objects)
+    moved = [each for each in reached if getattr(each, "animation_data", None) is not None]
+    if any(len(owner.animation_data.drivers) for owner in moved):
         return False
-    speed = max(map(_speed_of, _strips()), default=1.0)
-    if not math.isfinite(speed) or _acts_on_values():
+    speed = max(map(_speed_of, _strips(moved)), default=1.0)
+    if not math.isfinite(speed) or _acts_on_values(reached):
         return False
-    return all(_is_slow(curve, apart * max(speed, 1.0)) for curve in _curves())
+    items = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items
+    swinging = [items[name].value for name in _SWINGING]
+    return all(_is_slow(curve, apart * max(speed, 1.0), swinging) for curve in _curves(reached))
 
 
-def _owners() -> Iterator[bpy.types.ID]:
-    """All that may carry animation which bones may follow."""
-    data = bpy.data
-    yield from chain(
-        *(data.objects, data.armatures, data.meshes, data.curves, data.lattices),
-        *(data.shape_keys, data.cameras, data.lights, data.node_groups, data.scenes),
-    )
-
-
-def _is_driven(owner: bpy.types.ID) -> bool:
-    return owner.animation_data is not None and bool(owner.animation_data.drivers)
-
-
-def _strips() -> Iterator[bpy.types.NlaStrip]:
-    for owner in _owners():
-        if owner.animation_data is not None:
-            for track in owner.animation_data.nla_tracks:
-                yield from compat.with_grouped(track.strips)
+def _strips(moved: Iterable[bpy.types.ID]) -> Iterator[bpy.types.NlaStrip]:
+    for owner in moved:
+        for track in owner.animation_data.nla_tracks:
+            yield from compat.with_grouped(track.strips)
 
 
 def _speed_of(strip: bpy.types.NlaStrip) -> float:
@@ -70,9 +61,11 @@ def _speed_of(strip: bpy.types.NlaStrip) -> float:
     return 1.0 / max(abs(strip.scale), 1e-9)
 
 
-def _acts_on_values() -> bool:
+def _acts_on_values(reached: Iterable[bpy.types.ID]) -> bool:
     """Whether a constraint plays an action as a value tells: a slow one may play it fast."""
-    for obj in bpy.data.objects:
+    for obj in reached:
+        if not isinstance(obj, bpy.types.Object):
+            continue
         bones = () if obj.pose is None else obj.pose.bones
         stacks = chain([obj.constraints], (bone.constraints for bone in bones))
         if any(each.type == "ACTION" for stack in stacks for each in stack):
@@ -80,14 +73,15 @@ def _acts_on_values() -> bool:
     return False
 
 
-def _curves() -> Iterator[bpy.types.FCurve]:
-    for action in bpy.data.actions:
-        slots: Iterable[bpy.types.ActionSlot | None] = getattr(action, "slots", (None,))
-        for slot in slots:
-            yield from compat.action_fcurves(action, slot)
+def _curves(reached: Iterable[bpy.types.ID]) -> Iterator[bpy.types.FCurve]:
+    for action in reached:
+        if isinstance(action, bpy.types.Action):
+            slots: Iterable[bpy.types.ActionSlot | None] = getattr(action, "slots", (None,))
+            for slot in slots:
+                yield from compat.action_fcurves(action, slot)
 
 
-def _is_slow(curve: bpy.types.FCurve, apart: float) -> bool:
+def _is_slow(curve: bpy.types.FCurve, apart: float, swinging: Iterable[int]) -> bool:
     if curve.mute:
         return True
     if any(not each.mute and each.type not in _STILL_SHOWN for each in curve.modifiers):
@@ -105,8 +99,7 @@ def _is_slow(curve: bpy.types.FCurve, apart: float) -> bool:
         return False
     kinds = np.zeros(len(points), np.int32)
     points.foreach_get("interpolation", kinds)
-    items = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items
-    if np.isin(kinds, [items[name].value for name in _SWINGING]).any():
+    if any((kinds == each).any() for each in swinging):
         return False
     if "rotation_euler" not in curve.data_path and "axis_angle" not in curve.data_path:
         return True

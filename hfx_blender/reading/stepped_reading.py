@@ -13,14 +13,17 @@ import numpy.typing as npt
 from .. import compat
 from ..authoring import volumes
 from ..avatars import avatar_meshes, body_binding
-from ..engine.scene import SceneDescription, SurfaceBinding
+from ..engine.scene import EffectBlock, SceneDescription, SurfaceBinding
 from ..engine.volume.shape import Shape
 from ..errors import InputError
 from . import activation, effect_values, response_values, skin_values
+from .curve_reading import is_rigid
 from .scene_description import HapticObjects
 from .scene_rows import EffectRow, PoseRow, Row
 from .stepping import Stepper
 from .surface_reading import SurfaceVertices
+
+F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +32,12 @@ class _Settings:
 
     level: float
     parameters: list[float]  # in their modality's order; of wind the speed only
-    place: npt.NDArray[np.float64] | None
-    drive: npt.NDArray[np.float64] | None
+    place: F64 | None
+    drive: F64 | None
     shape: Shape | None
-    scale: npt.NDArray[np.float64] | None  # of a volume: shape space to local space, (3,)
+    scale: F64 | None  # of a volume: shape space to local space, (3,)
     is_wind: bool
-    is_mesh: bool  # whose shape is read each time
+    is_mesh: bool  # that deforms: its shape is read each time
 
 
 class SteppedReading:
@@ -68,7 +71,8 @@ class SteppedReading:
         self._vertices = SurfaceVertices()
         self._settings: dict[int, _Settings] = {}
         self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
-        self.times_stepped = 0
+        self._is_rigid = [keeps_settings and is_rigid(each) for each in found.effects]
+        self.counters = shapes.counters
         self.far: frozenset[int] = frozenset()
         """Volumes with the shape of a mesh of which only the box is read: they are near no skin."""
         self.faults: dict[str, set[int]] = {} if faults is None else faults
@@ -79,15 +83,18 @@ class SteppedReading:
     ) -> Row:
         """Set a sample's time, and read some effects and bodies."""
         stepper.set_frame(self._scene.time.frame(index))
-        self.times_stepped += 1
+        self.counters.times_stepped += 1
         row = Row(index)
         row.effects = {k: self._read_effect(k, stepper, index) for k in effects}
-        row.poses = {k: self._read_pose(k, stepper) for k in bodies}
+        self.counters.effects_read += len(row.effects)
+        self.add_poses(row, stepper, bodies)
         return row
 
     def add_poses(self, row: Row, stepper: Stepper, bodies: Iterable[int]) -> None:
         """Read bodies at the time that is set already."""
-        row.poses |= {k: self._read_pose(k, stepper) for k in bodies}
+        read = {k: self._read_pose(k, stepper) for k in bodies}
+        self.counters.poses_read += len(read)
+        row.poses |= read
 
     def _read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
         effect, state = self._found.effects[which], self._found.activations[which]
@@ -132,14 +139,18 @@ class SteppedReading:
 
     def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
         effect = self._found.effects[which]
+        is_rigid = self._is_rigid[which]
+        known = self._shapes.last_of(effect) if is_rigid else None
+        if known is not None:
+            return known
         box = None
-        if which in self.far and evaluated.hfx.shape == "MESH":
+        if which in self.far and evaluated.hfx.shape == "MESH" and not is_rigid:
             box = self._shapes.box_of(effect, evaluated)
         return self._shapes.shape_of(effect, evaluated) if box is None else box
 
     def _keep(self, which: int, row: EffectRow, hfx: bpy.types.PropertyGroup) -> None:
         """Remember the settings of an effect, if what was read of it holds nothing else."""
-        is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH"
+        is_mesh = hfx.kind == "VOLUME" and hfx.shape == "MESH" and not self._is_rigid[which]
         if hfx.kind == "SURFACE" or row.response is not None or (is_mesh and row.level <= 0.0):
             return
         is_volume, is_wind = hfx.kind == "VOLUME", hfx.modality == "wind"
@@ -172,6 +183,37 @@ class SteppedReading:
             if known.is_mesh:
                 row.shape = self._shapes.box_of(effect, evaluated)
         return row
+
+    def count_far(self, which: int, first: int, count: int) -> None:
+        """Count the samples of a block of which only the place of a volume is needed."""
+        name = self._scene.effects[which].name
+        self.counters.far.setdefault(name, {})[str(first)] = count
+
+    def is_settled(self, which: int) -> bool:
+        """Whether only the place of a volume is not known yet."""
+        known = self._settings.get(which)
+        return known is not None and known.scale is not None and not known.is_mesh
+
+    def placed(self, which: int, matrices: F64, there: npt.NDArray[np.bool_]) -> EffectBlock:
+        """A settled volume at times at which its place (T, 4, 4) in Blender's units is known.
+
+        It is silent where it is not ``there``.
+        """
+        known = self._settings[which]
+        assert known.scale is not None and known.shape is not None
+        parameters = np.repeat(np.array([known.parameters], np.float64), len(there), axis=0)
+        if known.is_wind:
+            parameters = np.hstack([parameters, effect_values.directions(matrices)])
+        world = matrices.copy()
+        world[:, :3] *= self._unit_m
+        world[:, :3, :3] *= known.scale
+        world[~there] = np.eye(4)
+        return EffectBlock(
+            np.where(there, known.level, 0.0),
+            np.where(there[:, None], parameters, 0.0),
+            matrices=world,
+            shapes=(known.shape,),
+        )
 
     def _response(
         self, effect: bpy.types.Object, hfx: bpy.types.PropertyGroup, index: int

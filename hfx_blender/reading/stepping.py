@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import bpy
 
 from . import simulation as simulations
+from . import visibility
 from .reached import data_reached_from
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ _is_stepping = False
 class Stepper:
     """One scene that is set to times and read through its dependency graph.
 
-    Rigs that are ``fed`` are in it as their copies.
+    Rigs that are ``fed`` are in it as their copies. ``is_own`` is the user's scene, not a scratch.
     """
 
     def __init__(
@@ -37,9 +39,11 @@ class Stepper:
         layer: bpy.types.ViewLayer,
         *,
         fed: Sequence[FedRig] = (),
+        is_own: bool = True,
     ) -> None:
         self._scene = scene
         self._layer = layer
+        self.is_own = is_own
         self._fed = fed
         self._copies = {rig.obj: rig.copy for rig in fed}
 
@@ -53,6 +57,16 @@ class Stepper:
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
         """An object as it is at this time."""
         return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
+
+    @cached_property
+    def is_changing(self) -> bool:
+        """Whether the scene may show other objects at other times."""
+        return self.is_own or any(map(visibility.is_keyed, self._scene.objects))
+
+    @property
+    def objects(self) -> bpy.types.bpy_prop_collection:
+        """The evaluated objects that the scene shows at this time."""
+        return self._layer.depsgraph.objects
 
 
 Stepping = AbstractContextManager[Stepper]
@@ -126,7 +140,7 @@ def _scratch(
         for rig in fed:
             if rig.obj in there:
                 raise NotModelledError(f"something follows '{rig.obj.name}'")
-        yield Stepper(scratch, layer, fed=fed)
+        yield Stepper(scratch, layer, fed=fed, is_own=False)
     finally:
         # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
         bpy.data.batch_remove(made)

@@ -10,7 +10,7 @@ import pytest
 
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.engine.volume.mesh import MeshVolume
-from hfx_blender.reading import reading_plan
+from hfx_blender.reading import reading_pass
 from hfx_blender.reading.effect_values import Shapes
 from hfx_blender.reading.scene_reader import SceneReader
 
@@ -53,7 +53,7 @@ def test_no_mesh_is_made_far_away(scene: Any, blob: Any, made: list[str]) -> Non
     evaluation = oracle.evaluate(scene, rate_hz=48)
     assert made == []
     assert evaluation.samples == {}
-    assert evaluation.reader.times_stepped > evaluation.reader.time.sample_count
+    assert evaluation.reader.counters.times_stepped > evaluation.reader.time.sample_count
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_what_comes_near_is_felt_as_if_all_was_read(
         return {k: (s.vertices.tolist(), s.weights.tolist()) for k, s in samples}
 
     lazy, some = felt(), len(made)
-    monkeypatch.setattr(reading_plan, "comes_near", lambda rows, skins: True)
+    monkeypatch.setattr(reading_pass, "near", lambda places, unit_m, skins: np.ones(1, np.bool_))
     assert lazy == felt()
     assert 0 < some < len(made) - some
 
@@ -94,7 +94,7 @@ def test_the_box_is_around_the_evaluated_mesh(scene: Any, blob: Any) -> None:
 
 def test_shapes_that_are_asked_for_are_read(scene: Any, blob: Any, made: list[str]) -> None:
     """A picture of the scene shows also what nobody feels."""
-    reader = SceneReader(scene, with_shapes=True)
+    reader = SceneReader(scene, with_far=True)
     shapes = [shape for block in reader.blocks() for shape in block.effects[0].shapes]
     assert shapes and made
     assert all(len(shape.vertices) > 8 for shape in shapes)

@@ -92,13 +92,13 @@ def _poses(tolerance: Tolerance) -> tuple[int, dict[int, Any]]:
         (posed,) = block.poses
         for row, index in enumerate(block.indices.tolist()):
             found[index] = posed.bones[row].copy()
-    return reader.times_stepped, found
+    return reader.counters.times_stepped, found
 
 
 @pytest.mark.parametrize("swing", FAST)
 def test_fast_motion_is_read_at_every_sample(arm: Any, swing: Any) -> None:
     swing(arm)
-    assert not is_shown_by(0.48)
+    assert not is_shown_by(0.48, [arm])
     times, truth = _poses(EXACT)
     stepped, found = _poses(STANDARD)
     assert stepped == times
@@ -107,16 +107,24 @@ def test_fast_motion_is_read_at_every_sample(arm: Any, swing: Any) -> None:
 
 
 def test_slow_motion_is_read_now_and_then(arm: Any) -> None:
-    assert is_shown_by(0.48)
+    assert is_shown_by(0.48, [arm])
     assert _poses(STANDARD)[0] < 0.7 * _poses(EXACT)[0]
+
+
+def test_what_a_body_does_not_follow_may_swing(arm: Any) -> None:
+    other = oracle.empty(bpy.context.scene)
+    oracle.key(other, "location", [(k, (0.1 * (-1) ** k, 0.0, 0.0)) for k in range(1, 25)])
+    assert is_shown_by(1.01, [arm])
+    arm.pose.bones["head"].constraints.new("COPY_LOCATION").target = other
+    assert not is_shown_by(1.01, [arm])
 
 
 def test_strips_that_play_fast_are_seen(arm: Any) -> None:
     data = arm.animation_data
     oracle.key(arm, ARM, [(k, (0.0, 0.0, 0.1 * (-1) ** k)) for k in range(1, 25)])
-    assert is_shown_by(1.0)
+    assert is_shown_by(1.0, [arm])
     strip = data.nla_tracks.new().strips.new("Fast", 1, data.action)
     data.action = None
-    assert is_shown_by(1.0)
+    assert is_shown_by(1.0, [arm])
     strip.scale = 0.25
-    assert not is_shown_by(1.0)
+    assert not is_shown_by(1.0, [arm])
