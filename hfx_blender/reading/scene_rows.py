@@ -110,6 +110,8 @@ def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
     if one is None or two is None:
         return one is two
     one, two = np.asarray(one), np.asarray(two)
+    if one.shape == two.shape and (one == two).all():
+        return True  # as nearly always: told ten times faster
     return one.shape == two.shape and np.allclose(one, two, _RELATIVE, _ABSOLUTE, equal_nan=True)
 
 
