@@ -139,5 +139,6 @@ def swept_boxes(matrices: F64, bounds: F64, there: npt.NDArray[np.bool_]) -> Box
         axis=1
     )
     sure = known.all(axis=0)[:, None]
-    low, high = low - more[:, None], high + more[:, None]
+    with np.errstate(invalid="ignore"):  # of what is never there
+        low, high = low - more[:, None], high + more[:, None]
     return np.where(sure, low, -np.inf), np.where(sure, high, np.inf)

@@ -170,9 +170,14 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
         if _has_curves(effect, name):
             data = effect.animation_data
             curves = [c for c in compat.fcurves(effect) if c.data_path == f"hfx.{name}"]
-            if len(data.nla_tracks) or not curves or _is_driven(effect, name):
+            every = [c for each in compat.curve_collections(effect) for c in each]
+            if len(curves) < sum(c.data_path == f"hfx.{name}" for c in every):
+                return None  # strips may add to each other
+            if data.action_blend_type != "REPLACE" or _is_driven(effect, name):
                 return None
-            most = max(most, *map(highest_of, curves))
+            limits = effect.hfx.bl_rna.properties[name]
+            default = max(limits.default_array) if name == "size" else limits.default
+            most = max(most, default, *map(highest_of, curves))
         if not np.isfinite(most):
             return None
         found += [most] * len(now) if most > max(now) else now
