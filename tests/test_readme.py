@@ -71,6 +71,18 @@ def test_the_command_lines_are_understood() -> None:
             build_parser().parse_args(arguments)
 
 
+def test_the_lines_for_farms_are_understood() -> None:
+    from hfx_blender.cli import build_parser
+
+    text = (ROOT / "docs" / "farms.md").read_text(encoding="utf-8")
+    text = re.sub(r"(\$\(\([^)]*\)\)|\$\w+|<STARTFRAME>)(?=/\d)", "1", text)  # of a task
+    calls = re.findall(r"(?:hfx |\")(export (?:scene|/shared)[^\"';#|`\n]*)[^`]", text)
+    assert len(calls) >= 9
+    options = [build_parser().parse_args(call.split()) for call in calls]
+    assert sum(each.piece is not None for each in options) >= 4
+    assert sum(each.merge for each in options) >= 3
+
+
 def test_links_lead_somewhere() -> None:
     links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
     assert links

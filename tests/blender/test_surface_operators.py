@@ -252,9 +252,9 @@ def test_only_meshes_have_surfaces(scene: Any) -> None:
 def test_the_calibration_is_the_users_not_the_files(denim: Any) -> None:
     denim.hfx.surface.renderer = "TEXTILE"
     assert surfaces.texture_of(denim).drive_per_m == DRIVE_PER_M
-    bpy.ops.hfx.calibrate_surfaces(drive=25.0)
+    surface_calibration.store(25_000.0)
     assert surfaces.texture_of(denim).drive_per_m == pytest.approx(25_000.0)
-    bpy.ops.hfx.calibrate_surfaces(drive=5.0, device="phone")
+    surface_calibration.store(5_000.0, "phone")
     assert surface_calibration.drive_per_m("phone") == pytest.approx(5_000.0)
     assert surface_calibration.drive_per_m("other") == pytest.approx(25_000.0)
     denim.hfx.surface.drive = 3.0
@@ -274,8 +274,18 @@ def test_a_broken_calibration_is_as_if_there_were_none(
 
 
 @pytest.mark.parametrize("suffix", [".wav", ".ahap", ".he", ".haptic", ".csv"])
-def test_a_stroke_is_exported_in_every_format(denim: Any, tmp_path: Path, suffix: str) -> None:
-    bpy.ops.hfx.stroke(start=(0, 0), end=(30, 5), speed=100)
+def test_a_stroke_is_exported_in_every_format(
+    denim: Any, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.engine.texture.render import render_stroke
+    from hfx_blender.engine.texture.stroke import along
+    from hfx_blender.operators import stroke_pad
+    from hfx_blender.playback.stroke_pad import Take
+
+    texture = surfaces.texture_of(denim)
+    stroke = along(np.array([[0.0, 0.0], [0.03, 0.005]]), 0.1)
+    take = Take(denim.name, texture, stroke, render_stroke(texture, stroke))
+    monkeypatch.setattr(stroke_pad, "last_take", take)
     bpy.ops.hfx.export_stroke(filepath=str(tmp_path / f"s{suffix}"))
     assert (tmp_path / f"s{suffix}").stat().st_size > 100
 
