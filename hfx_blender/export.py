@@ -19,12 +19,11 @@ import bpy
 import numpy as np
 
 from .atomic_files import atomic_file
-from .devices.configuration import device_of_blend
 from .devices.script_rendering import Rendered, rendering
 from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.rendering.device import DeviceConfig
-from .engine.rendering.devices import renderers_given
+from .engine.rendering.devices import misfits, renderers_given
 from .engine.rendering.raster import Raster
 from .engine.rendering.render import Renderer
 from .engine.rendering.room import needs_positions
@@ -34,6 +33,7 @@ from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
 from .errors import InputError
+from .export_devices import formats_without
 from .export_report import (
     REPORT_SUFFIX,
     ExportReport,
@@ -53,6 +53,7 @@ from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .reading.scene_tolerance import scene_tolerance
 from .recording import Recorded, record_track
 from .report import MOST_LINES, shortened
+from .sentences import counted
 from .staging import place, staging
 from .stepwise import Progress, finish
 
@@ -74,9 +75,25 @@ class ExportSettings:
     strict: bool = False  # a warning about the scene is an error
     processes: int = field(default_factory=cores)  # at most; the results are the same
     per_clip: bool = False  # each named clip as files of its own instead of the whole timeline
+    missing: Mapping[str, str] = field(default_factory=dict)  # devices that play nothing, and why
 
     def __post_init__(self) -> None:
         registry.check(self.formats, self.devices)
+
+    def without(self, missing: Mapping[str, str]) -> ExportSettings:
+        """The same, but some devices play nothing.
+
+        Raises
+        ------
+        InputError
+            Nothing is left to be written.
+        """
+        if not missing:
+            return self
+        devices = tuple(each for each in self.devices if each.id not in missing)
+        together = {**self.missing, **missing}
+        formats = formats_without(together, self.formats, devices)
+        return replace(self, formats=formats, devices=devices, missing=together)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +118,6 @@ class SceneExport:
         if needs_positions(settings.devices) and "positions" not in settings.record:
             settings = replace(settings, record=(*settings.record, "positions"))
         self._scene = scene
-        self._settings = settings
         self.tolerance = settings.tolerance or scene_tolerance(scene)
         self.reader = SceneReader(
             scene,
@@ -112,9 +128,14 @@ class SceneExport:
             with_velocities="velocities" in settings.record,
             with_far="glb" in settings.formats,
         )
-        if settings.strict and self.reader.description.warnings:
-            told = shortened(self.reader.description.warnings, MOST_LINES)
-            raise InputError("; ".join(told) + ".")
+        self._settings = settings.without(misfits(self.reader.description, settings.devices))
+        self._warnings = self.reader.description.warnings
+        if settings.per_clip:
+            others = [each.name for each in self.reader.description.effects if not each.clips]
+            text = "effects without a clip are in no file with --per-clip"
+            self._warnings = (*self._warnings, *counted(others, text))
+        if settings.strict:
+            _refuse((*self._warnings, *self._settings.missing.values()))
 
     @property
     def _wants_volumes(self) -> bool:
@@ -263,13 +284,13 @@ class SceneExport:
                 written += volumes.write(
                     models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
                 )
-        silent = tuple(rendered.silent.values())
-        if settings.strict and (recorded.warnings or silent or written.left_out):
-            told = shortened((*recorded.warnings, *silent, *written.left_out), MOST_LINES)
-            raise InputError("; ".join(told) + ".")
+        silenced = {**settings.missing, **rendered.silent}
+        silent = tuple(silenced.values())
+        if settings.strict:
+            _refuse((*recorded.warnings, *silent, *written.left_out))
         new = {path.name for path in written.files}
         earlier = [
-            path for path in stale_files(folder, stem.name, rendered.silent) if path.name not in new
+            path for path in stale_files(folder, stem.name, silenced) if path.name not in new
         ]
         removed = tuple(f"{each.name} of an earlier export is removed" for each in earlier)
         report = ExportReport(
@@ -279,7 +300,7 @@ class SceneExport:
             unrendered=lost,
             warnings=shortened(
                 (
-                    *self.reader.description.warnings,
+                    *self._warnings,
                     *recorded.warnings,
                     *silent,
                     *written.left_out,
@@ -383,9 +404,10 @@ def _named(
     ]
 
 
-def scene_devices(scene: bpy.types.Scene) -> tuple[DeviceConfig, ...]:
-    """Load the devices that a scene names."""
-    return tuple(device_of_blend(device.name) for device in scene.hfx.devices)
+def _refuse(warnings: Sequence[str]) -> None:
+    """Raise InputError if there is anything to warn of."""
+    if warnings:
+        raise InputError("; ".join(shortened(warnings, MOST_LINES)) + ".")
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:

@@ -11,7 +11,7 @@ import logging
 import bpy
 from bpy.app.handlers import persistent
 
-from .authoring import drawn_fades, earlier_models, effects, painting, surface_updates
+from .authoring import drawn_fades, effects, model_migration, painting, surface_updates
 
 _log = logging.getLogger(__name__)
 
@@ -24,7 +24,7 @@ def _before_saving(*_: object) -> None:
 
 @persistent
 def _after_loading(*_: object) -> None:
-    found = earlier_models.update_all()
+    found = model_migration.update_all()
     if found:
         _log.info("carried over to the present body models: %s", ", ".join(found))
 

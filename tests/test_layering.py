@@ -23,6 +23,7 @@ SHARED = {
     "import_path",
     "own_processes",
     "printable",
+    "sentences",
     "stage_folders",
     "stepwise",
     *PURE,

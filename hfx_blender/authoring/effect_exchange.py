@@ -18,8 +18,8 @@ from ..errors import InputError
 from . import (
     clips,
     drawn_fades,
-    earlier_models,
     effects,
+    model_migration,
     painting,
     paths,
     response_exchange,
@@ -156,7 +156,7 @@ def _check(effect: EffectRecipe, body: bpy.types.Object | None) -> None:
 
 
 def _carried_over(area: VertexArea) -> np.ndarray | None:
-    return earlier_models.carried_over(
+    return model_migration.carried_over(
         area.model_id, area.model_hash, list(area.vertices), list(area.weights)
     )
 

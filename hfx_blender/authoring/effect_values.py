@@ -9,6 +9,7 @@ import numpy as np
 from ..engine.arrays import F64
 from ..engine.volume.mesh import MeshVolume
 from ..engine.volume.shape import Falloff, FalloffKind, Shape
+from ..errors import InputError
 from ..stored_values import limited
 from . import volumes
 
@@ -42,10 +43,14 @@ def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
 
 
 def directions(world: F64) -> F64:
-    """Unit vectors along the local Z axis of world matrices (..., 4, 4): the wind's direction."""
+    """Unit vectors along the local Z axis of world matrices (..., 4, 4): where wind blows to.
+
+    (0, 0, 0) where it has no length, or is no number, which the engine tells.
+    """
     along = world[..., :3, 2]
     lengths = np.linalg.norm(along, axis=-1, keepdims=True)
-    return np.where(lengths > 0.0, along / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
+    is_known = (lengths > 0.0) & np.isfinite(lengths)
+    return np.where(is_known, along / np.where(is_known, lengths, 1.0), 0.0)
 
 
 def shape_matrices(world: F64, unit_m: float, hfx: bpy.types.PropertyGroup) -> F64:
@@ -77,9 +82,21 @@ class Shapes:
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
     ) -> Shape:
-        """Shape of an effect as it is evaluated at a time; instances may have several."""
+        """The shape of an effect as it is evaluated at a time; instances may have several.
+
+        Raises
+        ------
+        InputError
+            It is to be a mesh, and is none, or none with an inside.
+        """
         if evaluated.hfx.shape != "MESH":
             return volumes.analytic_shape(evaluated.hfx)
+        if evaluated.type != "MESH":
+            kind = evaluated.type.lower()
+            raise InputError(
+                f"Volume '{effect.name}' has the shape of a mesh, but is a {kind} object: convert "
+                "it to a mesh, or choose another shape."
+            )
         if not evaluated.data.is_editmode:
             return self._mesh_volume(effect, evaluated.data, part)
         try:  # what is being edited is not in the evaluated mesh itself

@@ -91,10 +91,8 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     from ..report import describe
 
     scene = scene_named(unit.options.scene)
-    names = _device_names(unit.options, scene)
-    settings = replace(
-        _settings(unit.options, tuple(map(load_device, names))), processes=unit.cores
-    )
+    names, devices, missing = _devices(unit.options, scene)
+    settings = replace(_settings(unit.options, devices, missing), processes=unit.cores)
     export = SceneExport(scene, settings)
     if unit.kind == "part":
         return {"part": _recorded_part(unit, export, progress)}
@@ -157,21 +155,31 @@ def _open(unit: Unit) -> None:
         _state.opened = now
 
 
-def _device_names(options: ExportOptions, scene: bpy.types.Scene) -> list[str]:
-    from ..export import scene_devices
+def _devices(
+    options: ExportOptions, scene: bpy.types.Scene
+) -> tuple[list[str], tuple[DeviceConfig, ...], dict[str, str]]:
+    """The devices, their names or files, and those that a scene names and that are none."""
+    from ..export_devices import scene_devices
 
     if options.devices:
-        return [name for name in options.devices if name != "none"]
-    scene_devices(scene)  # a scene may not name files
-    return [device.name for device in scene.hfx.devices]
+        names = [name for name in options.devices if name != "none"]
+        return names, tuple(map(load_device, names)), {}
+    devices, missing = scene_devices(scene)
+    named = dict.fromkeys(device.name for device in scene.hfx.devices)
+    return [name for name in named if name not in missing], devices, missing
 
 
-def _settings(options: ExportOptions, devices: tuple[DeviceConfig, ...]) -> ExportSettings:
+def _settings(
+    options: ExportOptions, devices: tuple[DeviceConfig, ...], missing: dict[str, str]
+) -> ExportSettings:
     from ..export import ExportSettings
+    from ..export_devices import formats_without
 
+    formats = options.formats or (("track", "csv") if devices else ("track",))
     return ExportSettings(
-        formats=options.formats or (("track", "csv") if devices else ("track",)),
+        formats=formats_without(missing, formats, devices),
         devices=devices,
+        missing=missing,
         frames=options.frames,
         rate_hz=None if options.rate is None else Fraction(options.rate),
         tolerance=None if options.tolerance is None else parse_tolerance(options.tolerance),

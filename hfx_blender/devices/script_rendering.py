@@ -105,7 +105,7 @@ def rendering(
     notes: list[str] = []
     for device, renderer in renderers:
         if device.id in silent:
-            continue
+            continue  # its reason is told once
         answers = None
         if device.script is not None:
             try:
@@ -119,6 +119,7 @@ def rendering(
                     f"device '{device.id}': its script gave no number at {lost} of "
                     f"{len(answers)} times; actuators were silent then"
                 )
+        notes += renderer.notes()
         played.append((device, renderer.raster(answers)))
     return Rendered(played, {}, tuple(notes)).without(silent)
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain, pairwise
 from math import isfinite
 from typing import Any, Final
@@ -62,6 +63,38 @@ def _finite_rows(
     on = finite & (np.where(finite, animated.levels, 0.0) > 0.0)
     on[: block.history] = False
     return np.flatnonzero(on)
+
+
+def with_directions(
+    effects: Sequence[EffectDescription], block: AnimationBlock, counters: Counters
+) -> AnimationBlock:
+    """A block whose winds all blow somewhere: to +Z where a direction is (0, 0, 0)."""
+    found = None
+    for k, effect in enumerate(effects):
+        if effect.modality != "wind" or block.effects[k].parameters[:, 1:4].any(axis=1).all():
+            continue
+        animated = block.effects[k]
+        still = ~animated.parameters[:, 1:4].any(axis=1)
+        parameters = animated.parameters.copy()
+        parameters[still, 1:4] = 0.0, 0.0, 1.0
+        found = list(block.effects) if found is None else found
+        found[k] = replace(animated, parameters=parameters)
+        count = int(np.count_nonzero((still & (animated.levels > 0.0))[block.history :]))
+        if count and animated.matrices is None:  # contacts tell of a flattened volume
+            text = f"effect '{effect.name}': its Z axis has no direction; its wind blows to +Z"
+            counters.warn(text, count)
+    return block if found is None else replace(block, effects=tuple(found))
+
+
+def warn_of_controls(
+    effect: EffectDescription, animated: EffectBlock, rows: I64, counters: Counters
+) -> None:
+    """Warn of a contact response whose controls are no numbers at rows where it is on."""
+    if animated.response is None or np.isfinite(animated.response[rows]).all():
+        return
+    bad = ~np.isfinite(animated.response[rows]).all(axis=(1, 2))
+    text = f"effect '{effect.name}': a value of its contact response is not a finite number"
+    counters.warn(f"{text}; the default is taken there", int(np.count_nonzero(bad)))
 
 
 def posed_rows(pose: PoseBlock) -> I64:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .active_rows import active_rows, warn_of_point
+from .active_rows import active_rows, warn_of_controls, warn_of_point, with_directions
 from .areas.allocentric import AllocentricAreas
 from .areas.egocentric import EgocentricAreas
 from .areas.on_demand import ON_DEMAND, ON_DEMAND_HERE
@@ -92,6 +92,7 @@ class Engine:
 
         Other threads work on it meanwhile. Blocks must be begun, and ended, in their order.
         """
+        block = with_directions(self.scene.effects, block, self.counters)
         effects = list(zip(self.scene.effects, block.effects, strict=True))
         rows_of = active_rows(self.scene.effects, block, self.counters)
         is_active = np.zeros(len(block.indices), np.bool_)
@@ -131,6 +132,7 @@ class Engine:
         """
         area, bodies = effect.area, self.scene.bodies
         if isinstance(area, HapticVolume):
+            warn_of_controls(effect, animated, rows, self.counters)
             begun = [
                 self._allocentric.volume(effect, area, animated, rows, body, block, reach)
                 for body in bodies

@@ -35,6 +35,7 @@ DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0)
 """Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
 
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
+_CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
 _TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there
 
 
@@ -166,8 +167,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     metadata = found.get("Metadata")
     frequencies = _range_of(metadata)
     entries = found["Pattern"]
-    intensity = _control(entries, INTENSITY_CONTROL, 1.0, (0.0, 1.0))
-    sharpness = _control(entries, SHARPNESS_CONTROL, 0.0, (-1.0, 1.0))
+    intensity = _control(entries, INTENSITY_CONTROL, 1.0)
+    sharpness = _control(entries, SHARPNESS_CONTROL, 0.0)
     pieces, transients = [], []
     lost: Counter[str] = Counter()
     for entry in entries:
@@ -212,9 +213,17 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
             elif not 0.0 <= value <= 1.0:
                 lost[f"values of {each['ParameterID']} beyond 0 to 1, taken as the nearest"] += 1
     for key in ("Parameter", "ParameterCurve"):
-        control = entry.get(key, {}).get("ParameterID", INTENSITY_CONTROL)
-        if control not in (INTENSITY_CONTROL, SHARPNESS_CONTROL):
+        found = entry.get(key, {})
+        control = found.get("ParameterID", INTENSITY_CONTROL)
+        if control not in _CONTROLS:
             lost[f"changes of {control}"] += 1
+            continue
+        lowest, highest = _CONTROLS[control]
+        points = found.get("ParameterCurveControlPoints", [found] if found else [])
+        beyond = sum(not lowest <= each["ParameterValue"] <= highest for each in points)
+        if beyond:
+            what = f"values of {control} beyond {lowest:g} to {highest:g}, taken as the nearest"
+            lost[what] += beyond
 
 
 def _range_of(metadata: Any) -> FrequencyRange:
@@ -226,10 +235,8 @@ def _range_of(metadata: Any) -> FrequencyRange:
     return DEFAULT_RANGE
 
 
-def _control(
-    entries: list[dict[str, Any]], name: str, neutral: float, bounds: tuple[float, float]
-) -> Curve:
-    """Join all curves and single values of one control in order."""
+def _control(entries: list[dict[str, Any]], name: str, neutral: float) -> Curve:
+    """All curves and single values of one control, one after the other."""
     points: list[tuple[float, float]] = [(0.0, neutral)]
     changes: list[tuple[float, list[tuple[float, float]]]] = []
     for entry in entries:
@@ -250,4 +257,4 @@ def _control(
         points.append((max(start, points[-1][0]), points[-1][1]))  # held until then
         points += [(max(time, start), value) for time, value in control_points]
     times, values = np.array(points, np.float64).T
-    return Curve(np.maximum.accumulate(times), np.clip(values, *bounds))
+    return Curve(np.maximum.accumulate(times), np.clip(values, *_CONTROLS[name]))

@@ -82,6 +82,7 @@ def convert(
     kind, stem = _target(target, to)
     with _staging(target.parent) as stage:
         written = _converted(source, kind, stage / stem, device, body, tolerance)
+        written += Written(notes=_unheeded(source, kind, device, body))
         if strict and written.left_out:
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
@@ -168,6 +169,19 @@ def _converted(
     written = write_signals(distinct(signals), frequencies, stem, tolerance)
     written += Written((), told)
     return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written
+
+
+def _unheeded(source: Path, kind: str, device: str | None, body: str | None) -> tuple[str, ...]:
+    """Options that say nothing of this conversion."""
+    is_track, is_of_track = source.suffix == TRACK_SUFFIX, kind in TRACK_FORMATS
+    notes = []
+    if body is not None and not is_track:
+        notes.append("--body says nothing here: the file is of no body")
+    elif body is not None and is_of_track:
+        notes.append("--body says nothing here: what each body feels is written")
+    if device is not None and is_track and is_of_track and kind != "hjif":
+        notes.append(f"--device says nothing here: {kind} holds what is felt")
+    return tuple(notes)
 
 
 def _refuse_invalid(source: Path, made: Path, final: Path) -> None:

@@ -141,6 +141,8 @@ class VolumeRecorder:
                 notes.append(f"volume '{volume.effect.name}' is never active: not in the scene")
                 continue
             nodes.append(self._add(document, volume, triggers, bodies, notes))
+        if triggers and hjif_name is None:
+            notes.append("there is no HJIF file beside it: its triggers play nothing")
         _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
         document.json["scenes"] = [{"nodes": [*bodies, *nodes]}]
         document.json["scene"] = 0
@@ -175,7 +177,7 @@ class VolumeRecorder:
         if primitive is None:
             node["mesh"] = _add_mesh(document, volume.shape)
         translations, rotations, scales, is_sheared = _decomposed(placed)
-        if is_sheared.any():
+        if moves and is_sheared.any():
             notes.append(f"volume '{effect.name}' is sheared, which a moving node cannot be")
         if moves:
             node |= {

@@ -66,11 +66,21 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
             path = beside(stem, each.name)
             files.append(path.with_name(path.name + SUFFIX))
             write_json(document(each, frequencies), files[-1])
-    left_out = []
+    left_out: list[str] = []
     for each in signals:
         lost = len(each.transients) - len({_rounded(tick.time_s) for tick in each.transients})
         if lost:
             left_out.append(f"'{each.name}': {lost} ticks at the same time as a stronger one")
+        # An emphasis that is weaker than the envelope is none.
+        raised = sum(
+            tick.amplitude < float(each.amplitude.at(tick.time_s)) - 1e-6
+            for tick in each.transients
+        )
+        if raised:
+            left_out.append(
+                f"'{each.name}': {raised} ticks weaker than the vibration at their time are "
+                "as strong as it"
+            )
     return Written(
         tuple(files),
         tuple(left_out),

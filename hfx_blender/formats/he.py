@@ -9,12 +9,14 @@ of the device's range; a curve has 16 points at most, so a signal is many events
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from ..errors import InputError
+from . import losses
 from .checking import clean, encoded, parse, read_bytes, refuse_errors
 from .curves import Curve, CurveTolerance
 from .he_events import HeEvent, event_entry, events_of
@@ -146,9 +148,13 @@ def _write(
             path = beside(stem, each.name)
             files.append(path.with_name(path.name + suffix))
             write_json(build(each), files[-1])
-    return Written(
-        tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
-    )
+    notes = []
+    for each in signals:
+        weak = sum(0.0 < 100.0 * tick.amplitude <= 0.5 for tick in each.transients)
+        if weak:
+            notes.append(f"'{each.name}': {weak} ticks too weak for steps of 1 % are silent")
+    silent = silent_note([each.name for each in signals if each.is_silent])
+    return Written(tuple(files), notes=(*silent, *notes))
 
 
 def _write_fitting(
@@ -161,9 +167,10 @@ def _write_fitting(
 ) -> Written:
     documents: dict[str, Any] = {}
     notes = []
+    dense, simple = [], []
     for signal in signals:
         if signal.is_silent:
-            continue
+            continue  # told by _write
         value, found = tolerance.value, None
         while found is None:
             if value > max(_COARSEST, tolerance.value):
@@ -177,8 +184,13 @@ def _write_fitting(
                 notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
             value *= _COARSER
         documents[signal.name] = found
+        dense.append(signal)
+        simple.append(few)
     written = _write(signals, stem, suffix, lambda each: documents[each.name])
-    return written + Written(notes=tuple(notes))
+    within = (
+        f"curves are within {tolerance.value:.1%} of full scale, their times whole milliseconds"
+    )
+    return written + Written(notes=(within, *notes, *losses.silenced(dense, simple)))
 
 
 def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:
@@ -229,8 +241,12 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     pieces: dict[int, list[Piece]] = {}
     ticks: dict[int, list[Transient]] = {}
     end_s = 0.0
+    beyond = 0
     for index, start_ms, event in _absolute_events(found):
         parameters = event["Parameters"]
+        curve = parameters.get("Curve") or ()
+        hundredths = [parameters["Frequency"] + each.get("Frequency", 0) for each in curve]
+        beyond += sum(not 0 <= each <= 100 for each in hundredths)
         level, pitch = parameters["Intensity"] / 100.0, float(parameters["Frequency"])
         start = start_ms / 1000.0
         if event["Type"] == "transient":
@@ -250,6 +266,9 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         )
         for index in sorted({*pieces, *ticks}) or [0]
     ]
+    if beyond:
+        told = f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest"
+        signals[0] = replace(signals[0], left_out=(told, *signals[0].left_out))
     return signals, frequencies
 
 

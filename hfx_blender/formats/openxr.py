@@ -76,10 +76,15 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
     return Written((path,), notes=notes)
 
 
+def held(frequencies: FrequencyRange) -> FrequencyRange:
+    """What of a range of frequencies a file can hold."""
+    low = min(max(frequencies.lowest_hz, MIN_HZ), MAX_HZ)
+    return FrequencyRange(low, min(max(frequencies.highest_hz, low), MAX_HZ))
+
+
 def document(signals: Sequence[Signal], frequencies: FrequencyRange) -> dict[str, Any]:
     """Signals as the content of a file."""
-    low = min(max(frequencies.lowest_hz, MIN_HZ), MAX_HZ)
-    hertz = FrequencyRange(low, min(max(frequencies.highest_hz, low), MAX_HZ))
+    hertz = held(frequencies)
     return {
         "format": FORMAT,
         "version": 1,

@@ -8,16 +8,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from ..engine.body.model import load_model
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.track import TrackReader
 from ..errors import InputError, UsageError
-from . import ahap, csv_raster, haptic, he, jsonl_samples, npz_raster, openxr, tact, wav
+from . import ahap, csv_raster, haptic, he, jsonl_samples, losses, npz_raster, openxr, tact, wav
 from .curves import CurveTolerance
 from .hjif import from_track
 from .hjif.perceptions import SUFFIX as HJIF_SUFFIX
-from .signals import DEFAULT_TOLERANCE, FrequencyRange, Signal, signals_of, simplified_signals
+from .signals import (
+    DEFAULT_TOLERANCE,
+    MAX_HZ,
+    FrequencyRange,
+    Signal,
+    signals_of,
+    simplified_signals,
+)
 from .tact_layouts import motors_of
 from .written import Written
 
@@ -41,6 +50,7 @@ class DeviceFormat:
     modalities: tuple[str, ...]
     write: Callable[[Raster, DeviceConfig, Path, CurveTolerance], Written]
     write_signals: SignalWriter | None = None  # also from other formats' signals
+    holds_waves: bool = False  # several frequencies of an actuator at once
 
 
 @dataclass(frozen=True)
@@ -92,6 +102,8 @@ def write(
     if lost:
         missing = f"{chosen.title} cannot hold the {' and '.join(lost)} of device '{device.id}'"
         written = Written(written.files, (missing, *written.left_out), written.notes)
+    if not chosen.holds_waves:
+        written += Written(notes=losses.one_frequency(raster, chosen.title))
     return written
 
 
@@ -109,7 +121,7 @@ def _simplified(
             f"keyframes are within {few.amplitude_error:.2%} of full scale and "
             f"{few.frequency_error_hz:.1f} Hz{grid}"
         )
-        return written + Written(notes=(note,))
+        return written + Written(notes=(note, *losses.silenced(signals, few.signals)))
 
     return write_signals
 
@@ -119,14 +131,31 @@ def pitch_tolerance(frequencies: FrequencyRange) -> float:
     return max(1.0, (frequencies.highest_hz - frequencies.lowest_hz) / 100.0)
 
 
-def _signal_format(name: str, title: str, suffix: str, write_signals: SignalWriter) -> DeviceFormat:
+def _signal_format(
+    name: str,
+    title: str,
+    suffix: str,
+    write_signals: SignalWriter,
+    held: Callable[[FrequencyRange], FrequencyRange] = lambda frequencies: frequencies,
+) -> DeviceFormat:
+    """A format of signals; ``held`` tells what it holds of a range of frequencies."""
+
+    def write_all_signals(
+        signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
+    ) -> Written:
+        written = write_signals(signals, frequencies, stem, tolerance)
+        return written + Written((), losses.off_range(signals, held(frequencies), title))
+
     def write_raster(
         raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
     ) -> Written:
         signals, frequencies = signals_of(raster, device)
-        return write_signals(signals, frequencies, stem, tolerance)
+        written = write_all_signals(signals, frequencies, stem, tolerance)
+        # Where its range ends below what skin feels, that is told by this range.
+        highest_hz = MAX_HZ if frequencies.highest_hz >= MAX_HZ else np.inf
+        return written + Written((), losses.beyond_limits(raster, device, highest_hz=highest_hz))
 
-    return DeviceFormat(name, title, suffix, ("vibration",), write_raster, write_signals)
+    return DeviceFormat(name, title, suffix, ("vibration",), write_raster, write_all_signals)
 
 
 def _write_csv(
@@ -151,9 +180,10 @@ def _wav_format(name: str, title: str, suffix: str, samples: wav.SampleFormat) -
     ) -> Written:
         path = stem.with_name(stem.name + suffix)
         wav.write(raster, device, path, sample_format=samples)
-        return Written((path, path.with_name(path.name + wav.SIDECAR_SUFFIX)))
+        files = path, path.with_name(path.name + wav.SIDECAR_SUFFIX)
+        return Written(files, losses.beyond_limits(raster, device))
 
-    return DeviceFormat(name, title, suffix, ("vibration",), write_wav)
+    return DeviceFormat(name, title, suffix, ("vibration",), write_wav, holds_waves=True)
 
 
 def _write_tact(
@@ -166,7 +196,9 @@ def _write_tact(
             "bHaptics' vest and sleeves are."
         )
     signals, _ = signals_of(raster, device)
-    return tact.write(signals, motors, stem)
+    written = tact.write(signals, motors, stem)
+    # It has no frequencies that could be cut.
+    return written + Written((), losses.beyond_limits(raster, device, highest_hz=np.inf))
 
 
 DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
@@ -190,7 +222,11 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
             "openharmony", "an OpenHarmony pattern", he.OPENHARMONY_SUFFIX, he.write_openharmony
         ),
         _signal_format(
-            "openxr", "OpenXR parametric vibration", openxr.SUFFIX, _simplified(openxr.write)
+            "openxr",
+            "OpenXR parametric vibration",
+            openxr.SUFFIX,
+            _simplified(openxr.write),
+            openxr.held,
         ),
         DeviceFormat("tact", "bHaptics .tact", tact.SUFFIX, ("vibration",), _write_tact),
     )
@@ -256,6 +292,13 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
                 f"none of the devices has {' or '.join(chosen.modalities)} actuators, which is "
                 f"what {chosen.title} holds"
             )
+
+
+def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
+    """Those of some formats that hold what is felt, or what any of these devices plays."""
+    played = {modality for device in devices for modality in device.modalities}
+    chosen = DEVICE_FORMATS
+    return tuple(f for f in formats if f not in chosen or played & set(chosen[f].modalities))
 
 
 def write_all(

@@ -64,11 +64,12 @@ def raster_of(
     neutral = np.array([control.neutral for _, control in columns])
     values = np.tile(neutral, (len(times), 1))
     is_limited = False
+    hidden: dict[str, int] = {}  # ticks of each signal that its envelope drowns
     for k, (actuator, control) in enumerate(columns):
         signal = played.get(actuator.id)
         if signal is None:
             continue
-        amplitude, hertz = _dense(signal, times)
+        amplitude, hertz, hidden[signal.name] = _dense(signal, times)
         if control.name == "amplitude_m_s2":
             values[:, k] = amplitude * control.highest
         elif control.name == "frequency_hz":
@@ -81,6 +82,11 @@ def raster_of(
         left_out.append(f"'{device.id}' has no actuators {', '.join(unused)}")
     if is_limited:
         left_out.append(f"frequencies beyond those that '{device.id}' plays are at its limits")
+    left_out += [
+        f"'{name}': {count} ticks weaker than what else plays at their time are not in it"
+        for name, count in hidden.items()
+        if count
+    ]
     raster = Raster(
         device_id=device.id,
         body_id="",
@@ -117,8 +123,9 @@ def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[
     return found
 
 
-def _dense(signal: Signal, times: F64) -> tuple[F64, F64]:
-    """Amplitude (0..1) and frequency at some times, with the ticks."""
+def _dense(signal: Signal, times: F64) -> tuple[F64, F64, int]:
+    """Amplitude (0..1) and frequency at some times, with the ticks; how many do not show."""
+    hidden = 0
     amplitude = np.where(times < signal.amplitude.times_s[-1], signal.amplitude.at(times), 0.0)
     hertz = signal.frequency_hz.at(times)
     for tick in signal.transients:
@@ -128,6 +135,7 @@ def _dense(signal: Signal, times: F64) -> tuple[F64, F64]:
         part = slice(first, first + len(fade))
         fade = fade[: len(amplitude[part])]
         is_stronger = fade > amplitude[part]
+        hidden += not is_stronger.any()
         amplitude[part] = np.where(is_stronger, fade, amplitude[part])
         hertz[part] = np.where(is_stronger, tick.frequency_hz, hertz[part])
-    return amplitude, hertz
+    return amplitude, hertz, hidden

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from .. import file_limits
 from ..engine.arrays import F64
+from ..sentences import counted
 from .checking import clean, parse, read_bytes, refuse_errors
 from .curves import Curve
 from .signals import FrequencyRange, Piece, Signal, mixed
@@ -52,9 +53,24 @@ def write(signals: Sequence[Signal], motors: Mapping[str, Motor], stem: Path) ->
         path = stem if len(kinds) == 1 else beside(stem, kind.lower())
         files.append(path.with_name(path.name + SUFFIX))
         write_json(document(signals, motors, kind, clean(stem.name)), files[-1])
-    lost = [each.name for each in signals if each.name not in motors]
-    left_out = (f"no bHaptics motor is where these are: {', '.join(lost[:6])}",) if lost else ()
-    return Written(tuple(files), left_out, ("strengths change every 20 ms, in steps of 1 %",))
+    played = [each for each in signals if each.name in motors and not each.is_silent]
+    share = Counter(motors[each.name] for each in played)
+    left_out = (
+        *counted(
+            [each.name for each in signals if each.name not in motors],
+            "no bHaptics motor is where these actuators are",
+        ),
+        *counted(
+            [each.name for each in played if share[motors[each.name]] > 1],
+            "of several actuators at one motor only the strongest at a time counts",
+        ),
+    )
+    weak = [each.name for each in played if np.rint(100.0 * each.amplitude.values.max()) < 1.0]
+    notes = (
+        "strengths change every 20 ms, in steps of 1 %; a motor's frequency is its own",
+        *counted(weak, "actuators too weak for steps of 1 % are silent"),
+    )
+    return Written(tuple(files), left_out, notes)
 
 
 def document(

@@ -11,6 +11,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from ..atomic_files import atomic_file
+from ..sentences import named
 from .checking import clean, encoded
 
 _LONGEST: Final = 100
@@ -52,8 +53,5 @@ def beside(stem: Path, part: str) -> Path:
 
 
 def silent_note(names: Sequence[str]) -> tuple[str, ...]:
-    """Note on actuators that play nothing and got no file."""
-    if not names:
-        return ()
-    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-    return (f"no file for what stays silent: {shown}",)
+    """That these actuators play nothing and got no file."""
+    return (f"no file for what stays silent: {named(names)}",) if names else ()

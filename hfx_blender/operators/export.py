@@ -178,13 +178,15 @@ class HFX_OT_export(HfxOperator, ExportHelper):
             context.workspace.status_text_set(None)
 
     def _steps_of(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
-        from ..export import ExportSettings, SceneExport, scene_devices
+        from ..export import ExportSettings, SceneExport
+        from ..export_devices import formats_without, scene_devices
         from ..formats.registry import DEVICE_FORMATS
 
         scene = context.scene
-        devices = scene_devices(scene)
+        devices, missing = scene_devices(scene)
         # In the order of the list, whatever order a set has.
         formats = tuple(name for name, *_ in FORMAT_ITEMS if name in self.formats)
+        formats = formats_without(missing, formats, devices)
         if not devices:
             if self.properties.is_property_set("formats") and set(formats) & set(DEVICE_FORMATS):
                 raise InputError(
@@ -200,6 +202,7 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         settings = ExportSettings(
             formats,
             devices,
+            missing=missing,
             full_precision=self.full_precision,
             record=tuple(name for name, *_ in _RECORD_ITEMS if name in self.record),
             per_clip=self.per_clip,

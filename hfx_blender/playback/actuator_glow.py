@@ -20,8 +20,8 @@ from ..engine.samples import SampleRun
 from ..errors import HfxError
 from ..reading.live_scene import LiveScene
 from .actuator_places import ActuatorPlaces, places_of
-from .over_time import OverTime, devices_of, notes_of
-from .skin_now import Skins
+from .displayed_skin import DisplayedSkins
+from .timeline_record import TimelineRecord, devices_of, notes_of
 
 ABOVE_SKIN_M = 0.004
 
@@ -77,7 +77,7 @@ class _Worn:
     reach: F64  # (A,) from neutral to full strength
     renderer: MomentRenderer
 
-    def recorded(self, recorded: OverTime) -> F32:
+    def recorded(self, recorded: TimelineRecord) -> F32:
         """Shares of full strength at each time of a record, (T, A)."""
         for device, raster in recorded.devices:
             if device.id == self.device.id and raster.body_id == self.body_id:
@@ -115,9 +115,9 @@ class ActuatorGlow:
                 self._worn += mine
                 self._wearers.append(_Wearer(body, mine))
         self.notes = notes_of([each.device for each in self._worn])
-        self._known: tuple[OverTime | None, F32 | None] = None, None
+        self._known: tuple[TimelineRecord | None, F32 | None] = None, None
 
-    def recorded(self, recorded: OverTime, index: int) -> F32:
+    def recorded(self, recorded: TimelineRecord, index: int) -> F32:
         """Deviation of each device's actuators from silence at a sample of a record, (A,) in -1..1.
 
         That of devices whose values could not be recorded is zero.
@@ -135,7 +135,7 @@ class ActuatorGlow:
         return np.concatenate([np.zeros(0, np.float32), *(each.now(runs) for each in self._worn)])
 
     def discs(
-        self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: Skins
+        self, strengths: F32, palette: Mapping[str, Colour], unit_m: float, skins: DisplayedSkins
     ) -> list[Discs]:
         """Drawable discs of all actuators at present."""
         found = []
@@ -189,7 +189,7 @@ class _Wearer:
     def discs(
         self,
         live: LiveScene,
-        skins: Skins,
+        skins: DisplayedSkins,
         share: F32,
         palette: Mapping[str, Colour],
         unit_m: float,

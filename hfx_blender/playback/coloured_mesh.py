@@ -13,9 +13,9 @@ from mathutils import Matrix
 from ..engine.arrays import F32, I32, I64, U8
 from ..engine.colouring import Colour, Spread
 from ..engine.samples import Sample
+from .displayed_skin import DisplayedSkin, triangles_of
 from .incidence import Incidence
 from .skin_colours import SkinColours
-from .skin_now import Skin, triangles_of
 
 _ABOVE_SKIN_M = 0.0015
 """Height of colours over the skin, metres, so that the two do not flicker."""
@@ -87,7 +87,7 @@ class ColouredMesh:
         bytes_[self._place.take(coloured)] = colours * 255.0 + 0.5
         return Shown(self._drawn, self._indices, bytes_)
 
-    def layer(self, skin: Skin, shown: Shown, unit_m: float) -> Layer:
+    def layer(self, skin: DisplayedSkin, shown: Shown, unit_m: float) -> Layer:
         """Place the visible part on the skin as it stands now."""
         scale = max(abs(skin.world.determinant()) ** (1 / 3), 1e-12)
         above = _ABOVE_SKIN_M / unit_m / scale

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 import bpy
 
 from .. import resources
-from . import live_listening, live_settings, live_targets
+from . import live_handlers, live_settings, live_targets
 from .evaluation import evaluation
 
 if TYPE_CHECKING:
     from ..devices.live.client import DeviceState, LiveClient
     from ..engine.rendering.device import DeviceConfig
     from ..engine.surface.surface_drive import SurfaceDrive
-    from .look_ahead import Ahead
+    from .lookahead_scheduler import LookaheadScheduler
 
 HOLD_S = 2.0
 """Time for which a scene that stands still is felt, seconds; then it is silent until something
@@ -53,7 +53,7 @@ class Live:
         self._time_s = 0.0  # of the scene, when devices were told last
         self._muted: set[str] = set()  # then
         self._is_held = False
-        self._ahead: Ahead | None = None
+        self._lookahead: LookaheadScheduler | None = None
         self.fault = ""
         self.unapproved: set[str] = set()  # devices whose scripts are to be approved first
         self.approved: dict[str, str] = {}  # fingerprints of the user's own scripts, by device
@@ -69,23 +69,23 @@ class Live:
         return any(each.is_armed for each in self.states.values())
 
     @property
-    def ahead(self) -> Ahead:
+    def lookahead(self) -> LookaheadScheduler:
         """Lookahead for actuators with latency."""
-        if self._ahead is None:
-            from .look_ahead import Ahead
+        if self._lookahead is None:
+            from .lookahead_scheduler import LookaheadScheduler
 
-            self._ahead = Ahead()
-        return self._ahead
+            self._lookahead = LookaheadScheduler()
+        return self._lookahead
 
     @property
-    def late(self) -> str:
+    def lookahead_fault(self) -> str:
         """Reason why the lookahead cannot be read; empty if it can, or if no device needs it."""
-        return "" if self._ahead is None else self._ahead.reason
+        return "" if self._lookahead is None else self._lookahead.reason
 
     @property
     def is_busy(self) -> bool:
         """Test for work left that should be done soon."""
-        return self._ahead is not None and self._ahead.has_more
+        return self._lookahead is not None and self._lookahead.has_more
 
     def state(self, name: str) -> DeviceState | None:
         return self.states.get(name) if name in self._devices else None
@@ -133,14 +133,14 @@ class Live:
             device, script is not None, latencies_ms(device), settings.offset_ms
         )
         self._generation = -1
-        self._want_ahead()
+        self._set_latencies()
         evaluation.before_describing = self._pause
-        live_listening.listen(self)
-        live_listening.request_update()
+        live_handlers.listen(self)
+        live_handlers.request_update()
 
     def disconnect(self, name: str) -> None:
         self._devices.pop(name, None)
-        self._want_ahead()
+        self._set_latencies()
         if self._client is not None:
             self._client.disconnect(name)
             if not self._devices:
@@ -164,7 +164,7 @@ class Live:
         if self._client is not None:
             self._client.arm()
             self.fault = ""
-            live_listening.request_update()
+            live_handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""
@@ -210,7 +210,7 @@ class Live:
         client, self._client = self._client, None
         self._devices.clear()
         self.forget()
-        live_listening.do_not_listen()
+        live_handlers.stop_listening()
         if client is not None:
             client.close()
 
@@ -221,17 +221,17 @@ class Live:
     def edited(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Note that something other than the time has changed."""
         if any(each.late_ms for each in self._devices.values()):
-            from .look_ahead import changed_by
+            from .lookahead_scheduler import changed_by
 
             changed = changed_by(depsgraph)
             if changed:
-                self.ahead.edited(changed)
+                self.lookahead.edited(changed)
 
     def forget(self) -> None:
         """Drop everything: the scene may have become another one."""
         evaluation.forget()
-        if self._ahead is not None:
-            self._ahead.forget()
+        if self._lookahead is not None:
+            self._lookahead.forget()
         self._is_described = False
 
     def fail(self, text: str) -> None:
@@ -239,8 +239,8 @@ class Live:
         self.fault = text
         self.stop_all(text)
 
-    def _want_ahead(self) -> None:
-        self.ahead.want(ms for each in self._devices.values() for ms in each.late_ms)
+    def _set_latencies(self) -> None:
+        self.lookahead.want(ms for each in self._devices.values() for ms in each.late_ms)
 
     def _pause(self) -> None:
         if self._client is not None:
@@ -253,11 +253,11 @@ class Live:
         self._client.heartbeat()
         news = self._client.events()
         if any(each.event == "armed" for each in news):
-            live_listening.request_update()  # it plays from now on: let it know what is felt
+            live_handlers.request_update()  # it plays from now on: let it know what is felt
         if evaluation.scene is not None and evaluation.scene.rings:
             evaluation.touch()  # nothing moved, but what was touched dies away
             self.update(evaluation.scene.objects.scene)
-        self._look_ahead()
+        self._read_lookahead()
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
             self._is_held = True
             self._fade()
@@ -278,16 +278,16 @@ class Live:
             else:
                 self._client.send(name, neutral)
 
-    def _look_ahead(self) -> None:
+    def _read_lookahead(self) -> None:
         """Read another slice of the lookahead."""
         client, found = self._client, evaluation.scene
         if client is None or found is None or not self._is_described:
             return
         if evaluation.generation != self._generation:
             return
-        playhead = self.ahead.playhead(found.objects.scene, live_listening.is_playing())
-        self.ahead.work(
-            playhead, found, lambda body, is_scene: client.foresee(body, is_scene=is_scene)
+        playhead = self.lookahead.playhead(found.objects.scene, live_handlers.is_playing())
+        self.lookahead.work(
+            playhead, found, lambda body, is_scene: client.send_lookahead(body, is_scene=is_scene)
         )
 
     def describe(self, context: bpy.types.Context) -> None:
@@ -303,7 +303,7 @@ class Live:
         self._generation, self.fault = evaluation.generation, evaluation.fault
         found = evaluation.scene
         self._pause()  # models may have to be loaded
-        self.ahead.forget()
+        self.lookahead.forget()
         self._is_described = found is not None and self._client is not None
         if found is not None and self._client is not None:
             body = found.description.bodies[0].id  # devices are worn by the first body
@@ -325,8 +325,8 @@ class Live:
 
         self._changed_s, self._is_held = time.monotonic(), False
         numbers = self._numbers()
-        playhead = self.ahead.playhead(scene, live_listening.is_playing())
-        moment = moment_now(scene, numbers, self.ahead.edition, playhead)
+        playhead = self.lookahead.playhead(scene, live_handlers.is_playing())
+        moment = moment_now(scene, numbers, self.lookahead.edition, playhead)
         self._time_s = moment.time_s
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
         self._client.show(moment)
@@ -335,7 +335,7 @@ class Live:
         """The user has pressed a mute: that device is silent at once, whatever Blender does."""
         if self._client is not None:
             self._client.set_gains(self._gains(scene))
-            live_listening.request_update()
+            live_handlers.request_update()
 
     def _numbers(self) -> dict[str, int]:
         """Numbers of the connected devices."""

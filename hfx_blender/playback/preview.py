@@ -21,9 +21,9 @@ from ..reading import stepping
 
 if TYPE_CHECKING:
     from .drawing import ChartDrawing
-    from .over_time import OverTime
-    from .over_time_updates import Updates
     from .preview_layers import Preview
+    from .timeline_record import TimelineRecord
+    from .timeline_record_updates import Updates
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +60,7 @@ def updates() -> Updates:
     """Get the updates of the values over time; created on first use."""
     global _updates
     if _updates is None:
-        from .over_time_updates import Updates
+        from .timeline_record_updates import Updates
 
         _updates = Updates()
     return _updates
@@ -150,7 +150,7 @@ def describe() -> None:
 def _record() -> float | None:
     """Record a piece of the values over time; called until they are complete."""
     global _is_describing
-    from .over_time_updates import QUIET_S, is_held
+    from .timeline_record_updates import QUIET_S, is_held
 
     if not _is_on() or not updates().wants_time:
         return None
@@ -174,7 +174,7 @@ def _record() -> float | None:
 
 def _prepare() -> float | None:
     """Prepare the preview of one more frame of the record; called until all are complete."""
-    from .over_time_updates import QUIET_S, is_held
+    from .timeline_record_updates import QUIET_S, is_held
 
     recorded, scene = _recorded(), bpy.context.scene
     if recorded is None or not bpy.context.window_manager.hfx_preview:
@@ -204,7 +204,7 @@ def _switched(_self: object, _context: bpy.types.Context) -> None:
     _redraw()
 
 
-def _recorded() -> OverTime | None:
+def _recorded() -> TimelineRecord | None:
     """Values over time, if they are still valid."""
     return updates().result if updates().is_fresh else None
 

@@ -15,10 +15,10 @@ from ..errors import HfxError
 from ..reading.live_scene import LiveScene
 from .actuator_glow import ActuatorGlow, Discs
 from .coloured_mesh import ColouredMesh, Layer
+from .displayed_skin import DisplayedSkins
 from .evaluation import evaluation
-from .kept_frames import KeptFrames, Meshes
-from .over_time import OverTime
-from .skin_now import Skins
+from .preview_frame_cache import Meshes, PreviewFrameCache
+from .timeline_record import TimelineRecord
 
 _CLOSEST = 3  # perceptual vertices that colour a vertex of the avatar
 
@@ -32,8 +32,8 @@ class Preview:
         self._key: tuple[object, ...] = ()
         self._spreads: dict[tuple[str, str], Spread] = {}
         self._meshes: dict[str, ColouredMesh] = {}
-        self._kept = KeptFrames()
-        self._skins = Skins()
+        self._kept = PreviewFrameCache()
+        self._skins = DisplayedSkins()
         self._contact: frozenset[str] = frozenset()
         self._layers: list[Layer] | None = None
         self._discs: list[Discs] | None = None
@@ -74,7 +74,7 @@ class Preview:
             self.fault = str(error)
 
     def layers(
-        self, palette: str, recorded: OverTime | None = None, frame: float = 0.0
+        self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
     ) -> list[Layer]:
         """Colours to be drawn now.
 
@@ -82,7 +82,7 @@ class Preview:
         ----------
         palette : str
             Key of ``colouring.PALETTES``.
-        recorded : OverTime, optional
+        recorded : TimelineRecord, optional
             A record that still holds: what is felt at ``frame`` is taken from it.
         frame : float
             The scene's present frame.
@@ -96,7 +96,7 @@ class Preview:
                     self.fault = str(error)
         return self._layers
 
-    def prepare(self, palette: str, recorded: OverTime, first: int, last: int) -> bool:
+    def prepare(self, palette: str, recorded: TimelineRecord, first: int, last: int) -> bool:
         """Compute one more frame of a record; returns False if all are known."""
         index = self._kept.missing(recorded, palette, first, last)
         if self._scene is None or index is None:
@@ -108,7 +108,7 @@ class Preview:
         return True
 
     def discs(
-        self, palette: str, recorded: OverTime | None = None, frame: float = 0.0
+        self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
     ) -> list[Discs]:
         """Actuators to be drawn now; parameters as for :meth:`layers`."""
         if self._scene is None or self._glow is None:
@@ -132,7 +132,7 @@ class Preview:
         return evaluation.runs() if evaluation.scene is live else []
 
     def _laid_over(
-        self, live: LiveScene, palette: str, recorded: OverTime | None, frame: float
+        self, live: LiveScene, palette: str, recorded: TimelineRecord | None, frame: float
     ) -> list[Layer]:
         index = None if recorded is None else recorded.index(frame)
         shown = None
@@ -148,7 +148,7 @@ class Preview:
         return found
 
     def _recorded(
-        self, live: LiveScene, palette: str, recorded: OverTime, index: int
+        self, live: LiveScene, palette: str, recorded: TimelineRecord, index: int
     ) -> Meshes | None:
         """Visible parts at a sample of a record; None where they are not known."""
         known = self._kept.at(recorded, palette, index)

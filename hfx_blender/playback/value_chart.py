@@ -10,7 +10,7 @@ import numpy as np
 
 from ..engine.arrays import F32, F64
 from ..engine.colouring import COLD, FULL_COLOUR, Colour
-from .over_time import OverTime
+from .timeline_record import TimelineRecord
 
 CURVE_HEIGHT = 22.0  # pixels of an effect's row, times the user's scale
 ROW_HEIGHT = 5.0  # of an actuator's
@@ -52,7 +52,7 @@ class Chart:
 
 
 def chart(
-    found: OverTime,
+    found: TimelineRecord,
     palette: Mapping[str, Colour],
     width: float,
     height: float,
@@ -62,7 +62,7 @@ def chart(
 
     Parameters
     ----------
-    found : OverTime
+    found : TimelineRecord
     palette : mapping
         Colours by modality.
     width, height : float

@@ -114,6 +114,8 @@ class Sources:
         Those that are neither muted nor faulty, by their full names.
     warnings : tuple of str
         What is read otherwise than it stands in the file, and what was left out.
+    notes : tuple of str
+        What cannot be felt at any time, and why.
     """
 
     def __init__(
@@ -129,7 +131,6 @@ class Sources:
         every = sources_of(found.scene)
         sound, bad = soundness.sorted_out(every.values(), soundness.warnings_of)
         told = (text for each in sound.values() for text in each)
-        self.warnings = (*told, *soundness.left_out(bad))
         every = {name: source for name, source in every.items() if source in sound}
         scene = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
         silenced = effects.silenced({**scene, **every}.values())
@@ -137,12 +138,26 @@ class Sources:
             name: activation.SILENCED if source in silenced else activation.activation_of(source)
             for name, source in every.items()
         }
+        muted = (
+            f"effect '{source.name}' is muted: it is not felt"
+            for source in every.values()
+            if source in silenced
+        )
+        self.warnings = (*told, *soundness.left_out(bad), *muted)
         frames = None if time is None else dormant.frames_read(found.scene, time)
+        asleep = {
+            name: "" if frames is None else dormant.why_dormant(every[name], state, frames)
+            for name, state in states.items()
+        }
+        self.notes = tuple(
+            f"effect '{every[name].name}' {why}: nothing of it was read"
+            for name, why in asleep.items()
+            if why and why != dormant.MUTED
+        )
         self.states = {
             name: state
             for name, state in states.items()
-            if state.source is not activation.Source.OFF
-            and (frames is None or dormant.why_dormant(every[name], state, frames) is None)
+            if state.source is not activation.Source.OFF and not asleep[name]
         }
         self.objects = {name: every[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))
@@ -214,10 +229,9 @@ class Sources:
         )
 
     def _shape(self, name: str, evaluated: bpy.types.Object, part: int, index: int) -> Shape | None:
-        """The shape of an instance; None: it holds nothing."""
-        if evaluated.hfx.shape == "MESH":
-            if evaluated.type != "MESH" or effect_values.is_empty(evaluated):
-                return None
+        """The shape of an instance; None: it has none, of which a fault is told."""
+        if evaluated.hfx.shape == "MESH" and effect_values.is_empty(evaluated):
+            return None  # nodes made instances of all of it, which come by themselves
         source = self.objects[name]
         try:
             return self._shapes.shape_of(source, evaluated, part)
@@ -241,7 +255,7 @@ class Instances:
     ----------
     descriptions : tuple of EffectDescription
         One for each instance.
-    warnings : tuple of str
+    warnings, notes : tuple of str
         See :class:`Sources`.
 
     Raises
@@ -262,6 +276,7 @@ class Instances:
         self._faults = faults
         self._sources = Sources(found, shapes, faults, time)
         self.warnings = self._sources.warnings
+        self.notes = self._sources.notes
         self._keys: tuple[Key, ...] = ()
         self._last: tuple[int, dict[Key, EffectRow]] | None = None
         self.descriptions: tuple[EffectDescription, ...] = ()

@@ -190,7 +190,7 @@ class SceneReader:
             for effect, why in asleep
             if why != dormant.MUTED
         )
-        return (*self._shapes.notes, *told, *unfelt)
+        return tuple(dict.fromkeys((*self._shapes.notes, *told, *unfelt, *self._instances.notes)))
 
     def play_space_setting(self) -> dict[str, Any]:
         """Play space at all samples, as a track stores it; empty without one."""

@@ -38,10 +38,10 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
                 layout.operator("hfx.live_play", icon="PLAY")
         if live.fault:
             draw_text(context, layout, live.fault, "ERROR")
-        elif live.late and live.states:
+        elif live.lookahead_fault and live.states:
             text = (
                 "Latency is compensated from the second time on that playback comes by: "
-                f"{live.late}"
+                f"{live.lookahead_fault}"
             )
             draw_text(context, layout, text, "INFO")
         for item in context.scene.hfx.devices:

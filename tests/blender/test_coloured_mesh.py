@@ -17,12 +17,12 @@ from mathutils.bvhtree import BVHTree
 from hfx_blender.authoring import clips
 from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread
 from hfx_blender.engine.samples import Sample, Stream
-from hfx_blender.playback import kept_frames
+from hfx_blender.playback import preview_frame_cache
 from hfx_blender.playback.coloured_mesh import ColouredMesh, Layer
+from hfx_blender.playback.displayed_skin import DisplayedSkins
 from hfx_blender.playback.incidence import Incidence
-from hfx_blender.playback.over_time import OverTime, record
 from hfx_blender.playback.preview_layers import Preview
-from hfx_blender.playback.skin_now import Skins
+from hfx_blender.playback.timeline_record import TimelineRecord, record
 
 BYTE = 0.51 / 255.0  # colours are kept as bytes
 
@@ -69,7 +69,7 @@ def test_colours_lie_over_a_surface_that_a_modifier_has_rounded(scene: Any) -> N
     )
     shown = coloured.shown([everywhere], frozenset(), PALETTES["PAPER"])
     graph = bpy.context.evaluated_depsgraph_get()
-    skin = Skins().of(ball, graph)
+    skin = DisplayedSkins().of(ball, graph)
     assert shown is not None and skin is not None
     assert len(skin.positions) > 10 * count, "Blender has rounded it"
     assert shown.colours / 255.0 == pytest.approx(
@@ -138,7 +138,7 @@ def test_the_colours_of_an_overridden_body_lie_on_its_own_skin(scene: Any, tmp_p
     assert body.hfx.avatar.override_library is not None
 
 
-def recorded(scene: Any) -> OverTime:
+def recorded(scene: Any) -> TimelineRecord:
     *_, found = record(scene, may_step=False)
     assert found is not None
     return found
@@ -159,11 +159,11 @@ def test_frames_of_a_record_are_worked_out_once_and_look_as_at_that_moment(
     while preview.prepare("PAPER", found, 1, 8):
         pass
 
-    def asked_again(_self: OverTime, index: int) -> None:
+    def asked_again(_self: TimelineRecord, index: int) -> None:
         raise AssertionError(f"sample {index} is known")
 
     with monkeypatch.context() as patch:
-        patch.setattr(OverTime, "samples", asked_again)
+        patch.setattr(TimelineRecord, "samples", asked_again)
         for frame in (1, 2, 3, 4, 5, 7, 8):  # at 6 the clip ends
             scene.frame_set(frame)
             again = [layer.shown for layer in now(preview, found, frame)]
@@ -198,7 +198,7 @@ def test_colours_of_ones_own_are_taken_when_they_change(
 def test_what_does_not_fit_into_memory_is_worked_out_when_it_is_drawn(
     touch: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kept_frames, "MOST_BYTES", -1)
+    monkeypatch.setattr(preview_frame_cache, "MOST_BYTES", -1)
     preview, found = Preview(), recorded(scene)
     first = now(preview, found, 5)
     assert not preview.prepare("PAPER", found, 1, 8)

@@ -183,3 +183,33 @@ def test_live_feels_instances_as_they_stand(ball: Any) -> None:
     bpy.data.objects["Here 1"].location = (0.0, 9.0, 0.0)
     bpy.context.view_layer.update()
     assert len(live.runs()) == 1
+
+
+def test_a_source_that_is_not_felt_is_told(ball: Any) -> None:
+    """It is in no scene: nobody else tells of it."""
+    _empty("Here", BELLY)
+    effects.add_volume(bpy.context.scene, "pressure", "SPHERE", "Own")
+    bpy.context.view_layer.update()
+    assert _read()[1].description.warnings == () == _read()[1].notes
+    ball.hfx.is_muted = True
+    assert "effect 'Ball' is muted: it is not felt" in _read()[1].description.warnings
+    ball.hfx.is_muted, ball.hfx.intensity = False, 0.0
+    reader = _read()[1]
+    assert reader.notes == ("effect 'Ball' has intensity 0: nothing of it was read",)
+    assert reader.description.warnings == ()
+
+
+def test_a_volume_that_is_to_be_a_mesh_and_is_none_costs_itself(ball: Any) -> None:
+    ring = bpy.data.objects.new("Ring", bpy.data.curves.new("Ring", "CURVE"))
+    ring.hfx.role, ring.hfx.kind, ring.hfx.shape = "EFFECT", "VOLUME", "MESH"
+    for each in (ball, ring):
+        bpy.context.scene.collection.objects.link(each)
+    description = _read()[1].description
+    assert [each.name for each in description.effects] == ["Ball"]
+    (warning,) = description.warnings
+    assert "'Ring' was left out" in warning and "is a curve object" in warning
+    bpy.context.scene.collection.objects.unlink(ring)
+    bpy.data.collections["Source"].objects.link(ring)
+    _empty("Here", BELLY)
+    _, reader = _read()
+    assert [text for text in reader.faults if "is a curve object" in text]

@@ -31,7 +31,7 @@ from hfx_blender.errors import DeviceError
 from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.operators import live_setup
 from hfx_blender.playback import live as live_module
-from hfx_blender.playback import live_listening, live_settings, live_targets, look_ahead
+from hfx_blender.playback import live_handlers, live_settings, live_targets, lookahead_scheduler
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live
 from hfx_blender.playback.preview_layers import Preview
@@ -76,10 +76,10 @@ def until(happened: Callable[[], object]) -> None:
     end = time.monotonic() + PATIENCE_S
     while not happened():
         assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
-        live_listening._beat()
-        if bpy.app.timers.is_registered(live_listening._describe):
-            bpy.app.timers.unregister(live_listening._describe)
-            live_listening._describe()
+        live_handlers._beat()
+        if bpy.app.timers.is_registered(live_handlers._describe):
+            bpy.app.timers.unregister(live_handlers._describe)
+            live_handlers._describe()
         time.sleep(0.005)
 
 
@@ -99,7 +99,7 @@ def play(log: Path) -> None:
         return live.is_armed
 
     until(plays)
-    live_listening._describe()
+    live_handlers._describe()
     go(15)
     until(lambda: is_loud(log))
 
@@ -142,7 +142,7 @@ def test_dragging_is_felt_at_once(log: Path) -> None:
     )
     ball = bpy.context.object
     bpy.context.view_layer.update()
-    until(lambda: not bpy.app.timers.is_registered(live_listening._describe))
+    until(lambda: not bpy.app.timers.is_registered(live_handlers._describe))
     ball.location.x = 0.0
     bpy.context.view_layer.update()
     until(lambda: is_loud(log))
@@ -176,7 +176,7 @@ def test_what_stands_still_is_silent_after_a_while(
 STOPS = {
     "the button": lambda: bpy.ops.hfx.live_stop_all(),
     "another file": lambda: bpy.ops.wm.read_homefile(use_empty=True),
-    "an undo": lambda: live_listening._on_undo(),  # nothing can be undone without a window
+    "an undo": lambda: live_handlers._on_undo(),  # nothing can be undone without a window
     "a fault here": lambda: live.stop_all("fault"),
 }
 
@@ -189,7 +189,7 @@ def test_after_a_stop_only_play_plays(log: Path, name: str) -> None:
     count = len(rows(log))
     go(16)
     for _ in range(10):
-        live_listening._beat()
+        live_handlers._beat()
         time.sleep(0.01)
     assert len(rows(log)) == count
     bpy.ops.hfx.live_play()
@@ -201,14 +201,14 @@ def test_undo_and_load_are_listened_to_only_while_a_device_is_connected(log: Pat
 
     def ours() -> list[bool]:
         return [
-            any(each.__module__ == live_listening.__name__ for each in getattr(bpy.app.handlers, n))
+            any(each.__module__ == live_handlers.__name__ for each in getattr(bpy.app.handlers, n))
             for n in names
         ]
 
     assert ours() == [True] * 5
     bpy.ops.hfx.live_disconnect(name=PAD)
     assert ours() == [False] * 5
-    assert not bpy.app.timers.is_registered(live_listening._beat)
+    assert not bpy.app.timers.is_registered(live_handlers._beat)
 
 
 def test_disabling_the_add_on_is_silence(log: Path) -> None:
@@ -240,16 +240,16 @@ def test_an_export_is_not_played(log: Path) -> None:
     count = len(rows(log))
     with stepping.own_scene(bpy.context.scene, bpy.context.view_layer):
         go(15)
-        live_listening._beat()
+        live_handlers._beat()
         time.sleep(0.05)
-        live_listening._beat()
+        live_handlers._beat()
     time.sleep(0.05)
     assert not any(row["values"][0] for row in rows(log)[count:] if "values" in row)
 
 
 def test_an_export_is_no_edit_of_what_comes(log: Path) -> None:
     play(log)
-    edition = live.ahead.edition
+    edition = live.lookahead.edition
     rumble = bpy.data.objects["Rumble"]
 
     def change() -> None:
@@ -258,9 +258,9 @@ def test_an_export_is_no_edit_of_what_comes(log: Path) -> None:
 
     with stepping.scratch_scene(bpy.context.scene, [rumble]):
         change()
-    assert live.ahead.edition == edition
+    assert live.lookahead.edition == edition
     change()
-    assert live.ahead.edition > edition
+    assert live.lookahead.edition > edition
 
 
 def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -271,7 +271,7 @@ def test_something_that_was_deleted_is_no_fault(log: Path, monkeypatch: pytest.M
 
     with monkeypatch.context() as patched:
         patched.setattr(live_module.Live, "beat", deleted)
-        assert live_listening._beat() > 0.0  # and is called again
+        assert live_handlers._beat() > 0.0  # and is called again
     assert live.fault == "" and evaluation.scene is None
 
 
@@ -318,9 +318,9 @@ def test_what_moved_after_a_stop_is_felt_by_the_next_play(log: Path) -> None:
     until(lambda: not live.is_armed)
     go(15)
     live.arm()
-    if bpy.app.timers.is_registered(live_listening._describe):  # before the device has armed
-        bpy.app.timers.unregister(live_listening._describe)
-        live_listening._describe()
+    if bpy.app.timers.is_registered(live_handlers._describe):  # before the device has armed
+        bpy.app.timers.unregister(live_handlers._describe)
+        live_handlers._describe()
     until(lambda: is_loud(log))
 
 
@@ -333,7 +333,7 @@ def test_both_are_told_when_something_is_added(log: Path) -> None:
     bpy.context.view_layer.update()
     preview.describe(bpy.context)
     go(16)  # between: renderers are of the scene before, and nothing is sent for a moment
-    live_listening._describe()
+    live_handlers._describe()
     until(lambda: is_loud(log))
     assert live.fault == ""
     assert len(evaluation.runs()) == 2
@@ -345,7 +345,7 @@ def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "devices"
     folder.mkdir()
     monkeypatch.setenv("HFX_DEVICES", str(folder))
-    monkeypatch.setattr(look_ahead, "SETTLE_S", 0.0)
+    monkeypatch.setattr(lookahead_scheduler, "SETTLE_S", 0.0)
     content = json.loads((resources.device_configs() / f"{PAD}.json").read_text())
     content["id"] = "late"
     for kind in content["actuator_types"].values():
@@ -362,7 +362,7 @@ def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def is_read() -> bool:
     """Whether all that comes has been read."""
-    return live.ahead.is_read
+    return live.lookahead.is_read
 
 
 def last(path: Path) -> list[float]:
@@ -384,8 +384,8 @@ def test_late_actuators_are_given_what_an_export_has_when_they_answer(
     export_scene(scene, tmp_path, "x", ExportSettings(full_precision=True))
     with TrackReader(tmp_path / f"x{SUFFIX}") as track:
         ((_, exported),) = render_devices(track, [replace_latency(load_device(PAD))])
-    assert live.ahead.reason == ""
-    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
+    assert live.lookahead.reason == ""
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
     for frame in (8, 11, 14):  # the clip is from 10 to 20
         time_s = (frame - 1) / 25.0 + 0.16
         wanted = exported.values[int(np.argmin(np.abs(exported.times_s - time_s)))].tolist()
@@ -396,7 +396,7 @@ def test_late_actuators_are_given_what_an_export_has_when_they_answer(
             return last(late) == pytest.approx(wanted, rel=1e-5)
 
         until(is_given)
-    monkeypatch.setattr(live_listening, "is_playing", lambda: False)
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: False)
     go(7)  # scrubbing: the clip has not begun
     until(lambda: not is_loud(late))
 
@@ -413,7 +413,7 @@ def test_what_is_edited_while_it_plays_is_what_comes(
     log: Path, late: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     until(is_read)
-    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
 
     def is_ahead() -> bool:  # as soon as it was worked out
         go(7)
@@ -428,7 +428,7 @@ def test_what_is_edited_while_it_plays_is_what_comes(
         go(7)
         return not is_loud(late)
 
-    assert bpy.app.timers.is_registered(live_listening._describe)
+    assert bpy.app.timers.is_registered(live_handlers._describe)
     until(is_silent)
     bpy.data.objects["Rumble"].hfx.is_muted = False
     bpy.data.objects["Rumble"].update_tag()
@@ -449,9 +449,9 @@ def test_what_cannot_be_known_ahead_says_why_and_is_known_when_it_comes_by_again
     rumble.constraints.new("COPY_LOCATION")
     bpy.context.view_layer.update()
     evaluation.forget()
-    live_listening._describe()
-    until(lambda: "constraints" in live.ahead.reason)
-    monkeypatch.setattr(live_listening, "is_playing", lambda: True)
+    live_handlers._describe()
+    until(lambda: "constraints" in live.lookahead.reason)
+    monkeypatch.setattr(live_handlers, "is_playing", lambda: True)
     go(7)
     until(lambda: not is_loud(late) and not is_loud(log))
 
@@ -532,7 +532,7 @@ def test_a_script_is_asked_about_before_it_runs(
     bpy.ops.hfx.live_approve(name="mine")
     bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
     until(lambda: live.states["mine"].is_armed)
-    live_listening._describe()
+    live_handlers._describe()
 
     def is_played() -> bool:
         go(15)
@@ -573,7 +573,7 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
         "blender_session.start()\n"
         "patient_host.use()\n"
         "from hfx_blender.playback.live import live\n"
-        "from hfx_blender.playback.live_listening import _beat\n"
+        "from hfx_blender.playback.live_handlers import _beat\n"
         "from hfx_blender.playback.live_targets import neutral_of\n"
         "live.connect('back_pad', live_settings.LiveSettings(path=sys.argv[1]))\n"
         "values = neutral_of(live.device('back_pad')); values[0] = 5.0\n"

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.authoring import clips, earlier_models, effects
+from hfx_blender.authoring import clips, effects, model_migration
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 
@@ -64,7 +64,7 @@ def test_it_is_exported(first: Any, tmp_path: Path) -> None:
 
 
 def test_only_editions_that_were_are_known() -> None:
-    assert len(earlier_models.known()) >= 4
-    assert earlier_models.load("hfx-pressure-1", "0" * 64) is None
+    assert len(model_migration.known()) >= 4
+    assert model_migration.load("hfx-pressure-1", "0" * 64) is None
     for model_id in ("hfx-pressure-1", "hfx-vibration-1", "hfx-temperature-1"):
-        assert f"{model_id}.{load_model(model_id).content_hash}" not in earlier_models.known()
+        assert f"{model_id}.{load_model(model_id).content_hash}" not in model_migration.known()

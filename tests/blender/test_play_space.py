@@ -20,8 +20,8 @@ from hfx_blender.engine.rendering.device import DeviceConfig, RoomPlace
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export import ExportSettings, export_scene
+from hfx_blender.reading.keyframe_reader import KeyframeReader
 from hfx_blender.reading.live_scene import LiveScene
-from hfx_blender.reading.looking_ahead import LookAhead
 from hfx_blender.reading.play_space import pose_now
 from hfx_blender.reading.scene_tolerance import scene_tolerance
 
@@ -85,7 +85,7 @@ def test_live_samples_tell_where_they_are_if_that_is_needed(fan: DeviceConfig) -
     found = LiveScene(scene, layer, tolerance, with_positions=True)
     (run,) = found.runs()
     assert run.positions is not None and len(run.positions) == len(run.vertices)
-    ahead = LookAhead(found)
+    ahead = KeyframeReader(found)
     coming = ahead.block(0, np.array([3.5])).at(0, ahead.scene(0))
     (later,) = Engine(found.description, record=found.record).evaluate(coming)
     assert later.positions is not None

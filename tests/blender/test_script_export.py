@@ -24,7 +24,7 @@ from hfx_blender.errors import InputError
 from hfx_blender.export import ExportSettings, SceneExport, export_scene
 from hfx_blender.file_hash import sha256_of
 from hfx_blender.formats import npz_raster
-from hfx_blender.playback import over_time
+from hfx_blender.playback import timeline_record
 from hfx_blender.report import describe
 
 FRAMES = 60  # at 25 fps and 100 Hz: 244 samples, two chunks of a track
@@ -215,7 +215,7 @@ def test_opening_a_scene_and_looking_at_it_runs_no_script(folder: Path, tmp_path
     bpy.context.scene.hfx.devices.add().name = NAME
     path = save(tmp_path / "x.blend")
     bpy.ops.wm.open_mainfile(filepath=str(path))
-    *_, found = over_time.record(bpy.context.scene, may_step=True)
+    *_, found = timeline_record.record(bpy.context.scene, may_step=True)
     assert found is not None and not mark.exists()
     (note,) = found.notes
     assert NAME in note and "without its script" in note

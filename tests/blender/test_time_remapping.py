@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.scene import TimeBase
+from hfx_blender.reading.keyframe_reader import KeyframeReader
 from hfx_blender.reading.live_scene import LiveScene
-from hfx_blender.reading.looking_ahead import LookAhead
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -89,7 +89,7 @@ def test_a_second_is_a_second_of_playing_and_clips_are_told_so(scene: Any, ball:
 def test_what_comes_is_looked_up_at_remapped_frames(scene: Any, ball: Any) -> None:
     oracle.key(ball, "location", [(1, (0, 0, 0.2)), (40, (0, 0, 1.3))])
     live = LiveScene(scene, bpy.context.view_layer, oracle.PAPER)
-    block = LookAhead(live).block(1, np.array([6.0, 9.5]))
+    block = KeyframeReader(live).block(1, np.array([6.0, 9.5]))
     for row, frame in enumerate((6.0, 9.5)):
         oracle.set_time(scene, oracle.Fraction(frame))
         here = oracle.world_matrix(scene, ball)[:3, 3]

@@ -14,12 +14,12 @@ from hfx_blender.authoring import clips
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.colouring import PALETTES
-from hfx_blender.playback import over_time_updates, value_chart
+from hfx_blender.playback import timeline_record_updates, value_chart
 from hfx_blender.playback.actuator_glow import Discs
 from hfx_blender.playback.evaluation import evaluation
-from hfx_blender.playback.over_time import NeedsSteppingError, OverTime, record
-from hfx_blender.playback.over_time_updates import Updates
 from hfx_blender.playback.preview_layers import Preview
+from hfx_blender.playback.timeline_record import NeedsSteppingError, TimelineRecord, record
+from hfx_blender.playback.timeline_record_updates import Updates
 
 PAPER = PALETTES["PAPER"]
 
@@ -40,7 +40,7 @@ def squeeze(scene: Any) -> Any:
     return effect
 
 
-def whole(scene: Any, may_step: bool = False) -> OverTime:
+def whole(scene: Any, may_step: bool = False) -> TimelineRecord:
     *_, found = record(scene, may_step=may_step)
     assert found is not None
     return found
@@ -193,7 +193,7 @@ def test_what_follows_from_no_curve_is_stepped_only_when_asked_for(
 
 @pytest.fixture
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(over_time_updates, "QUIET_S", 0.0)
+    monkeypatch.setattr(timeline_record_updates, "QUIET_S", 0.0)
 
 
 def until_done(updates: Updates, scene: Any) -> None:

@@ -166,3 +166,11 @@ def test_rows_without_a_level_are_left_out(tmp_path):
     levels[3] = 0.0
     found, _, _ = written(recorded(Sphere(), matrices, levels), tmp_path)
     assert "animations" not in found
+
+
+def test_triggers_without_what_they_play_are_told(tmp_path):
+    sheared = STILL.copy()
+    sheared[:, 0, 1] += 0.5
+    assert written(recorded(Cuboid(), sheared), tmp_path)[2].notes == ()  # a matrix holds it
+    alone = recorded(Cuboid(), STILL).write([load_model("hfx-temperature-1")], tmp_path / "y")
+    assert "no HJIF file" in alone.notes[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -653,3 +654,29 @@ def test_known_places_have_their_bits():
     assert bit((0.0, -0.3, 1.15)) == "abdomen"
     assert "head" in bit((0.0, -0.3, 1.65)) and "front" in bit((0.0, -0.3, 1.65))
     assert BITS[26] == "right sole" and place_mask is not None
+
+
+def test_what_a_document_cannot_hold_of_a_track_is_told(tmp_path):
+    with track_of(tmp_path, "wind", "painted", BEAT) as track:
+        header, runs = track.header, list(track.runs())
+        assert from_track.write(track, load_model, tmp_path / "still").left_out == ()
+    (run,) = runs
+    run.parameters[-1, 1:4] = 1.0, 0.0, 0.0
+    (tmp_path / "x.hfxtrack").unlink()
+    with TrackWriter(tmp_path / "x.hfxtrack", header, full_precision=True) as writer:
+        moved = run.vertices + 1
+        writer.append(
+            [
+                replace(
+                    run,
+                    sets=np.array([0, 0, 1]),
+                    offsets=np.array([0, 40, 80]),
+                    vertices=np.concatenate([run.vertices, moved]),
+                    weights=np.ones(80, "f4"),
+                )
+            ]
+        )
+    with TrackReader(tmp_path / "x.hfxtrack") as track:
+        turning, changing = from_track.write(track, load_model, tmp_path / "turning").left_out
+    assert "one direction" in turning and turning.endswith("1 (Rain)")
+    assert "at first" in changing and changing.endswith("1 (Rain)")

@@ -156,17 +156,17 @@ class LiveClient:
                 self._pipe.tell(Kind.PAUSE, number)
         self._gains = gains
 
-    def foresee(self, body: bytes, *, is_scene: bool) -> None:
+    def send_lookahead(self, body: bytes, *, is_scene: bool) -> None:
         """Send upcoming state of the scene, for actuators with latency.
 
         Parameters
         ----------
         body : bytes
-            A :class:`~hfx_blender.devices.live.future.FutureScene`, which replaces the one
-            before and all that came with it, or a ``FutureBlock`` of it; as ``plain_to`` makes it.
+            A :class:`~hfx_blender.devices.live.keyed_scene.KeyedScene`, which replaces the one
+            before and all that came with it, or a ``KeyedBlock`` of it; as ``plain_to`` makes it.
         is_scene : bool
         """
-        self._pipe.tell(Kind.FUTURE_SCENE if is_scene else Kind.FUTURE_BLOCK, body=body)
+        self._pipe.tell(Kind.KEYED_SCENE if is_scene else Kind.KEYED_BLOCK, body=body)
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""

@@ -147,8 +147,8 @@ class Host:
             questions = {number: lane.question(read_s) for number, lane in playing}
             self._rendering.show(message.body, questions)
             return
-        if kind in (Kind.FUTURE_SCENE, Kind.FUTURE_BLOCK):
-            self._rendering.foresee(kind, message.body)
+        if kind in (Kind.KEYED_SCENE, Kind.KEYED_BLOCK):
+            self._rendering.add_lookahead(kind, message.body)
             return
         if message.device == EVERY_DEVICE:
             if kind in (Kind.STOP, Kind.PAUSE, Kind.SCENE):

@@ -48,8 +48,8 @@ class Kind(IntEnum):
     PAUSE = 9  # silence without a stop: of one device, or of all while Blender works
     SCENE = 10  # JSON; what is to be known to render its moments, for all devices
     MOMENT = 11  # packed: what is felt now
-    FUTURE_SCENE = 12  # plain data: what comes, for late actuators; the one before is void
-    FUTURE_BLOCK = 13  # plain data: what is where at some frames of it
+    KEYED_SCENE = 12  # plain data: what comes, for late actuators; the one before is void
+    KEYED_BLOCK = 13  # plain data: what is where at some frames of it
     # a script worker, or the one that renders, back to the output process
     READY = 16
     ANSWER = 17  # float64

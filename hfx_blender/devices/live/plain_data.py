@@ -19,7 +19,7 @@ import numpy as np
 from .messages import Array, MessageError, pack, unpack
 
 _PACKAGE: Final = __package__.rsplit(".", 2)[0]
-_HOMES: Final = ("engine.", "devices.live.future")
+_HOMES: Final = ("engine.", "devices.live.keyed_scene")
 _DTYPES: Final = ("f8", "f4", "i4", "i8")
 
 

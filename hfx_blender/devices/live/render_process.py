@@ -56,7 +56,7 @@ class RenderProcess:
         self._scene: bytes | None = None  # if it has not been told yet
         self._moment: tuple[bytes, Questions] | None = None
         self._questions: Questions = {}  # that it is busy with
-        self._future: list[tuple[Kind, bytes]] = []  # a scene and what came of it
+        self._lookahead: list[tuple[Kind, bytes]] = []  # a scene and what came of it
         self._told = 0  # of those
         self._deadline_s: float | None = None  # while it is busy
 
@@ -64,7 +64,7 @@ class RenderProcess:
         """Set another scene: later moments belong to it."""
         with self._wake:
             self._known = self._scene = scene
-            self._future, self._told = [], 0
+            self._lookahead, self._told = [], 0
             self.forget()
             self._start()
             self._wake.notify()
@@ -75,12 +75,12 @@ class RenderProcess:
             self._moment = moment, questions
             self._wake.notify()
 
-    def foresee(self, kind: Kind, body: bytes) -> None:
+    def add_lookahead(self, kind: Kind, body: bytes) -> None:
         """Add upcoming state of the last scene: a new beginning, or more of it."""
         with self._wake:
-            if kind is Kind.FUTURE_SCENE:
-                self._future, self._told = [], 0
-            self._future.append((kind, body))
+            if kind is Kind.KEYED_SCENE:
+                self._lookahead, self._told = [], 0
+            self._lookahead.append((kind, body))
             self._wake.notify()
 
     def forget(self) -> None:
@@ -92,9 +92,9 @@ class RenderProcess:
         """Start again, if it had to be ended."""
         with self._wake:
             if self._process is None and self._known is not None:
-                future = self._future
+                lookahead = self._lookahead
                 self.describe(self._known)
-                self._future = future
+                self._lookahead = lookahead
 
     def is_overdue(self, now_s: float) -> bool:
         """Test for a late answer; then the process is ended."""
@@ -150,8 +150,8 @@ class RenderProcess:
                     (body, self._questions), self._moment = self._moment, None
                     self._deadline_s = self._clock.now() + MOMENT_S
                     return message(Kind.MOMENT, body=body)
-                if self._deadline_s is None and self._told < len(self._future):
-                    kind, body = self._future[self._told]
+                if self._deadline_s is None and self._told < len(self._lookahead):
+                    kind, body = self._lookahead[self._told]
                     self._questions = {}
                     self._told += 1
                     self._deadline_s = self._clock.now() + MOMENT_S

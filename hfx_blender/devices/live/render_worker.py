@@ -22,8 +22,8 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
 from ...engine.samples import SampleRun
 from ..configuration import load_device
-from .foresight import Foresight
 from .haptics import packed
+from .lookahead_cache import LookaheadCache
 from .messages import (
     EVERY_DEVICE,
     Kind,
@@ -40,7 +40,7 @@ from .worker_input import messages_of_owner
 _log = logging.getLogger(__name__)
 
 _LONGEST_TEXT: Final = 500
-_FUTURE: Final = (Kind.FUTURE_SCENE, Kind.FUTURE_BLOCK)
+_KEYED: Final = (Kind.KEYED_SCENE, Kind.KEYED_BLOCK)
 
 
 @dataclass(eq=False)
@@ -107,7 +107,7 @@ class Renderers:
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)
             self._rendered[worn.number] = _Rendered(worn, device, renderer, numbers, width)
         late = {ms for each in self._rendered.values() for ms in latencies_ms(each.device)}
-        self.foresight = Foresight(tuple(late))
+        self.lookahead = LookaheadCache(tuple(late))
 
     def answers(self, body: bytes) -> list[bytes]:
         """Messages for all devices.
@@ -119,7 +119,7 @@ class Renderers:
         """
         moment = moment_from(body, self._streams)
         found = []
-        with self.foresight.answering(moment) as later:
+        with self.lookahead.answering(moment) as later:
             for number, each in self._rendered.items():
                 try:
                     found.append(each.answer(moment, later))
@@ -143,15 +143,15 @@ def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None
     """
     if asked.kind is Kind.SCENE:
         if renderers is not None:
-            renderers.foresight.close()
+            renderers.lookahead.close()
         renderers = Renderers(scene_from(asked.body))
         return renderers, renderers.faults
     if renderers is None:
         return None, []
     if asked.kind is Kind.MOMENT:
         return renderers, renderers.answers(asked.body)
-    if asked.kind in _FUTURE:
-        renderers.foresight.take(asked.body)
+    if asked.kind in _KEYED:
+        renderers.lookahead.take(asked.body)
     return renderers, []
 
 

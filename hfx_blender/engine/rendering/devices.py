@@ -5,9 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ...errors import InputError
 from ..body.model import load_model
+from ..scene import ActuatorArea, SceneDescription
 from ..track import TrackHeader, TrackReader
 from .device import DeviceConfig
+from .dispatch import ModelLoader, shown_as
+from .placement import rows_of
 from .raster import Raster
 from .render import Renderer, blocks
 
@@ -32,6 +36,25 @@ def renderers_of(
         for body_id in ids
         for device in devices
     ]
+
+
+def misfits(
+    scene: SceneDescription, devices: Sequence[DeviceConfig], models: ModelLoader = load_model
+) -> dict[str, str]:
+    """Devices whose places do not fit a body model that they are to play: id to a sentence."""
+    on_skin = (each for each in scene.effects if not isinstance(each.area, ActuatorArea))
+    felt = dict.fromkeys((each.modality, each.model_id) for each in on_skin)
+    found: dict[str, str] = {}
+    for device in devices:
+        try:
+            for modality, model_id in felt:
+                shown = shown_as(device, modality)
+                actuators = [each for each in device.actuators if each.type.modality in shown]
+                if actuators:
+                    rows_of(device, actuators, models(model_id))
+        except InputError as error:
+            found[device.id] = f"device '{device.id}' plays nothing: {error}".removesuffix(".")
+    return found
 
 
 def renderers_given(

@@ -7,10 +7,11 @@ modality and shares vertices with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from ...sentences import counted
 from ..areas.vector_sensation import gains_of
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel
@@ -20,9 +21,15 @@ from .device import DeviceConfig, RoomPlace
 from .focus import FocusPanning, focus_panning
 from .placement import on_parts
 from .room import PlaySpace, room_gains, stands
-from .schemes import cells_of
+from .schemes import cells_of, unpanned
 
 ModelLoader = Callable[[str], PerceptualModel]
+
+
+def shown_as(device: DeviceConfig, modality: str) -> set[str]:
+    """What a device shows a modality as: itself, and what it is substituted by."""
+    substitution = device.substitutions.get(modality)
+    return {modality} if substitution is None else {modality, substitution.target}
 
 
 class ActuatorGroup:
@@ -59,11 +66,8 @@ class ActuatorGroup:
         self.highest: F64 = np.array([each.highest for each in strengths], np.float64)
 
     def answers_to(self, modality: str) -> bool:
-        """Test that the actuators show a modality: their own, or one that they substitute."""
-        substitution = self._device.substitutions.get(modality)
-        return modality == self.modality or (
-            substitution is not None and substitution.target == self.modality
-        )
+        """Whether the actuators show a modality: their own, or one that they substitute."""
+        return self.modality in shown_as(self._device, modality)
 
     def cells_on(self, model_id: str) -> ActuatorCells:
         """Vertices that the actuators reach on a model; cached.
@@ -97,6 +101,21 @@ class ActuatorGroup:
         if self._standing and run.positions is not None:
             self._reach(run, gains)
         return gains
+
+    def notes(self) -> Iterator[str]:
+        """What of the device's configuration does not count on the models that were played."""
+        ids = [each.id for each in self._actuators]
+        for model_id, cells in sorted(self._cells.items()):
+            lost = [name for name, count in zip(ids, cells.counts, strict=True) if not count]
+            text = f"device '{self._device.id}': {self.modality} actuators that reach no vertex of"
+            yield from counted(lost, f"{text} the body model '{model_id}' play nothing of it")
+            reasons = unpanned(self._device, self._actuators, self._models(model_id))
+            if self._device.scheme.name != "coverage" and reasons:
+                yield (
+                    f"device '{self._device.id}': coverage takes the place of its scheme "
+                    f"'{self._device.scheme.name}' on the body model '{model_id}', as actuators "
+                    f"{reasons}"
+                )
 
     def _reach(self, run: SampleRun, gains: F64) -> None:
         """Restrict the gains of actuators that stand in the room to the samples within

@@ -155,6 +155,7 @@ class Partials:
         rows = np.concatenate([each[0] for each in parts])
         values = np.concatenate([each[1] for each in parts]).astype(np.float64)
         hz = np.concatenate([each[2] for each in parts]).astype(np.float64)
+        # Effects vibrate at 0.1 Hz at least, and what is no number is told where it is read.
         safe = np.isfinite(values).all(axis=1) & np.isfinite(hz) & (hz > 0.0)
         values[~safe] = 0.0
         latencies = list(latency_rows)

@@ -63,7 +63,9 @@ class MomentRenderer:
         header = scene if isinstance(scene, TrackHeader) else moment_header(scene, models)
         self.device = device
         # Nothing comes before or after a moment: who looks ahead gives what is felt then.
-        self._renderer = Renderer(header, device, models, body_id=body_id, looks_ahead=False)
+        self._renderer = Renderer(
+            header, device, models, body_id=body_id, compensates_latency=False
+        )
         self._effects = header.effects
         counts = [len(actuator.type.controls) for actuator in device.actuators]
         firsts = np.cumsum([0, *counts])

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from ...errors import InputError
+from ...sentences import counted
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
@@ -26,6 +27,7 @@ from .frequency import Partial, Partials, StrongestContributor
 from .hold import held
 from .latency import advanced, rows_of
 from .limits import DeviceLimits, limited
+from .missing import MissingActuators
 from .mixing import Contribution, Mixed, merged, mix, substituted
 from .raster import Column, Felt, Raster, Reason, Shortfall
 from .room import PlaySpace
@@ -105,9 +107,10 @@ class _Played:
 class Renderer:
     """Renders the blocks of one track for one device as they come.
 
-    Parameters are those of :func:`render`; without ``looks_ahead`` values stand at the time at
-    which they are meant to be felt, whatever an actuator's latency. Memory is one block's
-    working arrays, the raster (8 bytes per time and column) and 17 bytes per sample.
+    Parameters are those of :func:`render`; without ``compensates_latency`` values
+    stand at the time at which they are meant to be felt, whatever an actuator's latency. Memory
+    is one block's working arrays, the raster (8 bytes per time and column) and 17 bytes per
+    sample.
     """
 
     def __init__(
@@ -117,10 +120,10 @@ class Renderer:
         models: ModelLoader = load_model,
         *,
         body_id: str | None = None,
-        looks_ahead: bool = True,
+        compensates_latency: bool = True,
     ) -> None:
         self._header = header
-        self._looks_ahead = looks_ahead
+        self._compensates_latency = compensates_latency
         self._device = device
         self._models = models
         self._body_id = _wearer(header, device, body_id)
@@ -156,6 +159,7 @@ class Renderer:
         }
         self._sounding = [a for a in device.actuators if a.type.takes_waveform]
         self._partials = Partials(len(self._sounding))
+        self._missing = MissingActuators(device)
 
     @property
     def body_id(self) -> str:
@@ -213,6 +217,8 @@ class Renderer:
                 is_off[k] |= group.is_off_frequency(each.run, fires)
                 is_over[k] |= (fires & is_cut[each.positions]).any(axis=1)
                 is_faint[k] |= group.is_faint(each.run, self._device.gain * each.gains)
+        for run in runs:
+            self._missing.look_at(run)
         for run, rendered, off, over, faint in zip(
             runs, is_rendered, is_off, is_over, is_faint, strict=True
         ):
@@ -223,6 +229,22 @@ class Renderer:
             tally.off_frequency += int(np.count_nonzero(off))
             tally.over_limit += int(np.count_nonzero(over))
             tally.below_threshold += int(np.count_nonzero(faint))
+
+    def notes(self) -> tuple[str, ...]:
+        """What of the rendering is otherwise than the device is configured, when all is added.
+
+        Tell it before :meth:`raster`, which looks ahead.
+        """
+        name = f"device '{self._device.id}'"
+        found = [note for group in self._groups for note in group.notes()]
+        found += self._missing.notes(self._header)
+        late = []
+        for actuator, (part, kind) in zip(self._device.actuators, self._parts(), strict=True):
+            rows = self._late_rows(kind)
+            if (self._values[:rows, part.start] != self._neutral[part.start]).any():
+                late.append(actuator.id)
+        text = f"{name}: what is felt right at the beginning comes late, or not, at actuators"
+        return tuple(dict.fromkeys([*found, *counted(late, f"{text} that answer late")]))
 
     def _neutral_c(self, stream: Stream) -> float:
         return neutral_temperature_c(self._effects[stream.effect_id].is_contact)
@@ -387,10 +409,12 @@ class Renderer:
             first = part.stop
 
     def _late_rows(self, kind: ActuatorType) -> int:
-        return rows_of(self._header.time.rate_hz, kind.latency_ms) if self._looks_ahead else 0
+        return (
+            rows_of(self._header.time.rate_hz, kind.latency_ms) if self._compensates_latency else 0
+        )
 
     def _early(self, part: slice, kind: ActuatorType) -> F64:
-        latency_ms = kind.latency_ms if self._looks_ahead else 0.0
+        latency_ms = kind.latency_ms if self._compensates_latency else 0.0
         rate_hz = self._header.time.rate_hz
         return advanced(self._values[:, part], self._neutral[part], rate_hz, latency_ms)
 

@@ -87,13 +87,9 @@ def panned_layout(
     InputError
         A place does not fit this model.
     """
-    if device.scheme.name == "coverage" or not actuators:
-        return None
-    if any(isinstance(each.place, RoomPlace) for each in actuators):
-        return None
+    if device.scheme.name == "coverage" or not actuators or unpanned(device, actuators, model):
+        return None  # Renderer.notes tells the latter
     rows = rows_of(device, actuators, model)
-    if not all(len(row) for row in rows):
-        return None
     centres = np.array(
         [_centre(each, row, model) for each, row in zip(actuators, rows, strict=True)]
     )
@@ -117,6 +113,21 @@ def panned_layout(
 
     gains = at(model.vertices[vertices].astype(np.float64)) * fade[:, None]
     return PannedLayout(vertices, gains, fade, _spacing_m(centres), at)
+
+
+def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
+    """Why no scheme pans between some actuators on a model; empty: one can.
+
+    Raises
+    ------
+    InputError
+        A place does not fit this model.
+    """
+    if any(isinstance(each.place, RoomPlace) for each in actuators):
+        return "stand in the room"
+    if not all(len(row) for row in rows_of(device, actuators, model)):
+        return "are nowhere on it"
+    return ""
 
 
 def _centre(actuator: Actuator, row: I32, model: PerceptualModel) -> F64:

@@ -158,6 +158,7 @@ class Moments:
         posed = frozenset(self.posed.tolist())
         for k, (vertices, weights) in sets.items():
             row = int(self.rows[k])
+            # Without a sample before it nothing has a speed; bad places are told by contacts.
             if row == 0 or row - 1 not in posed or not self.effect.levels[row - 1] > 0.0:
                 continue
             if self.indices[row - 1] != self.indices[row] - 1:

@@ -93,7 +93,7 @@ class SurfaceEffects:
         placed = _placed(animated, rows)
         if not placed.all():
             self._counters.warn(
-                "a surface's place is not a finite number: it is not felt there",
+                f"surface '{effect.name}': its place is not a finite number; it is not felt there",
                 int(np.count_nonzero(~placed)),
             )
             follows = follows & np.concatenate([[True], placed[:-1]])
@@ -123,6 +123,13 @@ class SurfaceEffects:
             found.append(
                 _gathered(paths, *felt, animated, rows[part], reported[part], area.texture.device)
             )
+        if one.follower.crowded:
+            text = f"surface '{effect.name}' touches more than {area.max_contacts} vertices"
+            self._counters.warn(
+                f"{text} at once: fingertips and the nearest of the others are felt",
+                one.follower.crowded,
+            )
+            one.follower.crowded = 0
         return _joined([each for each in found if each is not None])
 
     def _near(

@@ -100,6 +100,7 @@ class ContactFollower:
         self._mesh = mesh
         self._reach_m = reach_m
         self._max_contacts = max_contacts
+        self.crowded = 0  # times at which there were more
         self._first = first
         self._still: _Still | None = None
         self._known_turn: tuple[F64, F64] | None = None  # of a placing, the linear part
@@ -159,6 +160,7 @@ class ContactFollower:
         counts = np.bincount(time[found.point])
         if counts.max() <= self._max_contacts:
             return found
+        self.crowded += int(np.count_nonzero(counts > self._max_contacts))
         later = np.zeros(len(found.point), np.bool_)
         if self._first is not None:
             later = ~self._first[ids[found.point]]

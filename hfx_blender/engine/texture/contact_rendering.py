@@ -73,6 +73,7 @@ class ContactRenderer:
             level = weighted_rms(heights, self._rate_hz)
         else:
             level, frequency[felt] = amplitude_and_frequency(heights, self._rate_hz)
+        # A drive of 1 is the surface's own strongest, as its user has set it.
         drive[felt] = np.minimum(self._texture.drive_per_m * level, 1.0)
         return drive, frequency
 

@@ -34,6 +34,8 @@ class Collected:
         self._strongest: list[F32] = []  # (n, parts)
         self.first_set: tuple[I64, F64] | None = None
         """Vertices and weights of the first sample."""
+        self.changes = False
+        """Whether any sample has other vertices; only told if not by part."""
 
     def add(self, run: SampleRun) -> None:
         """Take the next samples."""
@@ -46,7 +48,12 @@ class Collected:
                 run.vertices[part].astype(np.int64),
                 run.weights[part].astype(np.float64),
             )
-        if self._by_part:
+        if not self._by_part:
+            first = self.first_set[0]
+            self.changes |= bool((np.diff(run.offsets) != len(first)).any()) or not np.array_equal(
+                run.vertices, np.tile(first, len(run.offsets) - 1)
+            )
+        else:
             sizes, parts = np.diff(run.offsets), len(self._masks)
             table = np.zeros(len(sizes) * parts, np.float32)
             base = np.repeat(np.arange(len(sizes)) * parts, sizes)

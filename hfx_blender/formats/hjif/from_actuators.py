@@ -12,6 +12,8 @@ import numpy as np
 from ...atomic_files import atomic_file
 from ...engine.rendering.device import DeviceConfig
 from ...engine.rendering.raster import Raster
+from ...sentences import counted
+from .. import losses
 from ..checking import clean
 from ..curves import CurveTolerance
 from ..signals import DEFAULT_TOLERANCE, MAX_HZ, FrequencyRange, Signal, heard, joined_times
@@ -20,7 +22,7 @@ from . import text
 from .body_parts import place_mask
 from .envelopes import Dense, timescale_of
 from .model import Hjif, Perception
-from .perceptions import SUFFIX, Place, document_of, perception_of
+from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, vanished
 
 
 def write(
@@ -36,16 +38,25 @@ def write(
     OutputError
         The file cannot be written; nothing is left of it then.
     """
-    return _write(compose(raster, device, stem.name, tolerance), stem, tolerance)
+    document, weak = _compose(raster, device, stem.name, tolerance)
+    left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
+    notes = (*losses.one_frequency(raster, "MPEG HJIF"), *counted(weak, TOO_WEAK))
+    return _write(document, stem, tolerance) + Written((), left_out, notes)
 
 
-def compose(raster: Raster, device: DeviceConfig, name: str, tolerance: CurveTolerance) -> Hjif:
-    """A raster as a document; strengths are relative to each actuator's neutral value."""
+def _compose(
+    raster: Raster, device: DeviceConfig, name: str, tolerance: CurveTolerance
+) -> tuple[Hjif, list[str]]:
+    """A raster as a document, and actuators of which nothing is left in it.
+
+    Strengths are relative to each actuator's neutral value.
+    """
     columns = {(each.actuator, each.parameter): k for k, each in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
     timescale = timescale_of(raster.rate_hz)
     perceptions: list[Perception] = []
+    weak: list[str] = []
     for modality in device.modalities:
         places = []
         for actuator in device.actuators:
@@ -65,7 +76,8 @@ def compose(raster: Raster, device: DeviceConfig, name: str, tolerance: CurveTol
         perceptions.append(
             perception_of(len(perceptions), modality, places, (device,), timescale, tolerance)
         )
-    return document_of(clean(name), perceptions, timescale)
+        weak += vanished(perceptions[-1], places)
+    return document_of(clean(name), perceptions, timescale), weak
 
 
 def write_signals(
@@ -86,7 +98,10 @@ def write_signals(
         Place(each.name, 1.0, 0, dense=_dense(each), transients=each.transients) for each in signals
     ]
     perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
-    return _write(document_of(clean(stem.name), [perception], timescale), stem, tolerance)
+    document = document_of(clean(stem.name), [perception], timescale)
+    left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ), "MPEG HJIF")
+    notes = counted(vanished(perception, places), TOO_WEAK)
+    return _write(document, stem, tolerance) + Written((), left_out, notes)
 
 
 def _dense(signal: Signal) -> Dense:
@@ -98,7 +113,7 @@ def _dense(signal: Signal) -> Dense:
     times = np.unique(np.concatenate([times, before[before > 0.0]]))
     levels = signal.amplitude.at(times)
     levels[-1] = signal.amplitude.before(times[-1])
-    return Dense(times, levels, signal.frequency_hz.at(times))
+    return Dense(times, levels, np.clip(signal.frequency_hz.at(times), 0.0, MAX_HZ))
 
 
 def _write(document: Hjif, stem: Path, tolerance: CurveTolerance) -> Written:

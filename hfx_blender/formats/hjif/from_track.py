@@ -25,6 +25,7 @@ from ...engine.rendering.device import DeviceConfig
 from ...engine.samples import Stream
 from ...engine.track import TrackReader
 from ...errors import InputError
+from ...sentences import counted
 from .. import glb
 from ..checking import clean
 from ..curves import CurveTolerance
@@ -35,7 +36,15 @@ from .body_parts import described, vertex_masks
 from .collected import Collected
 from .envelopes import Dense, timescale_of
 from .model import Avatar, Hjif, Vector
-from .perceptions import PITCH_HZ, SUFFIX, Place, document_of, perception_of
+from .perceptions import (
+    PITCH_HZ,
+    SUFFIX,
+    TOO_WEAK,
+    Place,
+    document_of,
+    perception_of,
+    vanished,
+)
 
 _WEIGHT_CLASSES: Final = 8
 
@@ -56,7 +65,7 @@ def write(
     OutputError
         A file cannot be written; none is left half written.
     """
-    document, meshes = compose(track, models, stem.name, devices, tolerance)
+    document, meshes, told = _composed(track, models, stem.name, devices, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
     files = [path]
     for model in meshes:
@@ -70,7 +79,7 @@ def write(
         f"curves are within {tolerance.value:.1%} of full scale and {PITCH_HZ:g} Hz",
         f"weights of painted effects are kept in {_WEIGHT_CLASSES} classes, contacts by body part",
     )
-    return Written(tuple(files), notes=notes)
+    return Written(tuple(files), notes=notes) + told
 
 
 def compose(
@@ -99,6 +108,18 @@ def compose(
     InputError
         See :func:`write`.
     """
+    document, meshes, _ = _composed(track, models, name, devices, tolerance)
+    return document, meshes
+
+
+def _composed(
+    track: TrackReader,
+    models: Callable[[str], PerceptualModel],
+    name: str,
+    devices: Sequence[DeviceConfig],
+    tolerance: CurveTolerance,
+) -> tuple[Hjif, list[PerceptualModel], Written]:
+    """A document, its models, and, without files, what of the track it does not hold."""
     header = track.header
     timescale = timescale_of(header.time.fps, header.time.rate_hz)
     used = list(dict.fromkeys(stream.model_id for stream in header.streams))
@@ -123,6 +144,8 @@ def compose(
     }
     bodies = {body.id: body.name for body in header.bodies}
     perceptions = []
+    weak: list[str] = []
+    turning: list[str] = []
     for k, ((body_id, model_id, modality), streams) in enumerate(groups.items()):
         places = [
             place
@@ -130,6 +153,9 @@ def compose(
             for place in _places(stream, found[stream], track, masks[model_id])
         ]
         perceptions.append(perception_of(k, modality, places, devices, timescale, tolerance))
+        weak += vanished(perceptions[-1], places)
+        if modality == "wind":
+            turning += [each.title for each in places if each.direction is None]
         perceptions[-1] = replace(
             perceptions[-1],
             avatar_id=avatars[model_id].id,
@@ -137,7 +163,21 @@ def compose(
         )
     title = clean(str(header.source.get("name", "")) or name)
     document = document_of(title, perceptions, timescale, tuple(avatars.values()))
-    return document, [loaded[id] for id in avatars]
+    high = [
+        header.effect(stream).name
+        for stream in (each for streams in groups.values() for each in streams)
+        if stream.modality == "vibration" and (found[stream].parameters[:, 1] > MAX_HZ).any()
+    ]
+    left_out = (
+        *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
+        *counted(turning, "HJIF holds one direction of a wind; of those that turn it has none"),
+        *counted(
+            [header.effect(stream).name for stream in header.streams if found[stream].changes],
+            "painted areas that change are written as they are at first",
+        ),
+    )
+    told = Written((), tuple(map(clean, left_out)), tuple(map(clean, counted(weak, TOO_WEAK))))
+    return document, [loaded[id] for id in avatars], told
 
 
 def _checked(model: PerceptualModel, id: str, track: TrackReader) -> PerceptualModel:

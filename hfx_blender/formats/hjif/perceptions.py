@@ -45,6 +45,9 @@ UNITS: Final = {  # of full scale: words, and the power of ten of the SI unit
 }
 PITCH_HZ: Final = 1.0
 
+TOO_WEAK: Final = "too weak beside the strongest of its kind for the tolerance: silent"
+"""What is told of :func:`vanished` places."""
+
 
 @dataclass(eq=False)
 class Place:
@@ -139,6 +142,22 @@ def perception_of(
             for k, place in enumerate(places)
         ),
     )
+
+
+def vanished(perception: Perception, places: Sequence[Place]) -> list[str]:
+    """Places of a perception so weak beside the strongest that nothing is left of them."""
+    library = {each.id: each for each in perception.effect_library}
+
+    def sounds(effect: Effect) -> bool:
+        effect = library[effect.id] if effect.effect_type == "Reference" else effect
+        return any(each.amplitude_modulation for each in effect.keyframes or ())
+
+    return [
+        place.title
+        for place, channel in zip(places, perception.channels, strict=True)
+        if _peak(place) > 0.0
+        and not any(sounds(effect) for band in channel.bands for effect in band.effects)
+    ]
 
 
 def _transient_band(transients: Sequence[Transient], timescale: int) -> Band:

@@ -120,7 +120,11 @@ def _envelope(
         for start, effect in unfolding.effects(band.effects, 0, 0):
             frames = effect.keyframes or ()
             if band.band_type == "Transient":
-                transients += _ticks(frames, start, timescale, channel.gain, band)
+                ticks = list(_ticks(frames, start, timescale, channel.gain, band))
+                loud = sum(each.amplitude > 1.0 for each in ticks)
+                if loud:
+                    lost["are ticks louder than full scale: cut to it"] += loud
+                transients += [replace(t, amplitude=min(t.amplitude, 1.0)) for t in ticks]
             elif band.band_type == "Curve" and frames:
                 curves.append(_curve(frames, start, timescale, channel.gain))
             elif band.band_type == "VectorialWave" and frames:
@@ -232,7 +236,7 @@ def _ticks(
         level = 1.0 if frame.amplitude_modulation is None else abs(frame.amplitude_modulation)
         hertz = frame.frequency_modulation
         pitch = middle if hertz is None else float(hertz)
-        yield Transient(time, min(gain * level, 1.0), pitch)
+        yield Transient(time, gain * level, pitch)
 
 
 def _one_after_another(curves: list[Curve]) -> Curve:

@@ -257,7 +257,7 @@ def _in_blender(
     """
     bpy = blender_session.start()
 
-    from ...playback import live_listening, look_ahead
+    from ...playback import live_handlers, lookahead_scheduler
     from ...playback.evaluation import evaluation
     from ...playback.live import Live
     from ...playback.live_settings import LiveSettings
@@ -279,17 +279,17 @@ def _in_blender(
         (f"{garage.DEVICES[0]}, {late}", garage.DEVICES[:1], True),
         (f"{every}, {late}", garage.DEVICES, True),
     )
-    was_playing, was_settled_s = live_listening.is_playing, look_ahead.SETTLE_S
-    look_ahead.SETTLE_S = 0.0
+    was_playing, was_settled_s = live_handlers.is_playing, lookahead_scheduler.SETTLE_S
+    lookahead_scheduler.SETTLE_S = 0.0
     for name, devices, plays in ways:
         live = Live()
-        live_listening.is_playing = lambda plays=plays: plays
+        live_handlers.is_playing = lambda plays=plays: plays
         times: list[float] = []
         work: list[float] = []
         try:
             for each in devices:
                 live.connect(each, LiveSettings())
-            live_listening.do_not_listen()  # we call what it would call
+            live_handlers.stop_listening()  # we call what it would call
             end = time.monotonic() + _PATIENCE_S
             while sum(each.is_armed for each in live.states.values()) < len(devices):
                 live.beat()
@@ -297,7 +297,7 @@ def _in_blender(
                 if time.monotonic() > end:
                     raise InputError("The demo's devices do not play.")
             if plays:
-                slices += _read_ahead(live, bpy.context)
+                slices += _read_lookahead(live, bpy.context)
             for k in range(frames):
                 scene.frame_set(scene.frame_start + k % (scene.frame_end - scene.frame_start))
                 live.describe(bpy.context)
@@ -316,24 +316,24 @@ def _in_blender(
                 packed.append(_packing(evaluation))
         finally:
             live.close()
-            live_listening.is_playing = was_playing
+            live_handlers.is_playing = was_playing
         handed[name] = times, work
-    look_ahead.SETTLE_S = was_settled_s
+    lookahead_scheduler.SETTLE_S = was_settled_s
     return evaluated, packed, slices, handed
 
 
-def _read_ahead(live: Live, context: bpy.types.Context) -> list[float]:
+def _read_lookahead(live: Live, context: bpy.types.Context) -> list[float]:
     """Measure the slices until the lookahead is complete, seconds."""
     found = []
     live.describe(context)
     end = time.monotonic() + _READING_S
-    while not live.ahead.is_read:
+    while not live.lookahead.is_read:
         begun = time.perf_counter()
         live.beat()
         found.append(time.perf_counter() - begun)
         time.sleep(0.005)
         if time.monotonic() > end:
-            raise InputError(f"What comes cannot be read: {live.ahead.reason or 'too slow'}")
+            raise InputError(f"What comes cannot be read: {live.lookahead.reason or 'too slow'}")
     return found
 
 

@@ -22,7 +22,7 @@ from ...devices.configuration import load_device
 from ...engine.arrays import F64
 from ...engine.samples import Stream
 from ...engine.tolerance import EXACT, PRESETS, Tolerance, parse
-from ...export import scene_devices
+from ...export_devices import scene_devices
 from .trade_chart import NOISE
 from .trade_judge import Judge, events
 from .trade_recording import Times, record, traced
@@ -66,7 +66,8 @@ def measure(
     InputError
         The scene cannot be exported.
     """
-    devices = scene_devices(scene) or tuple(load_device(name) for name in STANDARD_DEVICES)
+    named, _ = scene_devices(scene)
+    devices = named or tuple(load_device(name) for name in STANDARD_DEVICES)
     steps = (len(tolerances) + 2) * 2 + rounds * len(tolerances)
     done = 0
 

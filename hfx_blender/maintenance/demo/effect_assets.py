@@ -25,8 +25,8 @@ from ...authoring.effect_file import SUFFIX, Sensation
 from ...engine.arrays import F64
 from ...engine.body.model import load_avatar, load_model
 from ...engine.colouring import SKIN, Spread, felt_shares, overlay
-from ...playback.over_time import record
 from ...playback.preview_layers import spread_between
+from ...playback.timeline_record import record
 
 CATALOGS = "blender_assets.cats.txt"
 SIZE = 128

@@ -189,7 +189,7 @@ def test_late_actuators_get_what_is_felt_later(
     alone = values_from(answered((device,), Moment(1.0, later))[1])
     renderers = Renderers(SceneMessage(HEADER, BODY, (device,)))
     with monkeypatch.context() as patched:
-        patched.setattr(renderers.foresight, "_later", lambda shown: {30.0: later})
+        patched.setattr(renderers.lookahead, "_later", lambda shown: {30.0: later})
         (ahead,) = renderers.answers(moment_to(moment(3.0), places()))
     assert values_from(ahead[7:]).tolist() == alone.tolist() != now.tolist()
 
@@ -237,40 +237,40 @@ def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
     def told() -> list[tuple[Kind, bytes]]:
         """All that is told until there is nothing left."""
         found = []
-        while asked._scene or asked._moment or asked._told < len(asked._future):
+        while asked._scene or asked._moment or asked._told < len(asked._lookahead):
             asked._deadline_s = None
             content = asked._next(worker)
             assert content is not None
             found.append((Kind(content[4]), content[7:]))
         return found
 
-    future = [(Kind.FUTURE_SCENE, b"scene"), (Kind.FUTURE_BLOCK, b"1"), (Kind.FUTURE_BLOCK, b"2")]
+    keyed = [(Kind.KEYED_SCENE, b"scene"), (Kind.KEYED_BLOCK, b"1"), (Kind.KEYED_BLOCK, b"2")]
     asked.describe(b"first")
-    for each in future[:2]:
-        asked.foresee(*each)
-    assert told() == [(Kind.SCENE, b"first"), *future[:2]]
-    asked.foresee(*future[2])
+    for each in keyed[:2]:
+        asked.add_lookahead(*each)
+    assert told() == [(Kind.SCENE, b"first"), *keyed[:2]]
+    asked.add_lookahead(*keyed[2])
     asked.show(b"now", {})
-    assert told() == [(Kind.MOMENT, b"now"), future[2]]  # who plays does not wait
+    assert told() == [(Kind.MOMENT, b"now"), keyed[2]]  # who plays does not wait
     asked._process = None
     asked.revive()
-    assert told() == [(Kind.SCENE, b"first"), *future]
-    asked.foresee(Kind.FUTURE_SCENE, b"edited")
+    assert told() == [(Kind.SCENE, b"first"), *keyed]
+    asked.add_lookahead(Kind.KEYED_SCENE, b"edited")
     asked._process = None
     asked.revive()
-    assert told() == [(Kind.SCENE, b"first"), (Kind.FUTURE_SCENE, b"edited")]
+    assert told() == [(Kind.SCENE, b"first"), (Kind.KEYED_SCENE, b"edited")]
     asked.describe(b"second")
     assert told() == [(Kind.SCENE, b"second")]
 
 
-def test_another_scene_ends_the_look_ahead_of_the_one_before() -> None:
+def test_another_scene_ends_the_lookahead_of_the_one_before() -> None:
     body = scene_to(SceneMessage(HEADER, BODY, (worn(BAND),)))
     first, _ = taken(Message(Kind.SCENE, EVERY_DEVICE, body), None)
     assert first is not None
-    assert taken(Message(Kind.FUTURE_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
+    assert taken(Message(Kind.KEYED_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
     second, faults = taken(Message(Kind.SCENE, EVERY_DEVICE, body), first)
     assert second is not first and not faults
-    assert first.foresight._is_closed
+    assert first.lookahead._is_closed
     assert taken(Message(Kind.MOMENT, EVERY_DEVICE, b""), None) == (None, [])
 
 

@@ -44,14 +44,16 @@ def test_what_comes_before_an_actuator_can_answer_is_late_and_not_lost():
     assert found[:, 0].tolist() == expected.tolist()
 
 
-def rasters(interval_ms=10.0, *, looks_ahead=True):
+def rasters(interval_ms=10.0, *, compensates_latency=True):
     header = make_header({"tap": "vibration"}, 40)
     device = make_device({"m": ("vibration", at(3)), "late": ("vibration", at(3))})
     slow = replace(device.actuators[1].type, latency_ms=40.0, update_interval_ms=interval_ms)
     device = replace(
         device, actuators=(device.actuators[0], replace(device.actuators[1], type=slow))
     )
-    renderer = Renderer(header, device, lambda name: MODELS[name], looks_ahead=looks_ahead)
+    renderer = Renderer(
+        header, device, lambda name: MODELS[name], compensates_latency=compensates_latency
+    )
     renderer.add([make_run(header, "tap", {i: {3: 1.0} for i in (20, 21)}, [5.0, 80.0])])
     return renderer.raster().values
 
@@ -63,9 +65,9 @@ def test_each_actuator_is_early_by_its_own_latency():
 
 
 def test_what_is_shown_now_is_not_moved():
-    values = rasters(looks_ahead=False)
+    values = rasters(compensates_latency=False)
     assert np.flatnonzero(values[:, 2]).tolist() == [20, 21]
 
 
-def test_updates_are_held_after_looking_ahead():
+def test_updates_are_held_after_the_compensation_of_latency():
     assert np.flatnonzero(rasters(50.0)[:, 2]).tolist() == [15, 16, 17, 18, 19]

@@ -45,7 +45,7 @@ def _rendered(path: np.ndarray, device_name: str, radius: float = 0.0) -> Raster
     runs = Engine(scene).evaluate(AnimationBlock(np.arange(COUNT), (animated,), (pose,)))
     models = {effect.model_id: load_model(effect.model_id)}
     header = TrackHeader.of(scene, models, settings={}, tools={})
-    renderer = Renderer(header, load_device(device_name), load_model, looks_ahead=False)
+    renderer = Renderer(header, load_device(device_name), load_model, compensates_latency=False)
     renderer.add(runs)
     return renderer.raster()
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -228,3 +229,21 @@ def test_a_surface_is_at_home_in_the_scene(hand: PerceptualModel) -> None:
     scene = _scene(_texture(Renderer.MCHA), 10, hand)
     header = TrackHeader.of(scene, {hand.id: hand}, settings={}, tools={})
     assert header.effects[0].kind == "volume"
+
+
+def test_contacts_and_places_that_do_not_count_are_told_by_name(hand: PerceptualModel) -> None:
+    scene = _scene(_texture(Renderer.MCHA), 6, hand)
+    (table,) = scene.effects
+    assert isinstance(table.area, HapticSurface)
+    few = replace(scene, effects=(replace(table, area=replace(table.area, max_contacts=1)),))
+    block = _block(hand, _slide(6), np.arange(6))
+    surface = block.effects[0]
+    assert surface.matrices is not None
+    surface.matrices[4, 0, 3] = np.nan
+    for asked, crowded in ((scene, []), (few, [5])):
+        engine = Engine(asked, models=lambda _: hand, tolerance=PAPER)
+        engine.evaluate(block)
+        told = engine.counters.warnings
+        assert [n for text, n in told.items() if "more than 1 vertices at once" in text] == crowded
+        assert [n for text, n in told.items() if "not a finite number" in text] == [1]
+        assert all("surface 'Table'" in text for text in told)

@@ -33,7 +33,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.click(h.region("UI").x + 60, panels[BELOW][1])
     yield 0.6
     h.shot("1_connected.png")
-    yield from h.until(lambda: live.ahead.is_read, "what comes has been read", 60)
+    yield from h.until(lambda: live.lookahead.is_read, "what comes has been read", 60)
 
     yield from hands.go_to(h, 9)
     yield from h.until(patient.is_loud, "scrubbing into the clip is felt", 30)
@@ -47,8 +47,8 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(patient.is_silent, "and out of it, silence", 30)
 
     edits: list[Any] = []
-    edited = live.ahead.edited
-    live.ahead.edited = lambda changed: (edits.append(list(changed)), edited(changed))
+    edited = live.lookahead.edited
+    live.lookahead.edited = lambda changed: (edits.append(list(changed)), edited(changed))
     yield from h.move(*h.xy(h.region(), 0.3, 0.8))
     yield from h.key("space")
     begun = len(rows(log))

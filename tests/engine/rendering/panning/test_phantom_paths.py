@@ -53,7 +53,7 @@ def raster_of(device: DeviceConfig, path: np.ndarray) -> np.ndarray:
     effect = EffectDescription("spot", "Spot", "vibration", MODEL, SpotArea("body", path))
     scene = SceneDescription(time, (BodyDescription("body", "B", SkinBinding(())),), (effect,))
     header = TrackHeader.of(scene, {MODEL: load_model(MODEL)}, settings={}, tools={})
-    renderer = Renderer(header, device, load_model, looks_ahead=False)
+    renderer = Renderer(header, device, load_model, compensates_latency=False)
     focus = np.insert(along(path), 3, 0.0, axis=1).astype(np.float32)
     run = SampleRun(
         header.streams[0],

@@ -19,7 +19,7 @@ from typing import Final
 
 from ...engine.evaluate import Engine
 from ...engine.samples import SampleRun
-from .future import FutureBlock, FutureScene
+from .keyed_scene import KeyedBlock, KeyedScene
 from .moments import Moment
 from .plain_data import plain_from
 from .playhead import Playhead
@@ -41,7 +41,7 @@ _PARTS: Final = 1000  # of a frame that are told apart
 Runs = Sequence[SampleRun]
 
 
-class Foresight:
+class LookaheadCache:
     """Lookahead cache and scheduler: samples at other frames of one scene.
 
     Parameters
@@ -55,9 +55,9 @@ class Foresight:
         self._wake = threading.Condition()
         self._bodies: deque[bytes] = deque()
         self._edition = -1
-        self._scene: FutureScene | None = None
+        self._scene: KeyedScene | None = None
         self._engine: Engine | None = None
-        self._blocks: dict[int, tuple[FutureBlock, int]] = {}  # by part of a frame, its row
+        self._blocks: dict[int, tuple[KeyedBlock, int]] = {}  # by part of a frame, its row
         self._known: dict[int, Runs] = {}
         self._order: list[int] = []  # what is known, ascending
         self._playhead: Playhead | None = None
@@ -66,13 +66,13 @@ class Foresight:
         self._thread: threading.Thread | None = None
 
     def take(self, body: bytes) -> None:
-        """Take a :class:`FutureScene` or a :class:`FutureBlock`; the thread will process it."""
+        """Take a :class:`KeyedScene` or a :class:`KeyedBlock`; the thread will process it."""
         if not self._latencies_ms:
             return
         with self._wake:
             self._bodies.append(body)
             if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="foresight", daemon=True)
+                self._thread = threading.Thread(target=self._run, name="lookahead", daemon=True)
                 self._thread.start()
             self._wake.notify()
 
@@ -173,7 +173,7 @@ class Foresight:
         except Exception as error:  # without it, devices are told what is felt now
             _log.warning("looking ahead: %s", error)
             return
-        if isinstance(found, FutureScene):
+        if isinstance(found, KeyedScene):
             engine = Engine(found.description, record=found.record, tolerance=found.tolerance)
             with self._wake:
                 if found.edition >= self._edition:
@@ -181,7 +181,7 @@ class Foresight:
                         self._begin(found.edition)
                     self._scene, self._engine = found, engine
                     self._blocks.clear()
-        elif isinstance(found, FutureBlock):
+        elif isinstance(found, KeyedBlock):
             with self._wake:
                 if self._scene is not None and found.edition == self._edition:
                     for row, frame in enumerate(found.frames.tolist()):

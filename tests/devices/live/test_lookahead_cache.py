@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.devices.live import foresight as foresight_module
-from hfx_blender.devices.live.foresight import Foresight
-from hfx_blender.devices.live.future import FutureBlock, FutureScene
+from hfx_blender.devices.live import lookahead_cache
+from hfx_blender.devices.live.keyed_scene import KeyedBlock, KeyedScene
+from hfx_blender.devices.live.lookahead_cache import LookaheadCache
 from hfx_blender.devices.live.messages import MessageError, pack
 from hfx_blender.devices.live.moments import Moment
 from hfx_blender.devices.live.plain_data import plain_from, plain_to
@@ -39,10 +39,10 @@ PATIENCE_S = 15.0
 FPS = 25.0  # 40 ms are a frame
 
 
-def scene(edition: int = 1) -> FutureScene:
+def scene(edition: int = 1) -> KeyedScene:
     """One painted effect; its bones do not matter."""
     area = PaintedArea("body", np.arange(3, dtype=np.int32), np.ones(3, np.float32))
-    return FutureScene(
+    return KeyedScene(
         edition,
         SceneDescription(
             TimeBase(Fraction(25), Fraction(100), 1, 1, 24),
@@ -56,13 +56,13 @@ def scene(edition: int = 1) -> FutureScene:
     )
 
 
-def block(first: int, last: int, edition: int = 1) -> FutureBlock:
+def block(first: int, last: int, edition: int = 1) -> KeyedBlock:
     """Frames at which it is as strong as the frame's number."""
     frames = np.arange(first, last + 1, dtype=np.float64)
     parameters = np.stack([frames, np.full(len(frames), 100.0)], axis=1)
     effect = EffectBlock(np.ones(len(frames)), parameters)
     still = np.repeat(np.eye(4)[None], len(frames), axis=0)
-    return FutureBlock(edition, frames, (effect,), (still,), (np.zeros((len(frames), 0)),))
+    return KeyedBlock(edition, frames, (effect,), (still,), (np.zeros((len(frames), 0)),))
 
 
 def shown(frame: float, edition: int = 1, *, is_playing: bool = True, step: int = 1) -> Moment:
@@ -71,7 +71,7 @@ def shown(frame: float, edition: int = 1, *, is_playing: bool = True, step: int 
     return Moment(0.0, [f"shown at {frame:g}"], edition=edition, playhead=playhead)  # type: ignore[list-item]
 
 
-def later(known: Foresight, moment: Moment) -> dict[float, Any]:
+def later(known: LookaheadCache, moment: Moment) -> dict[float, Any]:
     """What is later, by latency: the strength of what was evaluated, or what was shown."""
     with known.answering(moment) as found:
         return {
@@ -89,13 +89,13 @@ def until(happened: Callable[[], object]) -> None:
 
 
 @pytest.fixture
-def known() -> Iterator[Foresight]:
-    found = Foresight((40.0, 200.0))
+def known() -> Iterator[LookaheadCache]:
+    found = LookaheadCache((40.0, 200.0))
     yield found
     found.close()
 
 
-def test_what_comes_is_evaluated_before_it_is_wanted(known: Foresight) -> None:
+def test_what_comes_is_evaluated_before_it_is_wanted(known: LookaheadCache) -> None:
     known.take(plain_to(scene()))
     known.take(plain_to(block(1, 24)))
     until(lambda: later(known, shown(3.0)) == {40.0: 4.0, 200.0: 8.0})
@@ -103,7 +103,7 @@ def test_what_comes_is_evaluated_before_it_is_wanted(known: Foresight) -> None:
     until(lambda: later(known, shown(3.0, step=-1)) == {40.0: 2.0, 200.0: 22.0})
 
 
-def test_it_is_known_before_play_is_pressed(known: Foresight) -> None:
+def test_it_is_known_before_play_is_pressed(known: LookaheadCache) -> None:
     known.take(plain_to(scene()))
     known.take(plain_to(block(1, 24)))
     standing = shown(3.0, is_playing=False)
@@ -113,7 +113,7 @@ def test_it_is_known_before_play_is_pressed(known: Foresight) -> None:
     assert later(known, shown(3.0)) == {40.0: 4.0, 200.0: 8.0}
 
 
-def test_after_an_edit_nothing_of_before_holds(known: Foresight) -> None:
+def test_after_an_edit_nothing_of_before_holds(known: LookaheadCache) -> None:
     known.take(plain_to(scene()))
     known.take(plain_to(block(1, 24)))
     until(lambda: later(known, shown(3.0)))
@@ -139,7 +139,7 @@ def test_after_an_edit_nothing_of_before_holds(known: Foresight) -> None:
     assert later(known, shown(3.0, edition=1)) == {40.0: 8.0, 200.0: 16.0}  # late itself
 
 
-def test_what_was_felt_is_remembered_for_the_next_time(known: Foresight) -> None:
+def test_what_was_felt_is_remembered_for_the_next_time(known: LookaheadCache) -> None:
     for frame in range(1, 25):
         later(known, shown(float(frame)))
     assert later(known, shown(3.0)) == {40.0: "shown at 4", 200.0: "shown at 8"}
@@ -147,20 +147,20 @@ def test_what_was_felt_is_remembered_for_the_next_time(known: Foresight) -> None
     assert later(known, shown(3.0, edition=2)) == {}
 
 
-def test_scrubbing_is_not_remembered(known: Foresight) -> None:
+def test_scrubbing_is_not_remembered(known: LookaheadCache) -> None:
     for frame in range(1, 25):
         later(known, shown(float(frame), is_playing=False))
     assert later(known, shown(3.0)) == {}
 
 
-def test_what_is_not_known_is_what_is_felt_now(known: Foresight) -> None:
+def test_what_is_not_known_is_what_is_felt_now(known: LookaheadCache) -> None:
     known.take(plain_to(scene()))
     known.take(plain_to(block(1, 5)))
     until(lambda: later(known, shown(3.0)) == {40.0: 4.0})  # frame 8 was never told
 
 
 def test_what_cannot_be_evaluated_is_left_out_and_tried_only_once(
-    known: Foresight, monkeypatch: pytest.MonkeyPatch
+    known: LookaheadCache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tries = []
 
@@ -168,7 +168,7 @@ def test_what_cannot_be_evaluated_is_left_out_and_tried_only_once(
         tries.append(1)
         raise ValueError("cannot")
 
-    monkeypatch.setattr(foresight_module.Engine, "evaluate", broken)
+    monkeypatch.setattr(lookahead_cache.Engine, "evaluate", broken)
     known.take(plain_to(scene()))
     known.take(plain_to(block(1, 24)))
     known.take(b"nonsense")
@@ -179,7 +179,7 @@ def test_what_cannot_be_evaluated_is_left_out_and_tried_only_once(
 
 
 def test_what_was_edited_while_it_was_evaluated_is_not_known(
-    known: Foresight, monkeypatch: pytest.MonkeyPatch
+    known: LookaheadCache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     is_done = []
 
@@ -188,7 +188,7 @@ def test_what_was_edited_while_it_was_evaluated_is_not_known(
         is_done.append(1)
         return ["of before"]
 
-    monkeypatch.setattr(foresight_module.Engine, "evaluate", edited_meanwhile)
+    monkeypatch.setattr(lookahead_cache.Engine, "evaluate", edited_meanwhile)
     known.take(plain_to(scene()))
     known.take(plain_to(block(1, 24)))
     later(known, shown(3.0))
@@ -197,7 +197,7 @@ def test_what_was_edited_while_it_was_evaluated_is_not_known(
     assert "of before" not in [runs[0] for runs in known._known.values()]
 
 
-def test_nothing_is_begun_while_a_moment_is_answered(known: Foresight) -> None:
+def test_nothing_is_begun_while_a_moment_is_answered(known: LookaheadCache) -> None:
     later(known, shown(2.0))
     known._blocks[4000] = block(4, 4), 0
     with known.answering(shown(3.0)):
@@ -205,7 +205,7 @@ def test_nothing_is_begun_while_a_moment_is_answered(known: Foresight) -> None:
     assert known._wanted() == 4000
 
 
-def test_who_is_not_needed_any_more_ends(known: Foresight) -> None:
+def test_who_is_not_needed_any_more_ends(known: LookaheadCache) -> None:
     known.take(plain_to(scene()))
     known.close()
     assert known._thread is not None
@@ -213,15 +213,15 @@ def test_who_is_not_needed_any_more_ends(known: Foresight) -> None:
     assert not known._thread.is_alive()
 
 
-def test_only_so_much_is_known(known: Foresight, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(foresight_module, "_MOST_KNOWN", 10)
+def test_only_so_much_is_known(known: LookaheadCache, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lookahead_cache, "_MOST_KNOWN", 10)
     for frame in range(1, 25):
         later(known, shown(float(frame)))
         assert len(known._known) == len(known._order) <= 10
 
 
 def test_without_late_actuators_nothing_is_kept() -> None:
-    found = Foresight(())
+    found = LookaheadCache(())
     found.take(plain_to(scene()))
     assert later(found, shown(3.0)) == {}
     assert found._thread is None and not found._known and not found._bodies

@@ -14,7 +14,7 @@ from ..errors import HfxError
 from ..reading import stepping
 
 if TYPE_CHECKING:
-    from .over_time import OverTime
+    from .timeline_record import TimelineRecord
 
 QUIET_S = 0.5
 """Quiet time after the last change, seconds; then pieces follow with pauses between them."""
@@ -38,7 +38,7 @@ class Updates:
     """Newest record of one scene, and its validity."""
 
     def __init__(self) -> None:
-        self.result: OverTime | None = None
+        self.result: TimelineRecord | None = None
         self.is_fresh = False
         self.must_step = False  # only a person starts that
         self._is_settled = False
@@ -46,7 +46,7 @@ class Updates:
         self.count = 0  # of records that were made, for tests
         self._key: tuple[object, ...] = ()
         self._changed_s = 0.0
-        self._running: Iterator[OverTime | None] | None = None
+        self._running: Iterator[TimelineRecord | None] | None = None
         self._is_working = False
 
     def forget(self) -> None:
@@ -109,7 +109,7 @@ class Updates:
         HfxError
             There is nothing to feel.
         """
-        from .over_time import record
+        from .timeline_record import record
 
         self._stop()
         self._key = _key_of(scene)
@@ -121,7 +121,7 @@ class Updates:
             self._is_working = False
 
     def _piece(self, scene: bpy.types.Scene) -> None:
-        from .over_time import NeedsSteppingError, record
+        from .timeline_record import NeedsSteppingError, record
 
         if self._running is None:
             if not (effects.effects_of(scene) and effects.bodies_of(scene)):
@@ -137,7 +137,7 @@ class Updates:
         if found is not None:
             self._done(found, "")
 
-    def _done(self, found: OverTime | None, fault: str) -> None:
+    def _done(self, found: TimelineRecord | None, fault: str) -> None:
         self.result, self.fault = found, fault
         self.is_fresh, self.must_step, self._is_settled = found is not None, False, True
         self.count += found is not None

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from hfx_blender.devices.live.future import FutureBlock, FutureScene
+from hfx_blender.devices.live.keyed_scene import KeyedBlock, KeyedScene
 from hfx_blender.devices.live.messages import MessageError
 from hfx_blender.devices.live.plain_data import plain_from
 from hfx_blender.devices.live.playhead import Playhead
@@ -19,9 +19,9 @@ from hfx_blender.engine.response_filters.controls import Filter, Kind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import HapticSurface, HapticVolume
 from hfx_blender.engine.volume.shape import Falloff
-from hfx_blender.playback import look_ahead
-from hfx_blender.playback.look_ahead import Ahead, Way
-from hfx_blender.reading import looking_ahead
+from hfx_blender.playback import lookahead_scheduler
+from hfx_blender.playback.lookahead_scheduler import LookaheadScheduler, PlaybackDirection
+from hfx_blender.reading import keyframe_reader
 from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.scene_tolerance import scene_tolerance
 
@@ -31,7 +31,7 @@ LATE_MS = (20.0, 80.0)
 @pytest.fixture
 def ball(scene: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """A volume that goes through an avatar, at frames 1 to 24; nothing has to settle."""
-    monkeypatch.setattr(look_ahead, "SETTLE_S", 0.0)
+    monkeypatch.setattr(lookahead_scheduler, "SETTLE_S", 0.0)
     scene.frame_start, scene.frame_end, scene.render.fps = 1, 24, 24
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_volume(modality="vibration", shape="SPHERE", name="Ball", radius=0.3)
@@ -46,10 +46,10 @@ class Reading:
     """What is told while it works, slice after slice."""
 
     def __init__(self) -> None:
-        self.ahead = Ahead()
-        self.ahead.want(LATE_MS)
-        self.scenes: list[FutureScene] = []
-        self.blocks: list[FutureBlock] = []
+        self.lookahead = LookaheadScheduler()
+        self.lookahead.want(LATE_MS)
+        self.scenes: list[KeyedScene] = []
+        self.blocks: list[KeyedBlock] = []
         self.describe()
 
     def describe(self) -> None:
@@ -63,8 +63,8 @@ class Reading:
 
     def slices(self, count: int, is_playing: bool = False) -> None:
         for _ in range(count):
-            playhead = self.ahead.playhead(bpy.context.scene, is_playing)
-            self.ahead.work(playhead, self.live, self.tell)
+            playhead = self.lookahead.playhead(bpy.context.scene, is_playing)
+            self.lookahead.work(playhead, self.live, self.tell)
 
     @property
     def frames(self) -> list[float]:
@@ -120,7 +120,7 @@ def test_every_frame_that_is_wanted_is_read_once_and_what_comes_first_first(ball
 
 def test_nothing_is_read_if_nothing_answers_late(ball: Any) -> None:
     reading = Reading()
-    reading.ahead.want(())
+    reading.lookahead.want(())
     reading.slices(3)
     assert not reading.scenes and not reading.blocks
 
@@ -130,17 +130,17 @@ def test_an_edit_is_another_edition_that_is_read_anew_when_it_has_settled(
 ) -> None:
     reading = Reading()
     reading.slices(3)
-    first = reading.ahead.edition
-    monkeypatch.setattr(look_ahead, "SETTLE_S", 1000.0)
+    first = reading.lookahead.edition
+    monkeypatch.setattr(lookahead_scheduler, "SETTLE_S", 1000.0)
     ball.location.z = 0.9
     ball.keyframe_insert("location", frame=12)
-    reading.ahead.edited([("Action", ball.animation_data.action.name)])
+    reading.lookahead.edited([("Action", ball.animation_data.action.name)])
     reading.slices(3)
-    assert len(reading.scenes) == 1 and reading.ahead.edition > first
-    reading.ahead._due_s = 0.0
+    assert len(reading.scenes) == 1 and reading.lookahead.edition > first
+    reading.lookahead._due_s = 0.0
     reading.blocks.clear()
     reading.slices(30)
-    assert reading.scenes[-1].edition == reading.blocks[0].edition == reading.ahead.edition
+    assert reading.scenes[-1].edition == reading.blocks[0].edition == reading.lookahead.edition
     (at_12,) = (
         block.effects[0].matrices[row]
         for block in reading.blocks
@@ -153,34 +153,34 @@ def test_an_edit_is_another_edition_that_is_read_anew_when_it_has_settled(
 def test_bodies_are_read_anew_only_if_something_that_they_follow_changed(ball: Any) -> None:
     reading = Reading()
     reading.slices(1)
-    before = reading.ahead._ahead
+    before = reading.lookahead._reader
     assert before is not None
-    reading.ahead.edited([("Object", ball.name)])
+    reading.lookahead.edited([("Object", ball.name)])
     reading.slices(1)
-    kept = reading.ahead._ahead
+    kept = reading.lookahead._reader
     assert kept is not None and kept is not before and kept._bodies is before._bodies
     body = next(obj for obj in bpy.data.objects if obj.type == "ARMATURE")
-    reading.ahead.edited([("Object", ball.name)])
-    reading.ahead.edited([("Object", body.name)])
+    reading.lookahead.edited([("Object", ball.name)])
+    reading.lookahead.edited([("Object", body.name)])
     reading.slices(1)
-    anew = reading.ahead._ahead
+    anew = reading.lookahead._reader
     assert anew is not None and anew._bodies is not before._bodies
 
 
 def test_long_scenes_are_read_a_stretch_at_a_time(
     ball: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(look_ahead, "_STRETCH_S", 0.1)
-    monkeypatch.setattr(look_ahead, "_COUNTS", (1, 1))
+    monkeypatch.setattr(lookahead_scheduler, "_STRETCH_S", 0.1)
+    monkeypatch.setattr(lookahead_scheduler, "_COUNTS", (1, 1))
     reading = Reading()
-    reading.ahead._count = 1
+    reading.lookahead._count = 1
     reading.slices(2)
-    first = reading.ahead._bytes  # of one frame
-    monkeypatch.setattr(look_ahead, "MOST_BYTES", 12 * first)
+    first = reading.lookahead._bytes  # of one frame
+    monkeypatch.setattr(lookahead_scheduler, "MOST_BYTES", 12 * first)
     reading.slices(12)
     assert len(reading.scenes) == 1
     assert max(reading.frames) < 1 + 24 * 0.3  # nothing far ahead was read
-    monkeypatch.setattr(look_ahead, "MOST_BYTES", first)
+    monkeypatch.setattr(lookahead_scheduler, "MOST_BYTES", first)
     reading.slices(3)
     assert len(reading.scenes) > 1  # what lies behind is dropped
 
@@ -189,7 +189,7 @@ def test_what_is_moved_otherwise_says_why(ball: Any) -> None:
     ball.constraints.new("COPY_LOCATION")
     reading = Reading()
     reading.slices(3)
-    assert "constraints" in reading.ahead.reason and not reading.scenes
+    assert "constraints" in reading.lookahead.reason and not reading.scenes
 
 
 def area_of(kind: str) -> Any:
@@ -204,9 +204,9 @@ def test_what_depends_on_what_was_before_is_not_known_ahead(kind: str) -> None:
     live = SimpleNamespace(
         description=SimpleNamespace(effects=(effect,)), objects=SimpleNamespace(effects=[1])
     )
-    assert kind in looking_ahead._why_not(live)  # type: ignore[arg-type]
+    assert kind in keyframe_reader._why_not(live)  # type: ignore[arg-type]
     live.objects.effects = []
-    assert "instances" in looking_ahead._why_not(live)  # type: ignore[arg-type]
+    assert "instances" in keyframe_reader._why_not(live)  # type: ignore[arg-type]
 
 
 def test_what_a_handler_of_others_may_do_is_not_known_ahead(ball: Any) -> None:
@@ -218,7 +218,7 @@ def test_what_a_handler_of_others_may_do_is_not_known_ahead(ball: Any) -> None:
         reading.slices(3)
     finally:
         bpy.app.handlers.frame_change_pre.remove(mine)
-    assert "handler 'mine'" in reading.ahead.reason and not reading.scenes
+    assert "handler 'mine'" in reading.lookahead.reason and not reading.scenes
 
 
 def test_what_cannot_be_told_is_a_reason_and_no_fault(
@@ -227,10 +227,10 @@ def test_what_cannot_be_told_is_a_reason_and_no_fault(
     def refused(*_: object) -> bytes:
         raise MessageError("a message of 17000000 bytes")
 
-    monkeypatch.setattr(look_ahead, "plain_to", refused)
+    monkeypatch.setattr(lookahead_scheduler, "plain_to", refused)
     reading = Reading()
     reading.slices(3)
-    assert "17000000 bytes" in reading.ahead.reason
+    assert "17000000 bytes" in reading.lookahead.reason
 
 
 def test_another_playback_range_is_read_too(ball: Any) -> None:
@@ -242,7 +242,7 @@ def test_another_playback_range_is_read_too(ball: Any) -> None:
 
 
 def test_the_way_of_playback_is_seen_in_its_frames() -> None:
-    way = Way()
+    way = PlaybackDirection()
     assert [way.at(k, 24, True) for k in (1, 2, 3, 23, 24, 1, 2)] == [1] * 7
     assert [way.at(k, 24, True) for k in (20, 21, 5, 6, 7)] == [1] * 5  # jumps
     assert [way.at(k, 24, True) for k in (6, 5, 4, 3, 1, 24, 23)] == [1, -1, -1, -1, -1, -1, -1]
@@ -257,9 +257,9 @@ def test_a_selection_is_no_edit(ball: Any) -> None:
     class Graph:
         updates = (Update(bpy.context.scene),)
 
-    assert not look_ahead.changed_by(Graph())  # type: ignore[arg-type]
+    assert not lookahead_scheduler.changed_by(Graph())  # type: ignore[arg-type]
     Graph.updates = (*Graph.updates, Update(ball))
-    assert list(look_ahead.changed_by(Graph())) == [("Object", ball.name)]  # type: ignore[arg-type]
+    assert list(lookahead_scheduler.changed_by(Graph())) == [("Object", ball.name)]  # type: ignore[arg-type]
 
 
 def test_reading_a_slice_does_not_move_the_scene(ball: Any) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ..engine.colouring import PALETTES, Colour
 from .coloured_mesh import ColouredMesh, Shown
-from .over_time import OverTime
+from .timeline_record import TimelineRecord
 
 MOST_BYTES = 96_000_000
 """Memory limit of the cache, bytes; frames beyond it are computed when they are drawn."""
@@ -15,11 +15,11 @@ MOST_BYTES = 96_000_000
 Meshes = Sequence[tuple[ColouredMesh, Shown]]
 
 
-class KeptFrames:
+class PreviewFrameCache:
     """Cache of the visible parts at times of one record, in one palette."""
 
     def __init__(self) -> None:
-        self._of: OverTime | None = None
+        self._of: TimelineRecord | None = None
         self._colours: tuple[Colour, ...] = ()  # a palette of one's own may change
         self._known: dict[int, Meshes] = {}  # by the record's samples
         self._bytes = 0
@@ -29,7 +29,7 @@ class KeptFrames:
         """Empty the cache: meshes may be other ones."""
         self.__init__()  # type: ignore[misc]
 
-    def at(self, recorded: OverTime, palette: str, index: int) -> Meshes | None:
+    def at(self, recorded: TimelineRecord, palette: str, index: int) -> Meshes | None:
         """Get the visible parts at a sample of a record; None where they are not cached."""
         colours = tuple(PALETTES[palette].values())
         if self._of is not recorded or self._colours != colours:
@@ -49,7 +49,7 @@ class KeptFrames:
         """Test for the memory limit."""
         return self._bytes > MOST_BYTES
 
-    def missing(self, recorded: OverTime, palette: str, first: int, last: int) -> int | None:
+    def missing(self, recorded: TimelineRecord, palette: str, first: int, last: int) -> int | None:
         """Find the next sample of a frame range that is not cached; None at the end."""
         self.at(recorded, palette, 0)
         while first + self._asked <= last and not self.is_full:

@@ -15,7 +15,7 @@ from ...engine.volume.shape import Shape
 
 
 @dataclass(frozen=True, eq=False)
-class FutureScene:
+class KeyedScene:
     """Constant part of a keyed scene.
 
     Attributes
@@ -41,7 +41,7 @@ class FutureScene:
 
 
 @dataclass(frozen=True, eq=False)
-class FutureBlock:
+class KeyedBlock:
     """Animated state at some frames of a keyed scene.
 
     Attributes
@@ -63,7 +63,7 @@ class FutureBlock:
     worlds: tuple[F64, ...]
     channels: tuple[F64, ...]
 
-    def at(self, row: int, scene: FutureScene) -> AnimationBlock:
+    def at(self, row: int, scene: KeyedScene) -> AnimationBlock:
         """Block of a single frame, for the engine."""
         part = slice(row, row + 1)
         effects = tuple(

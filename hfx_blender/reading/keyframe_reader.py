@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ..authoring.effect_values import Shapes, to_metres
-from ..devices.live.future import FutureBlock, FutureScene
+from ..devices.live.keyed_scene import KeyedBlock, KeyedScene
 from ..engine.arrays import F64
 from ..engine.scene import HapticSurface, HapticVolume
 from . import stepping
@@ -27,13 +27,13 @@ Key = tuple[str, str]
 """Kind and name of a datablock."""
 
 
-class LookAhead:
+class KeyframeReader:
     """Reader of a scene's keyframes at other frames.
 
     Parameters
     ----------
     live : LiveScene
-    before : LookAhead, optional
+    before : KeyframeReader, optional
         Of the same scene before an edit that concerned no body: those are not read again.
 
     Attributes
@@ -44,7 +44,7 @@ class LookAhead:
         What bodies follow.
     """
 
-    def __init__(self, live: LiveScene, before: LookAhead | None = None) -> None:
+    def __init__(self, live: LiveScene, before: KeyframeReader | None = None) -> None:
         self._live = live
         self._effects: list[CurveEffect] = []
         self._bodies: list[CurveBody] = []
@@ -58,7 +58,7 @@ class LookAhead:
         except NotModelledError as error:
             self.reason = str(error)
 
-    def _read(self, before: LookAhead | None) -> None:
+    def _read(self, before: KeyframeReader | None) -> None:
         found, described = self._live.objects, self._live.description
         graph = found.layer.depsgraph
         for effect, state in zip(found.effects, found.activations, strict=True):
@@ -73,10 +73,10 @@ class LookAhead:
             self._bodies.append(CurveBody(body, each.binding, found.unit_m))
         self.posing = frozenset(key for body in found.bodies for key in _followed_by(body))
 
-    def scene(self, edition: int) -> FutureScene:
+    def scene(self, edition: int) -> KeyedScene:
         """Constant part of the scene, for another process."""
         live = self._live
-        return FutureScene(
+        return KeyedScene(
             edition,
             replace(live.description, source={}, warnings=()),
             live.tolerance,
@@ -85,12 +85,12 @@ class LookAhead:
             tuple(body.rig.keyed for body in self._bodies),
         )
 
-    def block(self, edition: int, frames: F64) -> FutureBlock:
+    def block(self, edition: int, frames: F64) -> KeyedBlock:
         """Animated state at played frames, (T,); they may lie between whole ones."""
         animation = animation_frames(self._live.objects.scene, frames)
         effects = (effect.read(animation) for effect in self._effects)
         unit_m = self._live.objects.unit_m
-        return FutureBlock(
+        return KeyedBlock(
             edition,
             frames.astype(np.float32).astype(np.float64),
             tuple(replace(each, shapes=()) for each in effects),

@@ -20,8 +20,8 @@ from ..devices.live.playhead import Playhead, parts_between
 from ..errors import HfxError
 
 if TYPE_CHECKING:
+    from ..reading.keyframe_reader import Key, KeyframeReader
     from ..reading.live_scene import LiveScene
-    from ..reading.looking_ahead import Key, LookAhead
 
 SETTLE_S = 0.3
 """Delay from the last edit to reading ahead anew, seconds."""
@@ -39,7 +39,7 @@ Tell = Callable[[bytes, bool], None]
 """Callback that takes bytes for the renderer, and a flag for a new scene."""
 
 
-class Ahead:
+class LookaheadScheduler:
     """Lookahead in the open scene, as far as it has been read.
 
     Attributes
@@ -55,15 +55,15 @@ class Ahead:
         self.edition = 0
         self.reason = ""
         self._latencies_ms: tuple[float, ...] = ()
-        self._ahead: LookAhead | None = None
-        self._before: LookAhead | None = None
+        self._reader: KeyframeReader | None = None
+        self._before: KeyframeReader | None = None
         self._due_s = 0.0
         self._stretch: tuple[object, ...] = ()
         self._is_read = np.zeros(0, np.bool_)
         self._bytes = self._points = 0
         self._count = 16
         self.has_more = False  # to be read soon
-        self._way = Way()
+        self._direction = PlaybackDirection()
 
     @property
     def is_read(self) -> bool:
@@ -80,7 +80,7 @@ class Ahead:
     def forget(self) -> None:
         """Drop everything: the scene may have become another one."""
         self.edition += 1
-        self._ahead = self._before = None
+        self._reader = self._before = None
         self._stretch, self._is_read = (), np.zeros(0, np.bool_)
         self.reason, self._due_s = "", 0.0
 
@@ -89,10 +89,10 @@ class Ahead:
         if not self._latencies_ms:
             return
         self.edition += 1
-        known = self._ahead or self._before
+        known = self._reader or self._before
         if known is not None and not known.posing.isdisjoint(changed):
             known = None
-        self._before, self._ahead = known, None
+        self._before, self._reader = known, None
         self._stretch, self._is_read = (), np.zeros(0, np.bool_)
         self._due_s = time.monotonic() + SETTLE_S
 
@@ -102,7 +102,7 @@ class Ahead:
         if scene.use_preview_range:
             first, last = scene.frame_preview_start, scene.frame_preview_end
         frame = scene.frame_current_final
-        step = self._way.at(frame, last + 1 - first, is_playing)
+        step = self._direction.at(frame, last + 1 - first, is_playing)
         fps = scene.render.fps / scene.render.fps_base
         return Playhead(frame, first, last, fps, is_playing, step)
 
@@ -118,25 +118,25 @@ class Ahead:
         if not self._latencies_ms or time.monotonic() < self._due_s:
             return
         try:
-            if self._ahead is None:
+            if self._reader is None:
                 self._begin(live, tell)
-            elif not self._ahead.reason:
-                self._read(playhead, self._ahead, tell)
+            elif not self._reader.reason:
+                self._read(playhead, self._reader, tell)
         except (HfxError, MessageError, TypeError) as error:
             self.reason = str(error)
-            if self._ahead is not None:
-                self._ahead.reason = self.reason
+            if self._reader is not None:
+                self._reader.reason = self.reason
 
     def _begin(self, live: LiveScene, tell: Tell) -> None:
-        from ..reading.looking_ahead import LookAhead
+        from ..reading.keyframe_reader import KeyframeReader
 
-        self._ahead = LookAhead(live, self._before)
+        self._reader = KeyframeReader(live, self._before)
         self._before = None
-        self.reason, self.has_more = self._ahead.reason, not self._ahead.reason
+        self.reason, self.has_more = self._reader.reason, not self._reader.reason
         if not self.reason:
-            tell(plain_to(self._ahead.scene(self.edition)), True)
+            tell(plain_to(self._reader.scene(self.edition)), True)
 
-    def _read(self, playhead: Playhead, ahead: LookAhead, tell: Tell) -> None:
+    def _read(self, playhead: Playhead, reader: KeyframeReader, tell: Tell) -> None:
         parts = parts_between(self._latencies_ms, playhead.fps, playhead.step)
         stretch = playhead.first, playhead.last, parts
         if stretch != self._stretch:
@@ -144,7 +144,7 @@ class Ahead:
             self._is_read = np.zeros(playhead.last + 1 - playhead.first, np.bool_)
             self._bytes = self._points = 0
         elif self._bytes > MOST_BYTES:  # what was read lies behind by now
-            tell(plain_to(ahead.scene(self.edition)), True)
+            tell(plain_to(reader.scene(self.edition)), True)
             self._is_read[:] = False
             self._bytes = self._points = 0
         numbers = self._next(playhead, len(parts))
@@ -153,7 +153,7 @@ class Ahead:
             return
         begun = time.perf_counter()
         frames = (playhead.first + numbers[:, None] + np.array(parts)).ravel()
-        body = plain_to(ahead.block(self.edition, frames))
+        body = plain_to(reader.block(self.edition, frames))
         tell(body, False)
         self._is_read[numbers] = True
         self._bytes += len(body)
@@ -172,7 +172,7 @@ class Ahead:
         return numbers[~self._is_read[numbers]][: self._count]
 
 
-class Way:
+class PlaybackDirection:
     """Direction of playback, inferred from successive frames, as Blender does not tell it."""
 
     def __init__(self) -> None:

@@ -59,7 +59,7 @@ def listen(live: Listener) -> None:
         bpy.app.timers.register(_beat, first_interval=BEAT_S, persistent=True)
 
 
-def do_not_listen() -> None:
+def stop_listening() -> None:
     """Remove handlers and timers, as no device is connected any more."""
     for name, handler in _HANDLERS.items():
         handlers = getattr(bpy.app.handlers, name)

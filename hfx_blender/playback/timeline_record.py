@@ -14,7 +14,7 @@ from fractions import Fraction
 import bpy
 import numpy as np
 
-from ..devices.configuration import device_of_blend
+from ..devices.configuration import load_device, named_in_blend
 from ..engine.arrays import F64
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
@@ -41,7 +41,7 @@ class NeedsSteppingError(HfxError):
 
 
 @dataclass(eq=False)
-class EffectOverTime:
+class EffectRecord:
     """Values of one effect on one body over time."""
 
     name: str
@@ -52,13 +52,13 @@ class EffectOverTime:
 
 
 @dataclass(eq=False)
-class OverTime:
+class TimelineRecord:
     """A scene's effects and actuators at T times."""
 
     described: SceneDescription
     time: TimeBase
     frames: F64  # (T,) of the scene
-    effects: list[EffectOverTime]
+    effects: list[EffectRecord]
     devices: list[tuple[DeviceConfig, Raster]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)  # devices that do not fit
     notes: list[str] = field(default_factory=list)  # how what is shown differs from what is played
@@ -100,7 +100,7 @@ class OverTime:
             self._blocks.append((first, max(int(run.indices[-1]) for run in runs), list(runs)))
 
 
-def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[OverTime | None]:
+def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord | None]:
     """Record a scene piece by piece; the last thing that it yields is the whole.
 
     Parameters
@@ -129,7 +129,7 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[OverTime | Non
     )
     time = reader.time
     effects = {each.id: each for each in described.effects}
-    found = OverTime(
+    found = TimelineRecord(
         described=described,
         time=time,
         frames=float(time.scene_start)
@@ -172,7 +172,7 @@ def _renderers(
     for device in devices_of(scene, faults):
         for body in header.bodies:
             renderer = Renderer(
-                header, device, load_model, body_id=body.id, looks_ahead=False
+                header, device, load_model, body_id=body.id, compensates_latency=False
             )  # what is drawn is of the frame that is shown
             found.append((device, renderer))
     return found
@@ -183,7 +183,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
     found = []
     for item in scene.hfx.devices:
         try:
-            found.append(device_of_blend(item.name))
+            found.append(load_device(named_in_blend(item.name)))
         except HfxError as error:
             faults.append(str(error))
     return found
@@ -201,12 +201,12 @@ def notes_of(devices: Sequence[DeviceConfig]) -> list[str]:
     ]
 
 
-def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectOverTime:
+def _empty(effect: EffectDescription, stream: Stream, count: int) -> EffectRecord:
     modality = MODALITIES[effect.modality]
     unit = next(each.unit for each in modality.parameters if each.name == modality.strength)
     is_warmth = modality.name == "temperature"
     neutral = neutral_temperature_c(effect.is_contact) if is_warmth else 0.0
-    return EffectOverTime(effect.name, stream, unit, neutral, np.zeros(count))
+    return EffectRecord(effect.name, stream, unit, neutral, np.zeros(count))
 
 
 def _peaks(run: SampleRun, neutral: float) -> F64:

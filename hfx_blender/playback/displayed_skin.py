@@ -11,7 +11,7 @@ _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "
 """Modifiers that add vertices behind those of the mesh."""
 
 
-class Skin:
+class DisplayedSkin:
     """Skin of one mesh at this moment.
 
     Attributes
@@ -35,17 +35,17 @@ class Skin:
         self.world = evaluated.matrix_world.copy()
 
 
-class Skins:
+class DisplayedSkins:
     """Skins by mesh, cached until something moves."""
 
     def __init__(self) -> None:
-        self._known: dict[str, Skin] = {}
+        self._known: dict[str, DisplayedSkin] = {}
 
     def touch(self) -> None:
         """Invalidate the skins: something moved."""
         self._known.clear()
 
-    def of(self, mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> Skin | None:
+    def of(self, mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> DisplayedSkin | None:
         """Skin of a mesh; None where the mesh is not displayed."""
         if not mesh.visible_get() or mesh.mode != "OBJECT":
             return None
@@ -55,7 +55,7 @@ class Skins:
             evaluated = mesh.evaluated_get(graph)
             if len(evaluated.data.vertices) != size and not _only_adds(mesh, evaluated):
                 evaluated = mesh  # the cage, which at least is coloured
-            self._known[key] = Skin(evaluated, size)
+            self._known[key] = DisplayedSkin(evaluated, size)
         return self._known[key]
 
 

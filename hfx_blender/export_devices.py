@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The devices of an export: those that a scene names, and what is left where some play nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from .devices.configuration import load_device, named_in_blend
+from .engine.rendering.device import DeviceConfig
+from .errors import InputError
+from .formats import registry
+
+if TYPE_CHECKING:
+    import bpy
+
+
+def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dict[str, str]]:
+    """The devices that a scene names, and those that cannot be used: name to a sentence.
+
+    Raises
+    ------
+    InputError
+        It names a file.
+    """
+    names = dict.fromkeys(named_in_blend(device.name) for device in scene.hfx.devices)
+    found: list[DeviceConfig] = []
+    missing: dict[str, str] = {}
+    for name in names:
+        try:
+            found.append(load_device(name))
+        except InputError as error:
+            missing[name] = f"device '{name}' plays nothing: {error}".removesuffix(".")
+    return tuple(found), missing
+
+
+def formats_without(
+    missing: Mapping[str, str], formats: Sequence[str], devices: Sequence[DeviceConfig]
+) -> tuple[str, ...]:
+    """The formats that there is something for, though some devices are missing.
+
+    Raises
+    ------
+    InputError
+        There is nothing for any.
+    """
+    kept = registry.usable(formats, devices) if missing else tuple(formats)
+    if formats and not kept:
+        raise InputError("; ".join(missing.values()) + ".")
+    return kept

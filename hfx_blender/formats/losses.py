@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sentences about what formats cannot hold of a vibration: each once, with how many it concerns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..engine.rendering.device import DeviceConfig
+from ..engine.rendering.raster import Raster
+from ..sentences import counted
+from .signals import MAX_HZ, FrequencyRange, Signal, bursts
+
+_ALIKE_HZ = 1.0
+"""Frequencies closer than this count as one, as where vibrations are mixed."""
+
+
+def beyond_limits(
+    raster: Raster,
+    device: DeviceConfig,
+    *,
+    highest_m_s2: float | None = None,
+    highest_hz: float = MAX_HZ,
+) -> tuple[str, ...]:
+    """Actuators of a raster whose vibration is cut: to full scale, if not told otherwise, or to
+    what skin feels.
+    """
+    columns = {(each.actuator, each.parameter): k for k, each in enumerate(raster.columns)}
+    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
+    full_scale = highest_m_s2
+    if full_scale is None:
+        full_scale = max((each.type.strength.highest for each in vibrating), default=0.0)
+    loud, high = [], []
+    for each in vibrating:
+        amplitude = raster.values[:, columns[each.id, "amplitude_m_s2"]]
+        hertz = raster.values[:, columns[each.id, "frequency_hz"]]
+        if (amplitude > full_scale * (1.0 + 1e-9)).any():
+            loud.append(each.id)
+        if (hertz[amplitude > 0.0] > highest_hz).any():
+            high.append(each.id)
+    return (
+        *counted(loud, f"vibrations above full scale, {full_scale:g} m/s^2, are cut to it"),
+        *counted(high, f"vibrations above {highest_hz:g} Hz are written as {highest_hz:g} Hz"),
+    )
+
+
+def off_range(signals: Sequence[Signal], held: FrequencyRange, title: str) -> tuple[str, ...]:
+    """Signals that sound at frequencies outside of those that a file holds."""
+    cut = [each.name for each in signals if _is_off(each, held)]
+    low, high = held.lowest_hz, held.highest_hz
+    return counted(cut, f"{title} holds {low:g} to {high:g} Hz here; vibrations cut to that")
+
+
+def _is_off(signal: Signal, held: FrequencyRange) -> bool:
+    amplitude = signal.amplitude
+    times = np.union1d(amplitude.times_s, signal.frequency_hz.times_s)
+    sounds = (amplitude.at(times) > 0.0) | (amplitude.before(times) > 0.0)
+    hertz = [
+        signal.frequency_hz.at(times[sounds]),
+        signal.frequency_hz.before(times[sounds]),
+        [each.frequency_hz for each in signal.transients if each.amplitude > 0.0],
+    ]
+    every = np.concatenate([np.asarray(each, np.float64) for each in hertz])
+    return bool(((every < held.lowest_hz - 1e-6) | (every > held.highest_hz + 1e-6)).any())
+
+
+def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str, ...]:
+    """Stretches so weak that nothing is left of them in simplified signals."""
+    names, count = [], 0
+    for before, after in zip(dense, simplified, strict=True):
+        gone = sum(
+            not _sounds(after, *before.amplitude.times_s[[first, last]].tolist())
+            for first, last in bursts(before.amplitude)
+        )
+        if gone:
+            names.append(before.name)
+            count += gone
+    return counted(
+        names, f"what is weaker than the tolerance is silent, {count} times; vibrations with such"
+    )
+
+
+def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
+    """Whether anything of an envelope sounds strictly within a stretch of time."""
+    times, values = signal.amplitude.times_s, signal.amplitude.values
+    inside = (times > start_s) & (times < end_s)
+    ends = signal.amplitude.at([start_s]), signal.amplitude.before([end_s])
+    return bool((values[inside] > 0.0).any() or any((each > 0.0).any() for each in ends))
+
+
+def one_frequency(raster: Raster, title: str) -> tuple[str, ...]:
+    """Actuators that are to play several frequencies at once, where a format holds one."""
+    shape = len(raster.values), len(raster.waveform_actuators)
+    low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
+    for each in raster.partials:
+        rows = slice(each.first_row, each.first_row + len(each.amplitudes))
+        sounds = each.amplitudes > 0.0
+        low[rows] = np.where(sounds, np.minimum(low[rows], each.frequencies_hz), low[rows])
+        high[rows] = np.where(sounds, np.maximum(high[rows], each.frequencies_hz), high[rows])
+    mixed = (high - low > _ALIKE_HZ).any(axis=0)
+    names = [name for name, is_it in zip(raster.waveform_actuators, mixed, strict=True) if is_it]
+    text = f"{title} holds one frequency at a time, that of the strongest; WAV holds all of them"
+    return counted(names, f"{text}; actuators that play several at once")

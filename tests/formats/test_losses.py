@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What formats drop, cut or round to nothing is told in a counted sentence, and once."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from format_cases import RANGE, raster_for, signal
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.rendering.frequency import Partial
+from hfx_blender.errors import InputError
+from hfx_blender.formats import ahap, conversion, haptic, he, registry, signal_raster, tact
+from hfx_blender.formats.files import read_signals
+from hfx_blender.formats.hjif import from_actuators
+from hfx_blender.formats.registry import DEVICE_FORMATS
+from hfx_blender.formats.signals import FrequencyRange, Transient
+from hfx_blender.formats.tact_layouts import Motor
+
+DEVICE = load_device("phone_lra")
+ITS_HZ = DEVICE.actuators[0].type.controls[1].neutral
+LOUD = [0.0, 1.0, 0.0, 1.0, 0.0]
+
+
+def written(name, signals, folder, frequencies=RANGE):
+    write = DEVICE_FORMATS[name].write_signals
+    return write(list(signals), frequencies, folder / "x", registry.DEFAULT_TOLERANCE)
+
+
+def left_out(*given):
+    return written(*given).left_out
+
+
+@pytest.mark.parametrize("name", [n for n, f in DEVICE_FORMATS.items() if f.write_signals])
+def test_frequencies_outside_of_a_range_are_told(name, tmp_path):
+    hertz = [120, 120, 120, 400, 400]
+    found = left_out(name, [signal(LOUD, hertz, name="a"), signal(LOUD, name="b")], tmp_path)
+    (sentence,) = found
+    assert "50 to 250 Hz" in sentence and sentence.endswith("1 (a)")
+    silent_there = signal([0, 1, 0, 0, 0], hertz, name="a")
+    assert left_out(name, [silent_there], tmp_path) == ()
+
+
+def test_openxr_has_a_range_of_its_own(tmp_path):
+    slow = signal(LOUD, [0.5] * 5, name="slow")
+    (sentence,) = left_out("openxr", [slow], tmp_path, FrequencyRange(0.5, 250.0))
+    assert "1 to 250 Hz" in sentence and sentence.endswith("1 (slow)")
+    assert left_out("ahap", [slow], tmp_path, FrequencyRange(0.5, 250.0)) == ()
+    tick = replace(signal([0.0, 0.0]), transients=(Transient(0.0, 1.0, 0.5),))
+    assert left_out("openxr", [tick], tmp_path, FrequencyRange(0.5, 250.0))
+
+
+@pytest.mark.parametrize("name", ["wav", "ahap", "openxr", "hjif"])
+def test_a_raster_beyond_what_a_file_holds_is_told(name, tmp_path):
+    raster = raster_for(DEVICE, rows=4)
+    raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
+    write = from_actuators.write if name == "hjif" else DEVICE_FORMATS[name].write
+    (told,) = write(raster, DEVICE, tmp_path / "x", registry.DEFAULT_TOLERANCE).left_out
+    assert ("above 1000 Hz" if name in ("wav", "hjif") else " Hz here") in told
+    raster.values[:, 0], raster.values[:, 1] = 1e6, ITS_HZ
+    told = write(raster, DEVICE, tmp_path / "x", registry.DEFAULT_TOLERANCE).left_out
+    assert ["above full scale" in each for each in told] == [True] * (name != "hjif")
+
+
+@pytest.mark.parametrize("name", ["ahap", "haptic", "he", "he1", "openharmony", "openxr"])
+def test_what_is_weaker_than_the_tolerance_is_told(name, tmp_path):
+    weak = signal([0, 0.004, 0, 0, 1, 0, 0, 0.004, 0], name="weak")
+    notes = written(name, [weak, signal(LOUD, name="loud")], tmp_path).notes
+    (sentence,) = [each for each in notes if "weaker than the tolerance" in each]
+    assert "2 times" in sentence and sentence.endswith("1 (weak)")
+
+
+def test_what_motors_share_or_are_too_coarse_for_is_told(tmp_path):
+    motor = Motor("Vest", "VestBack", 0)
+    names = [f"no{k}" for k in range(8)]
+    signals = [signal(LOUD, name=name) for name in ("a", "b", "faint", *names)]
+    signals[2] = signal([0.0, 0.004, 0.0], name="faint")
+    motors = {"a": motor, "b": motor, "faint": Motor("Vest", "VestBack", 1)}
+    made = tact.write(signals, motors, tmp_path / "x")
+    (nowhere, shared), (_, weak) = made.left_out, made.notes
+    assert nowhere.endswith("8 (no0, no1, no2, no3, no4, no5 and 2 more)")
+    assert "strongest" in shared and shared.endswith("2 (a, b)")
+    assert weak.endswith("1 (faint)")
+
+
+def test_ticks_that_change_are_told(tmp_path):
+    ticks = (Transient(0.01, 0.2, 120.0), Transient(0.02, 0.004, 120.0))
+    content = replace(signal([1.0, 1.0, 0.0, 0.0]), transients=ticks)
+    (raised,) = haptic.write([content], RANGE, tmp_path / "x").left_out
+    assert "1 ticks weaker" in raised and "r1c1" in raised
+    (silent,) = he.write([content], RANGE, tmp_path / "x").notes
+    assert "1 ticks too weak" in silent and "r1c1" in silent
+    loud = signal([1.0] * 5, [ITS_HZ] * 5)
+    content = replace(loud, transients=(Transient(0.01, 0.2, ITS_HZ),))
+    _, told, _ = signal_raster.raster_of([content], DEVICE, "x")
+    assert ["1 ticks weaker" in each for each in told] == [True]
+
+
+def test_actuators_that_play_a_sum_are_told_where_one_frequency_is_held(tmp_path):
+    device = load_device("sound_card_8")
+    raster = raster_for(device, rows=4)
+    names = raster.actuators[:2]
+    one, two = np.full((4, 2), 1.0), np.array([[1.0, 0.0]] * 4)
+    waves = (
+        Partial("a", 0, one, np.full((4, 2), 60.0)),
+        Partial("b", 0, two, np.full((4, 2), 90.0)),
+    )
+    raster = replace(raster, waveform_actuators=names, partials=waves)
+    notes = registry.write("csv", raster, device, tmp_path / "x").notes
+    assert [each.rpartition(": ")[2] for each in notes] == [f"1 ({names[0]})"]
+    assert registry.write("wav", raster, device, tmp_path / "x").notes == ()
+    alike = replace(raster, partials=waves[:1])
+    assert registry.write("csv", alike, device, tmp_path / "x").notes == ()
+
+
+def test_what_hjif_cannot_hold_of_envelopes_is_told(tmp_path):
+    content = [signal(LOUD, [1500.0] * 5, name="high"), signal([0, 0.004, 0], name="weak")]
+    made = from_actuators.write_signals(content, RANGE, tmp_path / "x")
+    (high,), (_, weak) = made.left_out, made.notes
+    assert "0 to 1000 Hz" in high and high.endswith("1 (high)")
+    assert "too weak" in weak and weak.endswith("1 (weak)")
+
+
+def test_values_that_a_reader_cuts_are_told():
+    curve = {
+        "ParameterID": "HapticIntensityControl",
+        "Time": 0.0,
+        "ParameterCurveControlPoints": [
+            {"Time": 0.0, "ParameterValue": 2.0},
+            {"Time": 0.5, "ParameterValue": 1.0},
+        ],
+    }
+    event = {"Time": 0.0, "EventType": "HapticContinuous", "EventDuration": 1.0}
+    pattern = {"Version": 1.0, "Pattern": [{"Event": event}, {"ParameterCurve": curve}]}
+    (found,), _ = ahap.decode(json.dumps(pattern).encode(), "x.ahap")
+    assert found.left_out == (
+        "1 values of HapticIntensityControl beyond 0 to 1, taken as the nearest",
+    )
+    points = [{"Time": t, "Intensity": 0.5, "Frequency": 60} for t in (0, 10, 20, 30)]
+    points[0]["Intensity"] = points[3]["Intensity"] = 0
+    parameters = {"Intensity": 50, "Frequency": 80, "Curve": points}
+    event = {"Type": "continuous", "RelativeTime": 0, "Duration": 30, "Parameters": parameters}
+    document = {"Metadata": {"Version": 1}, "Pattern": [{"Event": event}]}
+    (found,), _ = he.decode(json.dumps(document).encode(), "x.he")
+    assert found.left_out == ("4 frequencies of curves beyond 0 to 100, taken as the nearest",)
+
+
+def test_ticks_of_hjif_that_are_louder_than_full_scale_are_told(tmp_path):
+    content = replace(signal(LOUD), transients=(Transient(0.01, 0.9, 120.0),))
+    (path,) = from_actuators.write_signals([content], RANGE, tmp_path / "x").files
+    document = json.loads(path.read_text())
+    document["perceptions"][0]["channels"][0]["gain"] = 2.0
+    path.write_text(json.dumps(document))
+    ((found,), _) = read_signals(path)
+    (tick,) = found.transients
+    assert tick.amplitude == 1.0
+    assert "'r1c1': 1 effects are ticks louder than full scale: cut to it" in found.left_out
+
+
+def test_an_option_that_says_nothing_is_told(tmp_path):
+    source = tmp_path / "a.ahap"
+    (made,) = ahap.write([signal(LOUD)], RANGE, tmp_path / "a").files
+    made.replace(source)
+    converted = conversion.convert(source, tmp_path / "b.haptic", body="Anna")
+    assert any("--body says nothing" in each for each in converted.notes)
+    assert not any("--body" in n for n in conversion.convert(source, tmp_path / "c.he").notes)
+
+
+def test_strict_refuses_what_is_left_out(tmp_path):
+    raster = raster_for(DEVICE, rows=4)
+    raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
+    (made,) = registry.write("csv", raster, DEVICE, tmp_path / "a").files
+    with pytest.raises(InputError, match="above 1000 Hz"):
+        conversion.convert(made, tmp_path / "b.wav", device=DEVICE.id, strict=True)
+    assert not (tmp_path / "b.wav").exists()
