@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from .devices.configuration import load_device, refuse_file
+from .devices.configuration import load_device, named_in_blend
 from .engine.rendering.device import DeviceConfig
 from .errors import InputError
 from .formats import registry
@@ -23,10 +23,10 @@ def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dic
     InputError
         It names a file.
     """
+    names = dict.fromkeys(named_in_blend(device.name) for device in scene.hfx.devices)
     found: list[DeviceConfig] = []
     missing: dict[str, str] = {}
-    for name in dict.fromkeys(device.name for device in scene.hfx.devices):
-        refuse_file(name)
+    for name in names:
         try:
             found.append(load_device(name))
         except InputError as error:

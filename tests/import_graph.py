@@ -16,6 +16,7 @@ class Import(NamedTuple):
     """A module of the package that a file imports, named as :func:`module_name` names it."""
 
     module: str
+    name: str  # what of it; "" for the module itself
     line: int
 
 
@@ -52,4 +53,20 @@ def _imports(path: Path) -> Iterator[Import]:
         for name in found:
             top, _, rest = name.partition(".")
             if top == "hfx_blender":
-                yield Import(rest if rest in modules() else rest.rpartition(".")[0], node.lineno)
+                is_module = rest in modules()
+                module, _, attribute = (rest, "", "") if is_module else rest.rpartition(".")
+                yield Import(module, attribute, node.lineno)
+
+
+@cache
+def names_in(module: str) -> frozenset[str]:
+    """Names that the source of a module binds anywhere."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(modules()[module].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            found.update(alias.asname or alias.name for alias in node.names)
+    return frozenset(found)

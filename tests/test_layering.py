@@ -11,7 +11,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-from import_graph import PACKAGE, imports, module_name, modules
+from import_graph import PACKAGE, imports, module_name, modules, names_in
 
 PURE = ("engine", "formats", "devices", "maintenance/body_building")
 SHARED = {
@@ -100,6 +100,13 @@ def test_pure_files_look_neither_at_blender_nor_at_its_side(path: Path) -> None:
     for found in imports(path):
         ours = found.module.startswith("maintenance.body_building") and "maintenance" in path.parts
         assert ours or found.module.partition(".")[0] in SHARED, f"imports {found.module}"
+
+
+def test_what_is_imported_is_there() -> None:
+    for name, path in modules().items():
+        for found in imports(path):
+            there = found.module in modules()
+            assert there and (not found.name or found.name in names_in(found.module)), (name, found)
 
 
 # Order

@@ -6,14 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..sentences import counted
 from .signals import MAX_HZ, FrequencyRange, Signal, bursts
-
-F64 = npt.NDArray[np.float64]
 
 _ALIKE_HZ = 1.0
 """Frequencies closer than this count as one, as where vibrations are mixed."""

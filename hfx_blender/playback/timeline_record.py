@@ -14,7 +14,7 @@ from fractions import Fraction
 import bpy
 import numpy as np
 
-from ..devices.configuration import device_of_blend
+from ..devices.configuration import load_device, named_in_blend
 from ..engine.arrays import F64
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
@@ -183,7 +183,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
     found = []
     for item in scene.hfx.devices:
         try:
-            found.append(device_of_blend(item.name))
+            found.append(load_device(named_in_blend(item.name)))
         except HfxError as error:
             faults.append(str(error))
     return found

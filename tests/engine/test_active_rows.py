@@ -12,6 +12,8 @@ from hfx_blender.engine.active_rows import (
     active_rows,
     followed,
     posed_rows,
+    warn_of_controls,
+    with_directions,
     with_pose,
 )
 from hfx_blender.engine.counters import Counters
@@ -97,3 +99,36 @@ def test_a_row_of_its_own_follows_none():
     only = np.zeros(1, np.int64)
     rows, reported, follows = followed(only, only, animated, block)
     assert (rows.tolist(), reported.tolist(), follows.tolist()) == ([0], [True], [False])
+
+
+def test_a_wind_without_a_direction_blows_up_and_is_told():
+    levels, still = np.array([1.0, 1.0, 0.0, 1.0]), np.zeros(3)
+    along = np.array([still, [1.0, 0.0, 0.0], still, still])
+    parameters = np.column_stack([np.full(4, 5.0), along])
+    effect = EffectDescription(
+        "w", "Draught", "wind", "m", PaintedArea("b", np.zeros(0), np.zeros(0))
+    )
+    block = AnimationBlock(np.arange(4), (EffectBlock(levels, parameters),), (), 1)
+    counters = Counters()
+    found = with_directions([effect], block, counters).effects[0].parameters
+    assert found[:, 1:].tolist() == [[0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 0, 1]]
+    (told,) = (
+        counters.warnings.items()
+    )  # not of the row before the block's own, nor where it is off
+    assert "'Draught'" in told[0] and told[1] == 1
+    assert (parameters[0, 1:] == 0.0).all()
+    same = AnimationBlock(np.arange(4), (EffectBlock(levels, found),), (), 1)
+    assert with_directions([effect], same, counters) is same
+
+
+def test_controls_of_a_response_that_are_no_numbers_are_told():
+    response = np.ones((3, 1, 2))
+    response[1, 0, 1] = np.nan
+    effect = EffectDescription("v", "Wall", "vibration", "m", HapticVolume(Falloff()))
+    animated = EffectBlock(np.ones(3), np.ones((3, 2)), response=response)
+    counters = Counters()
+    warn_of_controls(effect, animated, np.array([0, 2]), counters)
+    assert not counters.warnings
+    warn_of_controls(effect, animated, np.array([0, 1]), counters)
+    (told,) = counters.warnings.items()
+    assert "'Wall'" in told[0] and told[1] == 1

@@ -565,7 +565,7 @@ def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
 
 def test_repeated_clips_are_in_the_library_once(tmp_path):
     with track_of(tmp_path, "vibration", "painted", np.array(BEAT * 20)) as track:
-        document, _ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, load_model, "x")
     (perception,) = document.perceptions
     (effect,) = perception.effect_library
     (channel,) = perception.channels
@@ -580,7 +580,7 @@ def test_repeated_clips_are_in_the_library_once(tmp_path):
 @pytest.mark.parametrize("levels", [[1.0], [0.0, 1.0], [1.0] * 200])
 def test_short_and_constant_scenes(tmp_path, modality, levels):
     with track_of(tmp_path, modality, "painted", levels) as track:
-        document, _ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, load_model, "x")
     assert rules.findings(json.loads(text.encode(document))) == []
     frames = document.perceptions[0].channels[0].bands[0].effects[0].keyframes
     assert len(frames) >= (3 if modality == "pressure" else 2)
@@ -590,7 +590,7 @@ def test_short_and_constant_scenes(tmp_path, modality, levels):
 def test_weights_become_gains(tmp_path):
     weights = np.repeat([1.0, 0.5, 0.25, 0.05], 10)
     with track_of(tmp_path, "pressure", "painted", BEAT, strengths=weights) as track:
-        document, _ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, load_model, "x")
     gains = [channel.gain for channel in document.perceptions[0].channels]
     assert gains == pytest.approx([1.0, 0.5, 0.25, 0.05])
 
@@ -604,7 +604,7 @@ def test_a_track_that_nobody_felt_is_refused(tmp_path):
 
 def test_the_wind_has_its_direction(tmp_path):
     with track_of(tmp_path, "wind", "painted", BEAT) as track:
-        document, _ = from_track.compose(track, load_model, "x")
+        document, *_ = from_track.compose(track, load_model, "x")
     # Blender's -Y, where the body looks, is glTF's +Z.
     assert document.perceptions[0].channels[0].direction == model.Vector(0, 0, 127)
 

@@ -65,7 +65,7 @@ def write(
     OutputError
         A file cannot be written; none is left half written.
     """
-    document, meshes, told = _composed(track, models, stem.name, devices, tolerance)
+    document, meshes, told = compose(track, models, stem.name, devices, tolerance)
     path = stem.with_name(stem.name + SUFFIX)
     files = [path]
     for model in meshes:
@@ -88,36 +88,6 @@ def compose(
     name: str,
     devices: Sequence[DeviceConfig] = (),
     tolerance: CurveTolerance = DEFAULT_TOLERANCE,
-) -> tuple[Hjif, list[PerceptualModel]]:
-    """A track as a document, and the models that its avatars are.
-
-    Parameters
-    ----------
-    track : TrackReader
-    models : callable
-        Loads a perceptual model by its id.
-    name : str
-        Stem of the meshes' file names.
-    devices : sequence of DeviceConfig
-        Named as reference devices.
-    tolerance : CurveTolerance
-        Of strengths, a share of full scale.
-
-    Raises
-    ------
-    InputError
-        See :func:`write`.
-    """
-    document, meshes, _ = _composed(track, models, name, devices, tolerance)
-    return document, meshes
-
-
-def _composed(
-    track: TrackReader,
-    models: Callable[[str], PerceptualModel],
-    name: str,
-    devices: Sequence[DeviceConfig],
-    tolerance: CurveTolerance,
 ) -> tuple[Hjif, list[PerceptualModel], Written]:
     """A document, its models, and, without files, what of the track it does not hold."""
     header = track.header

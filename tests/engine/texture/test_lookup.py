@@ -12,15 +12,12 @@ from hypothesis import strategies as st
 from hfx_blender.engine.texture import stroke as strokes
 from hfx_blender.engine.texture.haptic_map import HapticMap
 from hfx_blender.engine.texture.lookup import (
-    Collisions,
-    collisions,
     crossed_texels,
-    most_salient,
     strongest_crossed,
     strongest_in_steps,
-    trace,
 )
 from hfx_blender.engine.texture.stroke import Stroke
+from hfx_blender.maintenance.bench.collisions import Collisions, collisions, most_salient, trace
 
 
 def _map(intensity: np.ndarray, texel: tuple[float, float] = (1e-3, 1e-3)) -> HapticMap:

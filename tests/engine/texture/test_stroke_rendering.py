@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from hfx_blender.engine.texture import stroke as strokes
 from hfx_blender.engine.texture.height_field import HeightField
-from hfx_blender.engine.texture.lookup import trace
 from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.engine.texture.render import render_stroke
 from hfx_blender.engine.texture.stroke import Stroke
@@ -23,6 +22,7 @@ from hfx_blender.engine.texture.textile import (
     weighted_rms,
 )
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.bench.collisions import trace
 
 AMPLITUDE = 20e-6
 
