@@ -23,6 +23,7 @@ from hfx_blender.engine.scene import (
     EffectBlock,
     EffectDescription,
     HapticVolume,
+    PaintedArea,
     PoseBlock,
     SkinBinding,
 )
