@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which wheels an extension zip brings, for which platform and which Blender's Python.
+"""Wheels of an extension zip, by platform and Blender's Python.
 
 Blender has numpy; whatever else the package imports comes as a wheel. ``addon_wheels.sha256`` pins
 every file (``sha256sum -c`` reads it too); pip fetches the files once into a folder.
@@ -49,7 +49,7 @@ VERSIONS: dict[str, dict[str, tuple[str, ...]]] = {
 
 
 class Platform(NamedTuple):
-    """How wheels of a platform are tagged: system, its release, machine."""
+    """Tags of wheels for a platform: system, its release, machine."""
 
     system: str
     machine: str
@@ -121,7 +121,7 @@ def imported(package: Path, left_out: str = "") -> set[str]:
 
 
 def _guarded(node: ast.AST) -> Iterable[ast.AST]:
-    """What is inside a ``try`` that expects a missing module."""
+    """Yield the nodes inside a ``try`` that expects a missing module."""
     if not isinstance(node, ast.Try):
         return ()
     caught = {getattr(handler.type, "id", "") for handler in node.handlers}
@@ -175,7 +175,7 @@ def fetch(name: str, digest: str, folder: Path) -> Path:
 
 
 def own_licence(wheel: str) -> Path:
-    """Where we keep the licence of a wheel that does not carry it."""
+    """Path of our copy of the licence of a wheel that does not carry it."""
     return LICENCES / f"{wheel.partition('-')[0]}.txt"
 
 
@@ -227,7 +227,7 @@ def _download(requirement: str, tags: Iterable[str], python: str, folder: Path) 
 
 
 def carries_licence(wheel: Path) -> bool:
-    """Whether a wheel brings the text of its licence."""
+    """Test a wheel for the text of its licence."""
     with zipfile.ZipFile(wheel) as archive:
         names = [name.upper() for name in archive.namelist() if ".dist-info/" in name]
     files = [name.rpartition("/")[2] for name in names]

@@ -37,7 +37,7 @@ _TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes for the same content
 
 
 def files() -> dict[str, Path]:
-    """What goes into every zip but its manifest: name inside it -> file."""
+    """Files of every zip except its manifest: name inside it -> file."""
     found = {"LICENSE": LICENCE}
     for root, prefix in ((PACKAGE, ""), *((ROOT / name, f"{name}/") for name in DATA)):
         for path in sorted(root.rglob("*")):

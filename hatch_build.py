@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hatchling does when the package is installed: compile the library of ``engine/native``,
-and add the file that protects the script ``hfx`` from modules of the current folder.
+"""Build hook of hatchling: compiles the library of ``engine/native`` and adds the file that
+protects the script ``hfx`` from modules of the current folder.
 
 Without the library the package works, slower; so whatever goes wrong, the installation goes on.
 """

@@ -114,7 +114,7 @@ TARGETS = {
 
 
 def this_target() -> Target | None:
-    """That of the running Python, if it is one that we build for."""
+    """Target of the running Python, if it is one that we build for."""
     system, _, machine = sysconfig.get_platform().partition("-")
     systems = {"linux": "linux", "macosx": "macos", "win": "windows"}
     if system == "macosx":
@@ -124,7 +124,8 @@ def this_target() -> Target | None:
 
 
 def requirements(root: Path = ROOT) -> list[str]:
-    """What an installation from ``root`` needs beside its build backend: the compiler, or nothing.
+    """Requirements of an installation from ``root`` beside its build backend: the compiler, or
+    nothing.
 
     Nothing where no library is wanted or can be made, or the one that is there is current.
     """
@@ -137,12 +138,12 @@ def requirements(root: Path = ROOT) -> list[str]:
 
 
 def wanted() -> bool:
-    """Whether the environment does not say otherwise."""
+    """Test that the environment does not disable the library."""
     return os.environ.get(SWITCH) != "0"
 
 
 def digest(root: Path = ROOT) -> str:
-    """That of the C sources, as the package works it out.
+    """Digest of the C sources, as the package computes it.
 
     Raises
     ------
@@ -156,7 +157,7 @@ def digest(root: Path = ROOT) -> str:
 
 
 def is_current(library: Path, target: Target, root: Path = ROOT) -> bool:
-    """Whether a file is the library of the sources as they are now, for this target."""
+    """Test that a file is the library of the present sources, for this target."""
     try:
         return _mark(target, root).encode() in library.read_bytes()
     except OSError:
@@ -192,7 +193,7 @@ def _version(zig: Path) -> str:
 
 
 def fetched_compiler(say: Callable[[str], None]) -> Path:
-    """The same, fetched by pip into ``build/zig`` if it is not there.
+    """Compiler, fetched by pip into ``build/zig`` if it is not there.
 
     Raises
     ------
@@ -255,7 +256,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
 
 
 class _Compiler(NamedTuple):
-    """One target's compiler at work in a temporary folder."""
+    """Compiler of one target, working in a temporary folder."""
 
     zig: Path
     target: Target
@@ -319,7 +320,7 @@ def _flags(folder: Path) -> list[str]:
 
 
 def _mark(target: Target, root: Path) -> str:
-    """What the library says of itself, by which it is known again without being loaded."""
+    """Mark of the library, by which it is recognised without being loaded."""
     return f"{_sources(root).MARK} {digest(root)} {target.zig} {target.processor}"
 
 

@@ -18,5 +18,5 @@ _LINE = (
 
 
 def text() -> str:
-    """One line, which does nothing unless Python runs ``hfx``."""
+    """Text of the file: one line, which does nothing unless Python runs ``hfx``."""
     return _LINE.format(source=_SOURCE.read_text(encoding="utf-8"))

@@ -24,7 +24,7 @@ given_c = None
 
 
 def render(haptics):
-    """What the elements are to get now: one temperature for each of ``haptics.columns``."""
+    """Returns the elements' temperatures now, one for each of ``haptics.columns``."""
     global last_time_s, given_c
 
     # What is sent without a script: already where each element is, and within the device's

@@ -29,7 +29,7 @@ _MARGIN_M = 0.12
 
 
 def draw(name: str, path: Path) -> None:
-    """One device, by the name of its file, as a PNG."""
+    """Draw a device, by the name of its file, as a PNG."""
     device = load_device(name)
     avatar = load_avatar()
     places = _places(device)

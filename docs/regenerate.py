@@ -80,7 +80,7 @@ def surfaces() -> None:
 
 
 def devices() -> None:
-    """Where the actuators of each shipped device are, and the gallery in ``devices.md``."""
+    """Draw the places of each shipped device's actuators, and the gallery in ``devices.md``."""
     import device_pictures
 
     folder = PICTURES / "devices"
@@ -93,7 +93,7 @@ def devices() -> None:
 
 
 def trade(scene: str, short: bool) -> None:
-    """One scene's plot, CSV and table in ``trade.md``."""
+    """Measure a scene's plot, CSV and table in ``trade.md``."""
     from hfx_blender.maintenance.bench import machine, trade_report
 
     command = ["bench", "trade", scene, *(["--short"] if short else [])]

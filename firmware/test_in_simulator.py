@@ -164,7 +164,7 @@ def simulator(folder: Path) -> Path:
 
 
 class Pins:
-    """What the simulated pins do, as it happens."""
+    """Levels of the simulated pins, as they change."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None
@@ -176,7 +176,7 @@ class Pins:
         self.board_s = 0.0  # the board's own clock, a few milliseconds ago at most
 
     def wait(self, is_true, within_s: float = 2.0) -> float:
-        """When the duties became so, by the board's clock; reads on until then."""
+        """Time at which the duties became so, by the board's clock; reads on until then."""
         until = time.monotonic() + within_s
         while True:
             self.read()

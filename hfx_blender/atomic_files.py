@@ -79,15 +79,15 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     Raises
     ------
     OutputError
-        The file cannot be written (no such folder, not allowed, disk full, name of a folder).
+        The file cannot be written (no such folder, not allowed, disk full, name of a folder or
+        of a device).
         An ``OSError`` of the block that names another file is passed on as it is.
     """
     if not path.name:
         raise OutputError(f"'{path}' is no name of a file.")
     temporary = path.with_name(path.name + ".tmp")
     try:
-        if path.is_dir():
-            raise OutputError(f"{path}: cannot be written (there is a folder of that name).")
+        refuse_taken(path)
         with open(temporary, "w+b") as file:
             yield file
             file.flush()
@@ -105,6 +105,23 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     except BaseException:
         _remove(temporary)
         raise
+
+
+def refuse_taken(path: Path) -> None:
+    """Refuse a name that a file cannot take: of a folder, a device, a pipe or an open file.
+
+    A file moved to the name ``/dev/stdout`` would take that away from the whole machine.
+
+    Raises
+    ------
+    OutputError
+        There is something of that name that is no file.
+    """
+    if path.is_dir():
+        raise OutputError(f"{path}: cannot be written (there is a folder of that name).")
+    is_open_file = path.is_symlink() and os.readlink(path).startswith("/proc/")
+    if is_open_file or (path.exists() and not path.is_file()):
+        raise OutputError(f"{path}: cannot be written (it is a device or a pipe, not a file).")
 
 
 def _remove(path: Path) -> None:

@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 from . import __version__, blender_session, file_limits
 from .commands import left_out
 from .console import Console, is_unread
-from .errors import HfxError, OutputError, UsageError, fault_of_file
+from .errors import HfxError, InputError, OutputError, UsageError, fault_of_file
 
 EPILOG = """\
 exit codes: 0 done; 2 wrong usage; 3 bad input (nothing written for it); 4 a device failed;
@@ -78,9 +78,9 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         console.warn("hfx: interrupted; nothing half written was left behind")
         return 130
     except OSError as error:
-        if error.filename is None:
+        found = fault_of_file(error) if error.filename is not None else _lost_folder()
+        if found is None:
             return _defect(console)
-        found = fault_of_file(error)
         console.warn(f"hfx: {found}")
         console.result({"error": str(found)})
         return found.exit_code
@@ -94,6 +94,15 @@ def _unless_lost(console: Console) -> int:
         return 0
     console.warn(f"hfx: standard output: cannot be written ({console.fault.strerror}).")
     return OutputError.exit_code
+
+
+def _lost_folder() -> InputError | None:
+    """The fault of relative paths where somebody has removed the current folder."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        return InputError(f"the current folder cannot be used ({error.strerror}).")
+    return None
 
 
 def _defect(console: Console) -> int:
@@ -124,7 +133,7 @@ def main() -> None:
         code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
     except SystemExit as finished:  # --help and --version
         code = finished.code if isinstance(finished.code, int) else 0
-    except OSError as error:  # of what argparse printed past the console
+    except OSError as error:  # of argparse's output past the console
         code = 0 if is_unread(error) else OutputError.exit_code
     blender_session.leave(code)
 

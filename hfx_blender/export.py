@@ -42,7 +42,7 @@ from .export_report import (
     shortfalls,
     stale_files,
 )
-from .formats import registry
+from .formats import gate, registry
 from .formats.curves import CurveTolerance
 from .formats.glb_scene import VolumeRecorder
 from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
@@ -275,12 +275,14 @@ class SceneExport:
                 written = Written(tracks) + registry.write_all(
                     settings.formats, played, whole, settings.devices, stem, tolerance
                 )
+            written = gate.valid_only(written)
             rasters = [raster for _, raster in rendered.played]
             lost = not_played(whole.header, rasters)
             short = shortfalls(whole.header, rasters)
             if self._wants_volumes:
                 models = [load_model(model.id) for model in whole.header.models]
-                has_hjif = "hjif" in settings.formats and not settings.per_clip
+                names = {path.name for path in written.files}
+                has_hjif = stem.name + HJIF_SUFFIX in names and not settings.per_clip
                 written += volumes.write(
                     models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
                 )
@@ -313,15 +315,16 @@ class SceneExport:
                 "stepping": recorded.stepping,
                 **recorded.engine,
             },
+            reading=recorded.reading,
             notes=shortened((*removed, *recorded.notes, *short, *rendered.notes, *written.notes)),
             made_from=made_from,
         )
         report_file = stem.with_name(stem.name + REPORT_SUFFIX)
         with atomic_file(report_file) as file:
             file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
-        # The report comes last: where it is, all that it names was there.
+        # The report comes last: if it exists, all of its files do.
         placed = place((*report.files, report_file), folder)
-        for path in earlier:  # it would be taken for what the device plays now
+        for path in earlier:  # it would be mistaken for the device's present output
             path.unlink(missing_ok=True)
         return replace(report, files=placed)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from .devices.configuration import load_device, named_in_blend
+from .devices.configuration import load_device, refuse_file
 from .engine.rendering.device import DeviceConfig
 from .errors import InputError
 from .formats import registry
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dict[str, str]]:
-    """The devices that a scene names, and those that cannot be used: name to a sentence.
+    """Load the devices that a scene names; returns them, and a sentence for each that is unusable.
 
     Raises
     ------
     InputError
         It names a file.
     """
-    names = dict.fromkeys(named_in_blend(device.name) for device in scene.hfx.devices)
     found: list[DeviceConfig] = []
     missing: dict[str, str] = {}
-    for name in names:
+    for name in dict.fromkeys(device.name for device in scene.hfx.devices):
+        refuse_file(name)
         try:
             found.append(load_device(name))
         except InputError as error:

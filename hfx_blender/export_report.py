@@ -12,6 +12,7 @@ from typing import Any
 from .engine.rendering.raster import Raster, unrendered
 from .engine.track import TrackHeader, TrackReader
 from .file_hash import sha256_of
+from .reading_counters import as_reported
 
 REPORT_SUFFIX = ".report.json"
 _LARGEST_REPORT = 2**26
@@ -27,7 +28,8 @@ class ExportReport:
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
     warnings: tuple[str, ...]
     engine: dict[str, Any] = field(default_factory=dict)
-    left_out: tuple[str, ...] = ()  # of the warnings: what a format could not hold of a device
+    reading: dict[str, Any] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()  # among the warnings: what a format could not hold of a device
     silent_devices: tuple[str, ...] = ()  # of the warnings: devices whose script did not run
     notes: tuple[str, ...] = ()  # what formats had to simplify, and how far
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
@@ -51,6 +53,7 @@ class ExportReport:
             "silent_devices": list(self.silent_devices),
             "notes": list(self.notes),
             "engine": self.engine,
+            "reading": as_reported(self.reading),
             "made_from": dict(self.made_from),
         }
 
@@ -124,7 +127,8 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
 def read(path: Path) -> dict[str, Any] | None:
     """Read a report; None if the file is missing or no report."""
     try:
-        if path.stat().st_size > _LARGEST_REPORT:
+        # A pipe of that name would be waited for, and no signal ends that.
+        if not path.is_file() or path.stat().st_size > _LARGEST_REPORT:
             return None
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -84,7 +84,7 @@ def _is_module_run() -> bool:
 
 
 _PYTHONPATH = "" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", "")
-_CURRENT = _current_folder()  # when Python started, as near as can be told
+_CURRENT = _current_folder()  # when Python started, approximately
 _RELATIVE = {
     os.path.normcase(os.path.abspath(path))
     for path in (_PYTHONPATH.split(os.pathsep) if _PYTHONPATH else ())

@@ -27,6 +27,7 @@ from .engine.track import TrackHeader, TrackWriter, as_kept
 from .engine.track.joining import joined
 from .engine.track.layout import SAMPLES_PER_CHUNK
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
+from .reading_counters import ReadingCounters
 
 Watch = Callable[[AnimationBlock], None]
 Felt = tuple[AnimationBlock, list[SampleRun]]
@@ -37,6 +38,7 @@ class Recorded:
     """Facts of a recording besides the samples; plain data, so that processes can hand it on."""
 
     engine: dict[str, Any]  # the engine's counters
+    reading: dict[str, Any]  # the reader's
     faults: dict[str, list[int]]  # message: samples at which the scene could not be read well
     notes: tuple[str, ...]
     stepping: str
@@ -46,6 +48,7 @@ class Recorded:
         """Collect the facts of a recording that has just ended."""
         return cls(
             engine.counters.as_dict(),
+            reader.counters.as_dict(),
             {text: sorted(samples) for text, samples in reader.faults.items()},
             reader.notes,
             reader.stepping_note,
@@ -67,11 +70,14 @@ class Recorded:
         for part in parts:
             for text, samples in part.faults.items():
                 faults.setdefault(text, set()).update(samples)
+        read = ReadingCounters()
         for part in parts:
             counted.add(Counters(**part.engine))
+            read.add(ReadingCounters(**part.reading))
         notes = dict.fromkeys(note for part in parts for note in part.notes)
         return cls(
             counted.as_dict(),
+            read.as_dict(),
             {text: sorted(samples) for text, samples in faults.items()},
             tuple(notes),
             parts[0].stepping,
@@ -132,7 +138,7 @@ def record_track(
     first, stop = part or (0, reader.time.sample_count)
     wanted = reader.sample_indices
     count = max(int(((wanted >= first) & (wanted < stop)).sum()), 1)
-    read = done = 0  # samples, each of which counts half when it is read
+    read = done = 0  # samples, each of which counts half after reading
     start = max(first - lead_in(engine), 0) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks(part and (start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []
@@ -161,7 +167,7 @@ def record_track(
 
     # Two threads pay where Blender steps a scene, and lets the other one run meanwhile.
     together = overlapped if reader.is_stepped else in_turn
-    # Scenes are as they were even if nobody goes on after a step.
+    # Scenes are restored even if the caller stops after a step.
     with closing(blocks), closing(together(counted(), work)) as worked:
         for done_now in worked:
             for block in (block for some in done_now for block in some):

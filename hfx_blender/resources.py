@@ -89,7 +89,9 @@ def surface_calibration() -> Path:
 
 
 def _user_data() -> Path:
-    """Where the platform wants a user's data of ours, or the variable ``HFX_USER_DATA``."""
+    """Folder for our user data by the platform's convention, or by the variable
+    ``HFX_USER_DATA``.
+    """
     named = os.environ.get(USER_DATA_VARIABLE)
     if named:
         return Path(named).expanduser()

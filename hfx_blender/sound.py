@@ -42,7 +42,7 @@ class SoundSettings:
     hearing: Hearing = field(default_factory=Hearing)
     lowest_hz: float = 220.0  # of the sources' tones, which are spread over a pentatonic scale
     octaves: int = 2
-    tone: float = 0.015  # of what only flies by; touches add to it
+    tone: float = 0.015  # of passing sources; touches add to it
     touch: float = 0.5
     reverberation_s: float = 1.4
 

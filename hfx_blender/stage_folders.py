@@ -8,6 +8,7 @@ share the folder, so only a folder of a machine of this name is ever removed.
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
 import sys
@@ -21,6 +22,12 @@ _OWNER: Final = "owner"
 _SUFFIX: Final = ".tmp"
 _LOCKED_BYTE: Final = 4096  # behind the text: what is locked cannot be read on Windows
 _LONGEST_NAME: Final = 100  # a file system allows 255 bytes
+
+
+def with_final_names(text: str, stage: Path, folder: Path) -> str:
+    """A message as its reader knows the files: by the names that they get in ``folder``."""
+    beside = "" if folder == Path() else f"{folder}{os.sep}"
+    return text.replace(f"{stage}{os.sep}", beside).replace(str(stage), str(folder))
 
 
 @contextmanager
@@ -47,7 +54,7 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     owner: BinaryIO | None = None
     try:
         owner = open(stage / _OWNER, "xb")
-        with suppress(OSError):  # some network file systems know no locks: then nobody removes it
+        with suppress(OSError):  # some network file systems have no locks: then it is not removed
             _lock(owner)
             owner.write(_machine())  # last: without it, nobody else touches the folder
             owner.flush()
@@ -73,7 +80,7 @@ def _is_abandoned(owner: Path) -> bool:
                 return False  # of another machine, or just being made
             _lock(file)
             return True
-    except OSError:  # somebody holds the lock, or it is not ours to change
+    except OSError:  # the lock is held, or it is not ours to change
         return False
 
 

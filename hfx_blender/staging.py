@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from .atomic_files import move, passing
+from .atomic_files import move, passing, refuse_taken
 from .errors import OutputError
-from .stage_folders import stage_folder
+from .stage_folders import stage_folder, with_final_names
 
 placing = threading.Lock()
 """Held while finished files get their names: who ends the process at once waits for it."""
@@ -54,10 +54,10 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
         with made, passing(stage):
             yield stage
     except OSError as error:
-        path = str(error.filename or folder).replace(str(stage), str(folder))
+        path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error
     except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(str(error).replace(str(stage), str(folder))) from error
+        raise OutputError(with_final_names(str(error), stage, folder)) from error
     finally:
         if is_new:
             with suppress(OSError):  # it holds the results, unless there are none
@@ -70,12 +70,9 @@ def place(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     OutputError
-        One of the names is that of a folder; nothing was moved.
+        One of the names is that of a folder, a device or a pipe; nothing was moved.
     """
     for path in files:
-        if (folder / path.name).is_dir():
-            raise OutputError(
-                f"{folder / path.name}: cannot be written (there is a folder of that name)."
-            )
+        refuse_taken(folder / path.name)
     with placing:
         return move(files, folder)

@@ -28,7 +28,7 @@ class BadValue:
     path: str  # below Object.hfx or Scene.hfx, such as ``response[2].decay``
     found: str
     allowed: str
-    taken: str | None  # what is read in its place; None: nothing sensible
+    taken: str | None  # value read in its place; None if there is no sensible one
 
     def __str__(self) -> str:
         return f"hfx.{self.path} is {self.found}, allowed is {self.allowed}"

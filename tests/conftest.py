@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What all tests share: no network, and an end of the process that Blender cannot hang."""
+"""Fixtures of all tests: no network, and an end of the process that Blender cannot hang."""
 
 from __future__ import annotations
 

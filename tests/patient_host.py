@@ -11,14 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hfx_blender import own_processes
-from hfx_blender.devices.live import host, lane, render_process, script_process
+from hfx_blender.devices.live import device_thread, host, render_process, script_process
 
 VARIABLE = "HFX_TEST_PATIENCE_S"
 """Seconds, where a test wants a deadline to be missed."""
 
 
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
-    """In place of ``own_processes.command``."""
+    """Command line in place of ``own_processes.command``."""
     if module == "devices.live.host":
         return own_processes.program(Path(__file__).read_text(encoding="utf-8"))
     return of(module, *arguments)
@@ -32,7 +32,7 @@ def use() -> None:
 
 if __name__ == "__main__":
     patience_s = float(os.environ.get(VARIABLE, "600"))
-    lane.FREEZE_S = host.FREEZE_S = host.HEARTBEAT_S = 600.0  # type: ignore[misc]
+    device_thread.FREEZE_S = host.FREEZE_S = host.HEARTBEAT_S = 600.0  # type: ignore[misc]
     script_process.READY_S = render_process.MOMENT_S = 600.0  # type: ignore[misc]
-    lane.PATIENCE_S = script_process.PATIENCE_S = patience_s  # type: ignore[misc]
+    device_thread.PATIENCE_S = script_process.PATIENCE_S = patience_s  # type: ignore[misc]
     host.main()

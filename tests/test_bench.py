@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What surrounds the measurements: the front, the chart, the tables, the history, the shell."""
+"""Benchmark tool around the measurements: command line, chart, tables, history, shell."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the bench compares two recordings, by hand."""
+"""Comparison of two recordings in the benchmarks, against results by hand."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the command line writes where."""
+"""Streams that the command line writes to."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import errno
 import io
 import json
 import os
+from pathlib import Path
 
 import pytest
 
+from hfx_blender import cli
 from hfx_blender import console as console_module
 from hfx_blender.console import Console
 from hfx_blender.errors import InputError
@@ -174,3 +176,15 @@ def test_results_that_are_lost_are_known() -> None:
     assert console.fault is None
     console.say("felt")
     assert console.fault is not None and console.fault.errno == errno.ENOSPC
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a folder in use cannot be removed")
+def test_a_current_folder_that_is_gone_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert cli.run(["export", "x.blend", "-o", "out"]) == 3
+    assert capsys.readouterr().err.startswith("hfx: the current folder cannot be used (")

@@ -119,7 +119,7 @@ def _stated_order(package: str) -> list[str]:
 
 
 def _units(package: str) -> dict[str, set[str]]:
-    """What each module or folder of a package imports of the others, anywhere in it."""
+    """Imports of each module or folder of a package from the others, anywhere in it."""
     start = f"{package}." if package else ""
     found: dict[str, set[str]] = {}
     for name, path in modules().items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the README promises, tried: its Python example, its command lines, its links."""
+"""Claims of the README: its Python example, its command lines, its links."""
 
 from __future__ import annotations
 
@@ -69,6 +69,18 @@ def test_the_command_lines_are_understood() -> None:
     for arguments in calls:
         if arguments != ["export", "-o", "out/"]:  # inside Blender, of the open file
             build_parser().parse_args(arguments)
+
+
+def test_the_lines_for_farms_are_understood() -> None:
+    from hfx_blender.cli import build_parser
+
+    text = (ROOT / "docs" / "farms.md").read_text(encoding="utf-8")
+    text = re.sub(r"(\$\(\([^)]*\)\)|\$\w+|<STARTFRAME>)(?=/\d)", "1", text)  # of a task
+    calls = re.findall(r"(?:hfx |\")(export (?:scene|/shared)[^\"';#|`\n]*)[^`]", text)
+    assert len(calls) >= 9
+    options = [build_parser().parse_args(call.split()) for call in calls]
+    assert sum(each.piece is not None for each in options) >= 4
+    assert sum(each.merge for each in options) >= 3
 
 
 def test_links_lead_somewhere() -> None:

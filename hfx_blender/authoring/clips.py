@@ -62,7 +62,7 @@ def add_clip(
     data = effect.animation_data or effect.animation_data_create()
     busy = data.action
     action = bpy.data.actions.new(f"{effect.name} {name}")
-    data.action = action  # a slot is made for, and only for, the datablock that it is assigned to
+    data.action = action  # a slot belongs to the one datablock that it is assigned to
     keys = profile or ((0.0, 1.0), (length / repeat, 1.0))
     compat.set_keys(compat.new_fcurve(effect, action, DATA_PATH), keys)
     track = _free_track(effect, floor(frame_start), frame_end)
@@ -162,7 +162,7 @@ def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types
     data = effect.animation_data
     for track in data.nla_tracks:
         if _is_of_library(effect, track):
-            continue  # Blender does not save what is added to it
+            continue  # Blender does not save additions to it
         if all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips):
             return track
     track = data.nla_tracks.new()

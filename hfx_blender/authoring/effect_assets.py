@@ -50,7 +50,7 @@ def take_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[bpy.
     InputError
         There is no such sensation, or no body to paint it on; nothing is made.
     """
-    from . import effect_exchange  # not before it is needed: Blender's start would wait for it
+    from . import effect_exchange  # imported late: Blender's start would wait for it
 
     name, place = str(dropped[SENSATION]), dropped.matrix_world.translation.copy()
     bpy.data.objects.remove(dropped)

@@ -128,7 +128,7 @@ class EffectRecipe:
 
     name: str
     modality: str
-    parameters: dict[str, float]  # by name, in the modality's units; those of its direction not
+    parameters: dict[str, float]  # by name, in the modality's units; without direction
     where: PartsArea | VertexArea | VolumeRecipe | SpotRecipe | ActuatorsRecipe
     intensity: float = 1.0
     temperature_reference: str = "AMBIENT"

@@ -10,6 +10,7 @@ from ..engine.arrays import F64
 from ..engine.volume.mesh import MeshVolume
 from ..engine.volume.shape import Falloff, FalloffKind, Shape
 from ..errors import InputError
+from ..reading_counters import ReadingCounters
 from ..stored_values import limited
 from . import volumes
 
@@ -77,7 +78,8 @@ class Shapes:
 
     def __init__(self) -> None:
         self._meshes: dict[tuple[str, int], tuple[bytes, MeshVolume]] = {}
-        self.notes: dict[str, None] = {}  # in order: what was mended in a mesh
+        self.notes: dict[str, None] = {}  # notes on repaired meshes, in order
+        self.counters = ReadingCounters()
 
     def shape_of(
         self, effect: bpy.types.Object, evaluated: bpy.types.Object, part: int = 0
@@ -99,7 +101,7 @@ class Shapes:
             )
         if not evaluated.data.is_editmode:
             return self._mesh_volume(effect, evaluated.data, part)
-        try:  # what is being edited is not in the evaluated mesh itself
+        try:  # edits in progress are not in the evaluated mesh
             return self._mesh_volume(effect, evaluated.to_mesh(), part)
         finally:
             evaluated.to_mesh_clear()
@@ -108,11 +110,13 @@ class Shapes:
         positions = np.zeros(len(mesh.vertices) * 3, np.float32)
         if len(mesh.vertices):
             mesh.attributes["position"].data.foreach_get("vector", positions)
+        self.counters.meshes_read += 1
         content = positions.tobytes()
         which = effect.name_full, part
         known = self._meshes.get(which)
         if known is None or known[0] != content:
             mesh.calc_loop_triangles()
+            self.counters.meshes_made += 1
             triangles = np.zeros(len(mesh.loop_triangles) * 3, np.int32)
             mesh.loop_triangles.foreach_get("vertices", triangles)
             volume = MeshVolume(

@@ -241,7 +241,7 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
     for obj in sorted(objects, key=lambda obj: (obj.name, obj.name_full)):
         uid = own = obj.hfx.uid or obj.name
         counts[own] = counts.get(own, 0) + 1
-        while counts[own] > 1 and uid in known:  # an id may look like one that is derived
+        while counts[own] > 1 and uid in known:  # an id may look like a derived one
             uid = f"{own}-{counts[own]}"
             counts[own] += uid in known
         known.add(uid)

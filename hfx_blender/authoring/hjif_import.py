@@ -30,7 +30,7 @@ _STRENGTHS = {
     "wind": "wind_speed",
 }
 _OURS = {theirs: ours for ours, theirs in PERCEPTIONS.items()}
-_WARMER_K = 6.0  # full scale of a temperature whose file does not tell it
+_WARMER_K = 6.0  # full scale of a temperature whose file does not state it
 
 
 def import_hjif(
@@ -54,7 +54,7 @@ def import_hjif(
         The file cannot be read or breaks the standard; nothing was added.
     """
     document = reader.read(path)
-    found = list(envelopes(document))  # all of it is read before anything is made
+    found = list(envelopes(document))  # everything is read before anything is made
     ours = _own_models(document, path.parent)
     made: list[bpy.types.Object] = []
     left_out: list[str] = []

@@ -27,7 +27,7 @@ class Relief:
 
     height: Value = None  # Blender's units of the world, outwards
     normal: bpy.types.NodeSocket | None = None  # a bent normal, besides the height
-    is_surface_bent: bool = False  # only the whole surface's own normal tells
+    is_surface_bent: bool = False  # only the normal of the whole surface shows it
 
     @property
     def has_normal(self) -> bool:
@@ -159,7 +159,7 @@ def _stranger(node: bpy.types.Node, uv_map: str) -> str:
         return f"{node.projection.lower()} projection"
     vector = node.inputs.get("Vector")
     if node.type.startswith("TEX_") and node.type != "TEX_IMAGE" and vector is not None:
-        # What is not told where it is takes the mesh's Generated coordinates.
+        # Textures without coordinates take the mesh's Generated ones.
         return "" if vector.is_linked else f"{node.bl_label} on Generated coordinates"
     return ""
 

@@ -14,7 +14,7 @@ from . import effects
 START = "hfx_video_start"
 """ID property of a screen or a world: the frame at which its video begins."""
 
-_LONGEST = 300_000  # frames; what an image user takes in every version
+_LONGEST = 300_000  # frames; the limit of an image user in every version
 
 _SCREEN_HEIGHT = 2.2
 _SCREEN_BEHIND = 1.5
@@ -170,6 +170,6 @@ def _play(
         variable.name = name
         target = variable.targets[0]
         target.id_type, target.id, target.data_path = id_type, id_block, path
-    # The picture shown is max(frame, 1) + offset; a millionth more keeps what is whole so.
+    # The picture shown is max(frame, 1) + offset; a millionth more keeps whole numbers whole.
     due = f"floor((frame - start) * {rate:.9g} * base / fps + 0.000001) + 1"
     driver.expression = f"min(max({due}, 1), {max(image.frame_duration, 1)}) - max(frame, 1)"

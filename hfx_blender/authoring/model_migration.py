@@ -97,7 +97,7 @@ def update_all() -> list[str]:
             continue
         try:
             weights = carried_over(hfx.model_id, hfx.model_hash, *effects.area(effect))
-        except (HfxError, ModuleNotFoundError, TypeError):  # an export tells what is wrong
+        except (HfxError, ModuleNotFoundError, TypeError):  # an export reports the fault
             continue
         if weights is not None and effects.model_id_for(hfx.modality) == hfx.model_id:
             vertices = weights.nonzero()[0]

@@ -130,7 +130,7 @@ def take_over_all() -> None:
     for obj in bpy.data.objects:
         effect = obj.get(PAINTED_EFFECT)
         if effect is not None and obj.library is None:
-            with suppress(InputError):  # an edited canvas is told when painting is finished
+            with suppress(InputError):  # an edited canvas is reported when painting is finished
                 weights = _read_group(effect, obj)
                 vertices = np.flatnonzero(weights > 0.0)
                 effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())

@@ -194,7 +194,7 @@ def add_swarm(
     system.seed = swarm.seed
     settings = system.settings
     settings.count = swarm.count
-    # Blender keeps the end after the start: whichever is later goes first.
+    # Blender keeps the end after the start, so the order of setting them matters.
     settings.frame_end = max(frame + swarm.born_until_s * fps, settings.frame_start)
     settings.frame_start = frame + swarm.born_from_s * fps
     settings.frame_end = frame + swarm.born_until_s * fps

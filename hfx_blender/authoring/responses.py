@@ -63,7 +63,7 @@ def add_filter(effect: bpy.types.Object, kind: str) -> bpy.types.PropertyGroup:
     added = effect.hfx.response.add()
     added.kind = kind
     added.name = next(label for name, label, _ in KINDS if name == kind)
-    if kind == "proximity":  # what scales nothing is not felt before contact
+    if kind == "proximity":  # only proximity can be felt before contact
         added.operation, added.influence = "maximum", 0.3
     effect.hfx.response_active = len(effect.hfx.response) - 1
     effect.update_tag()

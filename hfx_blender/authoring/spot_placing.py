@@ -248,7 +248,7 @@ def _hold(effect: bpy.types.Object, place: F64) -> None:
     assert curve is not None
     values = [key.co[1] * scale for key in curve.keyframe_points]
     _set_values(curve, values, [scale] * len(values), [scale] * len(values))
-    bpy.context.view_layer.update()  # what the changed F-curve gives comes first
+    bpy.context.view_layer.update()  # the changed F-curve's values come first
     effect.hfx.path_position = 1.0
 
 
@@ -318,7 +318,7 @@ def _unroll(curve: bpy.types.FCurve, values: F64, old: F64, scale: float) -> Non
     into = np.concatenate([[1.0], signs])
     out_of = np.concatenate([signs, [1.0]])
     for key, before, after in zip(curve.keyframe_points, into, out_of, strict=True):
-        if before * after < 0.0:  # it turned back here: it still comes to rest for a moment
+        if before * after < 0.0:  # a turning point: it still rests there for a moment
             key.handle_left_type = key.handle_right_type = "ALIGNED"
             key.handle_left[1] = key.handle_right[1] = key.co[1]
     _set_values(curve, values.tolist(), (into * scale).tolist(), (out_of * scale).tolist())

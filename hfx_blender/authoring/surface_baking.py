@@ -38,12 +38,12 @@ _NAME = ".HFX Bake"
 class BakedMaterial:
     """An object's materials on its UV map; rows go up with V, (H, W)."""
 
-    heights_m: F64  # goes on smoothly where no face is
+    heights_m: F64  # continued smoothly where there is no face
     roughness: F64  # 0..1
     luminance: F32 | None  # 0..1 of the base colour, linear light; where there is no relief
     covered: Bool  # texels that belong to a face
     tile_mm: tuple[float, float]  # of a UV unit, along U and V
-    tiles: bool  # whether it goes on at the opposite edge
+    tiles: bool  # whether it continues at the opposite edge
     notes: tuple[str, ...]
 
     @property
@@ -105,7 +105,7 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     roughness = scratch.baked("ROUGHNESS")[..., 0]
     is_flat = float(np.ptp(heights[covered])) < _FLAT_M
     return BakedMaterial(
-        # Beside its charts a map goes on, or their rims would be felt as steps.
+        # A map continues beyond its charts, or their rims would be felt as steps.
         heights_m=fill_holes(np.where(covered, heights, np.nan)),
         roughness=fill_holes(np.where(covered, roughness, np.nan)).clip(0.0, 1.0),
         luminance=_luminance(scratch) if is_flat else None,
@@ -215,7 +215,7 @@ class _Scratch:
                     "scan or a procedural surface."
                 )
             place[slot] = len(self.materials)
-            # The original, not what was evaluated: only that can be copied into the file.
+            # The original, not the evaluated one: only that can be copied into the file.
             copy = self._keep(material.original.copy())
             material_relief.prepare(copy, material.name)
             self.materials.append(copy)

@@ -139,7 +139,7 @@ def read_scan(
         return Relief(from_image(grey, height_mm / 1000.0, size, tiles=False), notes=notes)
     points = seen_from_above(point_cloud.read(path) * (unit_mm / 1000.0))
     span = np.ptp(points[:, :2], axis=0)
-    # A texel for each point, and no more of them than were asked for.
+    # A texel for each point, up to the requested number.
     texel = max(float(np.sqrt(span.prod() / len(points))), float(span.max()) / resolution)
     return Relief(from_points(points, texel), notes=_unlikely(span))
 

@@ -35,7 +35,7 @@ def request(obj: bpy.types.Object) -> None:
     from . import surfaces
 
     if not surfaces.is_surface(obj) or not obj.hfx.surface.made_of:
-        return  # nothing was made yet: the first time is asked for
+        return  # nothing was made yet: the first bake needs a request
     _waiting.add(obj.name)
     _later(_make, DELAY_S)
 
@@ -138,8 +138,8 @@ def _make_one(obj: bpy.types.Object, *, anew: bool) -> None:
     try:
         surfaces.make(obj, anew=anew)
     except HfxError:
-        pass  # it is told beside the map
-    except Exception as error:  # a timer that raises tells nobody
+        pass  # shown beside the map
+    except Exception as error:  # errors in a timer are not shown
         _log.exception("surface '%s'", obj.name)
         obj.hfx.surface.note = f"{type(error).__name__}: {error}"
         obj.hfx.surface.is_faulty = True

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import time
 import uuid
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import bpy
 
@@ -19,6 +19,7 @@ from ..errors import HfxError, InputError
 
 if TYPE_CHECKING:
     import numpy as np
+    import numpy.typing as npt
 
     from ..engine.texture.device_range import DeviceRange
     from ..engine.texture.haptic_map import HapticMap
@@ -35,6 +36,9 @@ _RELIEF_SETTINGS = {
     "PROCEDURAL": ("procedural", "seed", "resolution"),
     "MAP": (),
 }
+_ROUNDING: Final = 1e-3
+"""How far a value of an imported map may be beyond 0 to 1, as pictures are converted."""
+
 _LAYER_SETTINGS = ("blur_mm", "full_slope", "lowest_hz", "highest_hz", "use_steps")
 
 
@@ -214,7 +218,7 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
         raise InputError(f"The surface of '{obj.name}' has no map yet; bake it first.")
     heights_m = image_values.pixels_of(settings.relief_image)[..., 0].astype(np.float64) / 1000.0
     size_mm = settings.made_size_mm
-    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, however large it is now
+    if settings.source in ("MATERIAL", "IMAGE"):  # one UV unit, whatever its present size
         size_mm = surface_sources.tile_mm(obj)
     rows, columns = heights_m.shape
     texel = size_mm[0] / 1000.0 / columns, size_mm[1] / 1000.0 / rows
@@ -238,8 +242,29 @@ def device_of(obj: bpy.types.Object) -> DeviceRange:
     )
 
 
-def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
+def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.float32]:
+    """A layer of an imported map, (rows, columns) in 0..1.
+
+    Raises
+    ------
+    InputError
+        It holds anything else.
+    """
     import numpy as np
+
+    from . import image_values
+
+    values = image_values.pixels_of(image)[..., 0]
+    wrong = int(np.count_nonzero(~((values >= -_ROUNDING) & (values <= 1.0 + _ROUNDING))))
+    if wrong:
+        raise InputError(
+            f"The surface of '{obj.name}': {wrong} of {values.size} values of its map "
+            f"'{image.name}' are not from 0 to 1; import it again."
+        )
+    return np.clip(values, 0.0, 1.0)
+
+
+def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
 
     from ..engine.texture.device_range import NoticeableSteps
     from ..engine.texture.haptic_map import HapticMap
@@ -253,8 +278,7 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
         if settings.intensity_image is None or settings.sharpness_image is None:
             raise InputError(f"The surface of '{obj.name}' is an imported map; import one.")
         intensity, sharpness = (
-            np.clip(np.nan_to_num(image_values.pixels_of(image)[..., 0]), 0.0, 1.0)
-            for image in (settings.intensity_image, settings.sharpness_image)
+            _layer_of(obj, image) for image in (settings.intensity_image, settings.sharpness_image)
         )
         rows, columns = intensity.shape
         texel = settings.made_size_mm[0] / 1000.0 / columns, settings.made_size_mm[1] / 1000 / rows

@@ -71,7 +71,7 @@ def refresh_display(effect: bpy.types.Object) -> None:
     """Redraw a volume's wire frame after its shape or size was edited."""
     hfx = effect.hfx
     if hfx.kind == "SURFACE":
-        return  # an object of the scene's own: how it is shown is none of our business
+        return  # an object of the scene: its display is the user's choice
     effect.color = modality_colour(hfx.modality)
     if effect.data is None or hfx.kind != "VOLUME" or hfx.shape == "MESH":
         return

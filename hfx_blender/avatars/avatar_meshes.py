@@ -78,7 +78,7 @@ def skin_among(
         return list(meshes)
     targets = [read_mesh(armature, mesh) for mesh in meshes]
     found = [meshes[k] for k in skin_parts.skin_of(load_avatar(), targets, mapping)]
-    # Where nothing follows the bones, the largest is tried, and its fault is told.
+    # Where nothing follows the bones, the largest is tried, and its fault is reported.
     return found or [max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))]
 
 

@@ -76,7 +76,7 @@ def fit_body(
     InputError
         The avatar cannot be fitted to.
     """
-    # Fitting is half of what this module would load, and Blender's start must not wait for it.
+    # Fitting is half of this module's imports, and Blender's start must not wait for it.
     from ..engine.retargeting import retarget
 
     targets = avatar_meshes.read_meshes(armature, meshes)

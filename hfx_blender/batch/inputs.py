@@ -49,7 +49,7 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
         files[Path(unit.input).name] = sha256_of(Path(unit.input))
         from ..reading.linked_files import linked_files  # which needs Blender
 
-        # None is a state, too: what is missing now may come back.
+        # None is a state, too: a missing file may come back.
         files |= {name: state_of(each.path) for name, each in linked_files().items()}
     return {
         "files": files,
@@ -78,7 +78,7 @@ def is_still(recorded: Any, unit: Unit) -> bool:
             and all(load_model(m).content_hash == known for m, known in recorded["models"].items())
         )
     except (KeyError, TypeError, ValueError, AttributeError, OSError, HfxError):
-        return False  # not such a record, or something is there no more
+        return False  # not such a record, or a file has vanished
 
 
 def _place_of(name: str, source: Path) -> Path:

@@ -99,7 +99,7 @@ class LocalWorkers:
     def close(self) -> None:
         """End all workers."""
         self._pool.shutdown(wait=False, cancel_futures=True)
-        with ThreadPoolExecutor(len(self._workers)) as closing:  # one that hangs takes time
+        with ThreadPoolExecutor(len(self._workers)) as closing:  # a hanging process takes time
             list(closing.map(WorkerProcess.close, self._workers))
         # Until units have tidied up. Not until their threads have ended: where Ctrl-C struck while
         # their outcomes were waited for, these may wait for a lock that is never released.

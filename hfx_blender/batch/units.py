@@ -29,14 +29,14 @@ class Unit:
     input: str | None  # a .blend; None: the file that is open in this process
     folder: str
     stem: str
-    stage: str  # a folder for what is not finished yet; whoever made it removes it
+    stage: str  # a folder for unfinished files; its creator removes it
     options: ExportOptions
-    parts: int = 1  # of a scene: into how many parts it may be split if it is long
-    part_frames: int | None = None  # of a scene: split it into parts of about so many frames
+    parts: int = 1  # of a scene: largest number of parts, if it is long
+    part_frames: int | None = None  # of a scene: approximate frames of a part
     part: tuple[int, int] | None = None  # of a part: first sample, and the first beyond it
     done: tuple[dict[str, Any], ...] = ()  # of a merge: the outcomes of all parts
-    cores: int = 1  # that whoever does it may use; what is written does not depend on it
-    piece: tuple[int, int] | None = None  # of a piece: its number, from 1, and how many there are
+    cores: int = 1  # of the worker; the result does not depend on it
+    piece: tuple[int, int] | None = None  # of a piece: its number, from 1, and the number of pieces
 
     @property
     def title(self) -> str:

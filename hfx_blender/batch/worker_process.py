@@ -119,7 +119,7 @@ class WorkerProcess:
             **group,
         )
         self._process = process
-        if self._closed:  # meanwhile: whoever closed it did not see the new one
+        if self._closed:  # meanwhile: closing it missed the new process
             self.kill()
             raise WorkerDiedError("was not started again")
         assert process.stdout is not None and process.stderr is not None

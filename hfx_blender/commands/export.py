@@ -164,7 +164,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if not failed:
         if any(each.get("silent_devices") for each in results):
             return SOME_FAILED
-        # What was named and could not be written is no success, though all else is complete.
+        # A named result that could not be written is no success, though all else is complete.
         named = bool(options.formats and options.device)
         return SOME_FAILED if named and any(each.get("left_out") for each in results) else 0
     return SOME_FAILED if len(results) > 1 else int(failed[0]["exit_code"])

@@ -74,7 +74,7 @@ def settings_of(options: argparse.Namespace) -> Any:
     except ValueError as error:
         raise UsageError(f"distances of the sound: {error}") from None
     layout = parse(options.loudspeakers)
-    Panner(layout, hearing, options.panning)  # refuses what does not fit
+    Panner(layout, hearing, options.panning)  # raises if the options do not fit
     return SoundSettings(layout=layout, scheme=options.panning, hearing=hearing)
 
 

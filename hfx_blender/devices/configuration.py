@@ -79,20 +79,25 @@ def load_device(name_or_path: str | Path, folder: Path | None = None) -> DeviceC
     return device if own is None else replace(device, surface_drive_per_m=own)
 
 
-def named_in_blend(name: str) -> str:
-    """Return the name of a device that a .blend gives, for :func:`load_device`.
+def device_of_blend(name: str, folder: Path | None = None) -> DeviceConfig:
+    """Read a device that a .blend names.
 
     Raises
     ------
     InputError
-        :func:`load_device` would take it for a file: a .blend never chooses files.
+        The name is a file's, or :func:`load_device` raises it.
     """
+    refuse_file(name)
+    return load_device(name, folder)
+
+
+def refuse_file(name: str) -> None:
+    """Raise InputError for a file: a .blend may name devices, it never chooses files."""
     if _is_file(name):
         raise InputError(
-            f"The scene asks for the device file '{name[:100]}': a .blend may name devices only, "
-            "it never chooses files. Choose the file with --device."
+            f"'{name[:100]}' is a file: a .blend may name devices only, it never chooses files. "
+            "Choose the file with --device."
         )
-    return name
 
 
 def _is_file(name_or_path: str | Path) -> bool:

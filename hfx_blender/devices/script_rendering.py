@@ -150,7 +150,7 @@ def _answers(
                 if len(batch) >= _BATCH_ROWS or size >= _BATCH_BYTES:
                     worker.ask(batch)
                     batch, size = [], 0
-                    yield 1.0  # the track is there; how far it is read again, nobody asks
+                    yield 1.0  # the track is complete; progress of reading it again is not shown
             worker.ask(batch)
             worker.wait()
     except MessageError as error:  # more than a message holds
@@ -267,7 +267,7 @@ class _Worker:
                 {"PYTHONHASHSEED": "0"},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                start_new_session=True,  # it ends together with what it may have started
+                start_new_session=True,  # it ends together with its child processes
             )
         except OSError as error:  # too many processes, no memory
             raise _FaultError(f"cannot be started: {error}") from None
@@ -334,7 +334,7 @@ class _Worker:
     def _write(self, process: subprocess.Popen[bytes]) -> None:
         stream = process.stdin
         assert stream is not None
-        with suppress(OSError, ValueError):  # who listens, tells
+        with suppress(OSError, ValueError):  # the listener reports it
             while (data := self._unsent.get()) is not None:
                 stream.write(data)
                 stream.flush()

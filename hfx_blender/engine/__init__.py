@@ -11,7 +11,6 @@ indexing          index arithmetic within groups of different sizes
 matmul            products of matrices that start no threads
 tolerance         the accepted error
 modality          the four modalities: parameters, units, how effects combine
-ways              paths of points between two samples
 native            the compiled loops
 kinematics        keyframe curves, bone hierarchies, motion between two samples
 volume            shapes of haptic volumes

@@ -149,7 +149,7 @@ def followed(
     count = len(block.indices)
     if count == 1:
         return rows, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.bool_)
-    # Of each row: whether it is asked for; whether the next one follows it.
+    # For each row: whether it was requested; whether the next one follows it.
     is_asked, is_before = np.zeros(count, np.bool_), np.zeros(count + 1, np.bool_)
     is_asked[rows] = True
     levels = animated.levels[:-1]

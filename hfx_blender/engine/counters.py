@@ -14,6 +14,10 @@ class Counters:
     """Work done since the engine was made."""
 
     models_loaded: list[str] = field(default_factory=list)
+    bodies_reached: list[str] = field(
+        default_factory=list
+    )  # ids; a volume came near, skin was looked at
+    meshes_searched: int = 0  # (mesh volume, body, time) in blocks where skin was looked at
     times_evaluated: int = 0  # rows of blocks that held an active effect
     times_skipped: int = 0  # rows in which nothing was active
     volume_tests: int = 0  # (volume, body, time) whose boxes were compared
@@ -27,13 +31,18 @@ class Counters:
         self.warnings[message] = self.warnings.get(message, 0) + count
 
     def clear(self) -> None:
-        """Reset all counts; the list of loaded models stays."""
-        models = self.models_loaded
-        self.__dict__.update(vars(Counters(models_loaded=models)))
+        """Forget what was counted; which models were loaded, and bodies reached, stays."""
+        models, bodies = self.models_loaded, self.bodies_reached
+        self.__dict__.update(vars(Counters(models_loaded=models, bodies_reached=bodies)))
 
     def copy(self) -> Counters:
-        """Snapshot of the counters."""
-        return replace(self, models_loaded=[*self.models_loaded], warnings={**self.warnings})
+        """The same, now."""
+        return replace(
+            self,
+            models_loaded=[*self.models_loaded],
+            bodies_reached=[*self.bodies_reached],
+            warnings={**self.warnings},
+        )
 
     def since(self, before: Counters) -> Counters:
         """Work counted since the snapshot ``before``."""
@@ -41,12 +50,18 @@ class Counters:
             name: getattr(self, name) - getattr(before, name) for name in _NUMBERS
         }
         new = self.models_loaded[len(before.models_loaded) :]
+        reached = self.bodies_reached[len(before.bodies_reached) :]
         warnings = {
             text: count - before.warnings.get(text, 0)
             for text, count in self.warnings.items()
             if count != before.warnings.get(text, 0)
         }
-        return Counters(models_loaded=new, warnings=warnings, **changes)
+        return Counters(models_loaded=new, bodies_reached=reached, warnings=warnings, **changes)
+
+    def reach(self, body_id: str) -> None:
+        """Count a body whose skin was looked at."""
+        if body_id not in self.bodies_reached:
+            self.bodies_reached.append(body_id)
 
     def add(self, more: Counters) -> None:
         """Add the counts of other counters."""
@@ -54,6 +69,8 @@ class Counters:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         known = {*self.models_loaded}
         self.models_loaded += [model for model in more.models_loaded if model not in known]
+        for body_id in more.bodies_reached:
+            self.reach(body_id)
         for text, count in more.warnings.items():
             self.warn(text, count)
 

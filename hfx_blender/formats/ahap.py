@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from .. import file_limits
 from .ahap_rules import (
     INTENSITY,
     INTENSITY_CONTROL,
@@ -161,7 +162,7 @@ def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """:func:`read` from bytes."""
     found = parse(content, name)
-    # What Apple's reader takes, ours takes too; only its own writer must keep the limits.
+    # Ours accepts what Apple's reader accepts; only a writer must keep the limits.
     lenient = {"AHAP-DURATION", "AHAP-CURVE-POINTS", "AHAP-ENTRY"}
     refuse_errors([each for each in findings(found) if each.code not in lenient], name)
     metadata = found.get("Metadata")
@@ -170,6 +171,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     intensity = _control(entries, INTENSITY_CONTROL, 1.0)
     sharpness = _control(entries, SHARPNESS_CONTROL, 0.0)
     pieces, transients = [], []
+    strengths: dict[float, Curve] = {}  # alike for events of one level
+    pitches: dict[float, Curve] = {}
     lost: Counter[str] = Counter()
     for entry in entries:
         event = entry.get("Event", {})
@@ -180,18 +183,18 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         pitch = min(max(float(values.get(SHARPNESS, 0.5)), 0.0), 1.0)
         if kind == "HapticTransient":
             amplitude = level * float(intensity.at(start))
-            hertz = float(frequencies.hertz(pitch + float(sharpness.at(start))))
-            transients.append(Transient(start, amplitude, hertz))
+            tone_hz = float(frequencies.hertz(pitch + float(sharpness.at(start))))
+            transients.append(Transient(start, amplitude, tone_hz))
         elif kind == "HapticContinuous":
             end = start + float(event["EventDuration"])
-            pieces.append(
-                Piece(
-                    start,
-                    end,
-                    Curve(intensity.times_s, level * intensity.values),
-                    Curve(sharpness.times_s, frequencies.hertz(pitch + sharpness.values)),
-                )
-            )
+            if level not in strengths:
+                strengths[level] = Curve(intensity.times_s, level * intensity.values)
+            if pitch not in pitches:
+                hertz = frequencies.hertz(pitch + sharpness.values)
+                pitches[pitch] = Curve(sharpness.times_s, hertz)
+            held = len(strengths) * len(intensity) + len(pitches) * len(sharpness)
+            file_limits.OVERLAP.check(held, name, "its events and curves together have")
+            pieces.append(Piece(start, end, strengths[level], pitches[pitch]))
     title = metadata.get("Description") if isinstance(metadata, dict) else None
     label = title if isinstance(title, str) and title else Path(name).stem
     end = max((each.time_s + _TRANSIENT_S for each in transients), default=0.0)

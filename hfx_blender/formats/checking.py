@@ -275,7 +275,7 @@ def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
     try:
         with open(path, "rb") as file:
             parts, size = [], 0
-            # Part by part: asked for all at once, Python takes the most that it could be.
+            # Part by part: for one large read Python allocates the largest possible size.
             while size <= most and (part := file.read(_READ_BYTES)):
                 parts.append(part)
                 size += len(part)

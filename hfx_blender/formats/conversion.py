@@ -11,19 +11,21 @@ from pathlib import Path
 from typing import Final
 
 from .. import file_limits
+from ..atomic_files import refuse_taken
 from ..devices.configuration import load_device
 from ..devices.script_rendering import rendering
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.devices import renderers_given
-from ..engine.rendering.raster import Raster
+from ..engine.rendering.raster import Column, Raster
 from ..engine.track import SUFFIX as TRACK_SUFFIX
 from ..engine.track import TrackReader
 from ..errors import InputError, OutputError, UsageError
-from ..stage_folders import stage_folder
+from ..stage_folders import stage_folder, with_final_names
 from ..stepwise import finish
 from . import csv_raster, npz_raster, raster_rules, wav
 from .curves import CurveTolerance
-from .files import format_of, read_signals, validate
+from .files import format_of, read_signals
+from .gate import fault_of
 from .hjif import from_actuators
 from .registry import DEVICE_FORMATS, TRACK_FORMATS, DeviceFormat, TrackFormat, write
 from .signal_raster import RATE_HZ, raster_of
@@ -88,8 +90,7 @@ def convert(
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
         for path in written.files:
-            if (target.parent / path.name).is_dir():
-                raise OutputError(f"{target.parent / path.name}: there is a folder of that name.")
+            refuse_taken(target.parent / path.name)
         files = tuple(path.replace(target.parent / path.name) for path in written.files)
     return replace(written, files=files)
 
@@ -106,7 +107,7 @@ def _target(target: Path, to: str | None) -> tuple[str, str]:
     by_length = sorted(formats.values(), key=lambda each: -len(each.suffix))
     for each in by_length:
         if target.name.endswith(each.suffix) and target.name != each.suffix:
-            # .he is version 2 unless asked otherwise: it comes first in the table.
+            # .he is version 2 by default: it comes first in the table.
             name = next(key for key, one in formats.items() if one.suffix == each.suffix)
             return name, target.name[: -len(each.suffix)]
     suffixes = ", ".join(dict.fromkeys(each.suffix for each in formats.values()))
@@ -197,13 +198,10 @@ def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
         file_limits.MEMORY.check(size, str(final), "it would have")
     if size > _READ_AGAIN and made.name.endswith(_BY_ROWS):
         return
-    _, findings = validate(made)
-    errors = [each for each in findings if each.severity == "error"]
-    if errors:
-        place = f"{errors[0].place}: " if errors[0].place else ""
+    fault = fault_of(made)
+    if fault:
         raise InputError(
-            f"{source}: cannot be converted to {final.name}, which would not be valid: "
-            f"{place}{errors[0].message} [{errors[0].code}]."
+            f"{source}: cannot be converted to {final.name}, which would not be valid: {fault}."
         )
 
 
@@ -261,15 +259,26 @@ def _raster(source: Path, device: DeviceConfig) -> Raster:
     is_csv = source.name.endswith(csv_raster.SUFFIX)
     raster = csv_raster.read(source) if is_csv else npz_raster.read(source)
     wanted = [
-        (actuator.id, control.name)
+        Column(actuator.id, control.name, actuator.type.unit(control))
         for actuator in device.actuators
         for control in actuator.type.controls
     ]
-    if [(each.actuator, each.parameter) for each in raster.columns] != wanted:
-        raise InputError(f"{source}: its columns are not those of the device '{device.id}'.")
+    if list(raster.columns) != wanted:
+        raise InputError(
+            f"{source}: its columns are not those of the device '{device.id}'"
+            f"{_first_difference(raster.columns, wanted)}."
+        )
     if not is_csv and raster.device_id != device.id:
         raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
     return replace(raster, device_id=device.id)
+
+
+def _first_difference(found: Sequence[Column], wanted: Sequence[Column]) -> str:
+    for number, (one, other) in enumerate(zip(found, wanted, strict=False), start=1):
+        if one != other:
+            names = [csv_raster.column_name(each) for each in (one, other)]
+            return f": column {number} is '{names[0]}', expected is '{names[1]}'"
+    return f": it has {len(found)}, expected are {len(wanted)}"
 
 
 @contextmanager
@@ -284,7 +293,7 @@ def _staging(folder: Path) -> Iterator[Path]:
         with made:
             yield stage
     except OutputError as error:  # the user knows the file by its final name
-        raise OutputError(str(error).replace(str(stage), str(folder))) from error
+        raise OutputError(with_final_names(str(error), stage, folder)) from error
     except OSError as error:
-        path = str(error.filename or folder).replace(str(stage), str(folder))
+        path = with_final_names(str(error.filename or folder), stage, folder)
         raise OutputError(f"{path}: {error.strerror}.") from error

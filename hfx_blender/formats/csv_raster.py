@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from fractions import Fraction
 from pathlib import Path
@@ -27,8 +28,12 @@ _MAX_COLUMNS: Final = 100_000
 
 def header_line(raster: Raster) -> str:
     """Column names with units: ``time_s,r1c1.amplitude_m_s2 [m/s^2],...``."""
-    names = [f"{each.actuator}.{each.parameter} [{each.unit}]" for each in raster.columns]
-    return ",".join(["time_s", *names])
+    return ",".join(["time_s", *(column_name(each) for each in raster.columns)])
+
+
+def column_name(column: Column) -> str:
+    """A column's name in the first line: ``r1c1.amplitude_m_s2 [m/s^2]``."""
+    return f"{column.actuator}.{column.parameter} [{column.unit}]"
 
 
 def write(raster: Raster, path: Path) -> None:
@@ -113,6 +118,7 @@ def _rate_of(times: npt.NDArray[np.float64]) -> Fraction:
     """Sampling rate of a clock's times; 100 Hz where they are too few, which the rules reject."""
     if len(times) > 1 and np.isfinite(times).all():
         lasts = float(times[-1]) - float(times[0])
-        rate = Fraction((len(times) - 1) / lasts) if lasts > 0.0 else Fraction(0)
-        return rate.limit_denominator(1001) if rate else Fraction(100)
+        rate = (len(times) - 1) / lasts if lasts > 0.0 else 0.0
+        if 0.0 < rate < math.inf:
+            return Fraction(rate).limit_denominator(1001)
     return Fraction(100)

@@ -141,7 +141,7 @@ def simplified(
         found = Curve(found.times_s, kept)
         if tolerance.time_s <= 0.0:
             return found
-        # What the wider corridor allowed to be skipped is held exactly in the next round.
+        # Values skipped by the wider corridor are held exactly in the next round.
         newly = ~lost & _is_lost(times, values, found, tolerance)
         if is_free is not None:
             newly &= ~is_free

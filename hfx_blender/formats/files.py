@@ -132,10 +132,16 @@ def _json_kind(path: Path) -> str | None:
     return None
 
 
-def validate(path: Path) -> tuple[FileFormat, list[Finding]]:
-    """Format of a file, and its faults.
+def validate(path: Path, *, reads: bool = True) -> tuple[FileFormat, list[Finding]]:
+    """The format of a file, and what is wrong with it.
 
     A file that cannot be parsed at all has the single finding ``<FORMAT>-UNREADABLE``.
+
+    Parameters
+    ----------
+    path : Path
+    reads : bool
+        Read its envelopes as well, to see that they can be read: most of the work.
 
     Raises
     ------
@@ -149,8 +155,8 @@ def validate(path: Path) -> tuple[FileFormat, list[Finding]]:
     prefix = found.name.upper()
     try:
         findings = found.validate(content, str(path))
-        if found.has_signals and not any(each.severity == "error" for each in findings):
-            found.signals(content, str(path))  # what is valid can be read
+        if reads and found.has_signals and not any(each.severity == "error" for each in findings):
+            found.signals(content, str(path))  # a valid file can be read
         return found, findings
     except file_limits.TooLargeError as error:
         return found, [Finding(f"{prefix}-LARGE", "", _message(error, path))]

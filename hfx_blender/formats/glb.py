@@ -256,10 +256,50 @@ def _check_document(found: dict[str, Any], bin_bytes: int, report: Report) -> No
             attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
             for value in attributes.values() if isinstance(attributes, dict) else ():
                 refers(value, "accessors", ((None, "meshes"), k))
+            if isinstance(primitive, dict) and "indices" in primitive:
+                refers(primitive["indices"], "accessors", ((None, "meshes"), k))
+    parents: dict[int, int] = {}
     for k, node in enumerate(lists["nodes"]):
         place = ((None, "nodes"), k)
         if "mesh" in node:
             refers(node["mesh"], "meshes", place)
-        children = node.get("children", [])
-        for child in children if isinstance(children, list) else ():
-            refers(child, "nodes", place)
+        for child in _items(node, "children"):
+            if refers(child, "nodes", place) and parents.setdefault(child, k) != k:
+                report.error("NODE-TREE", ((None, "nodes"), child), "it has two parents")
+    if _is_round(parents):
+        report.error("NODE-TREE", (None, "nodes"), "a node is below itself")
+    if "scene" in found:
+        refers(found["scene"], "scenes", (None, "scene"))
+    for k, scene in enumerate(lists["scenes"]):
+        for node in _items(scene, "nodes"):
+            refers(node, "nodes", ((None, "scenes"), k))
+    for k, animation in enumerate(lists["animations"]):
+        place = ((None, "animations"), k)
+        samplers = [each for each in _items(animation, "samplers") if isinstance(each, dict)]
+        for sampler in samplers:
+            refers(sampler.get("input"), "accessors", place)
+            refers(sampler.get("output"), "accessors", place)
+        for channel in _items(animation, "channels"):
+            target = channel.get("target") if isinstance(channel, dict) else None
+            if isinstance(target, dict) and "node" in target:
+                refers(target["node"], "nodes", place)
+
+
+def _items(of: dict[str, Any], key: str) -> list[Any]:
+    found = of.get(key)
+    return found if isinstance(found, list) else []
+
+
+def _is_round(parents: dict[int, int]) -> bool:
+    """Whether somebody is their own ancestor."""
+    good: set[int] = set()
+    for first in parents:
+        way: set[int] = set()
+        at = first
+        while at in parents and at not in good and at not in way:
+            way.add(at)
+            at = parents[at]
+        if at in way:
+            return True
+        good |= way
+    return False

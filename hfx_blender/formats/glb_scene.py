@@ -142,7 +142,7 @@ class VolumeRecorder:
                 continue
             nodes.append(self._add(document, volume, triggers, bodies, notes))
         if triggers and hjif_name is None:
-            notes.append("there is no HJIF file beside it: its triggers play nothing")
+            notes.append("no HJIF file is beside the glTF scene: its triggers play nothing")
         _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
         document.json["scenes"] = [{"nodes": [*bodies, *nodes]}]
         document.json["scene"] = 0

@@ -239,5 +239,5 @@ def _range_of(metadata: Any) -> FrequencyRange:
             try:
                 return FrequencyRange(float(found[1]), float(found[2]))
             except ValueError:
-                continue  # a tag of somebody else that looks like ours: nothing is lost
+                continue  # a foreign tag that looks like ours: nothing is lost
     return DEFAULT_RANGE

@@ -316,5 +316,5 @@ def _range_of(description: str) -> FrequencyRange:
         if words[:4] == ["0", "to", "100", "is"] and words[5:8:2] == ["to", "Hz"]:
             return FrequencyRange(float(words[4]), float(words[6]))
     except (ValueError, IndexError):
-        pass  # a description of somebody else: it tells no range
+        pass  # a foreign description: it states no range
     return DEFAULT_RANGE

@@ -45,11 +45,11 @@ def beyond_limits(
     )
 
 
-def off_range(signals: Sequence[Signal], held: FrequencyRange, title: str) -> tuple[str, ...]:
+def off_range(signals: Sequence[Signal], held: FrequencyRange) -> tuple[str, ...]:
     """Signals that sound at frequencies outside of those that a file holds."""
     cut = [each.name for each in signals if _is_off(each, held)]
     low, high = held.lowest_hz, held.highest_hz
-    return counted(cut, f"{title} holds {low:g} to {high:g} Hz here; vibrations cut to that")
+    return counted(cut, f"it holds {low:g} to {high:g} Hz; vibrations cut to that")
 
 
 def _is_off(signal: Signal, held: FrequencyRange) -> bool:
@@ -82,15 +82,15 @@ def silenced(dense: Sequence[Signal], simplified: Sequence[Signal]) -> tuple[str
 
 
 def _sounds(signal: Signal, start_s: float, end_s: float) -> bool:
-    """Whether anything of an envelope sounds strictly within a stretch of time."""
+    """Test for a part of an envelope that sounds strictly within a stretch of time."""
     times, values = signal.amplitude.times_s, signal.amplitude.values
     inside = (times > start_s) & (times < end_s)
     ends = signal.amplitude.at([start_s]), signal.amplitude.before([end_s])
     return bool((values[inside] > 0.0).any() or any((each > 0.0).any() for each in ends))
 
 
-def one_frequency(raster: Raster, title: str) -> tuple[str, ...]:
-    """Actuators that are to play several frequencies at once, where a format holds one."""
+def one_frequency(raster: Raster) -> tuple[str, ...]:
+    """Actuators that are to play several frequencies at once, for a format that holds one."""
     shape = len(raster.values), len(raster.waveform_actuators)
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
     for each in raster.partials:
@@ -100,5 +100,5 @@ def one_frequency(raster: Raster, title: str) -> tuple[str, ...]:
         high[rows] = np.where(sounds, np.maximum(high[rows], each.frequencies_hz), high[rows])
     mixed = (high - low > _ALIKE_HZ).any(axis=0)
     names = [name for name, is_it in zip(raster.waveform_actuators, mixed, strict=True) if is_it]
-    text = f"{title} holds one frequency at a time, that of the strongest; WAV holds all of them"
+    text = "it holds one frequency at a time, that of the strongest, and WAV all of them"
     return counted(names, f"{text}; actuators that play several at once")

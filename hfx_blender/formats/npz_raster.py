@@ -180,8 +180,13 @@ def _decoded(archive: zipfile.ZipFile, packed_bytes: int, name: str) -> Raster:
     shapes = {"times_s": rows, "values": rows + columns, "neutral": columns}
     for key, shape in shapes.items():
         head = heads.get(key)
-        if head is None or head.kind != np.float64 or head.shape != shape or not rows:
-            raise InputError(f"{name}: '{key}' is not float64 of the shape {shape}.")
+        if head is None:
+            raise InputError(f"{name}: not a raster archive: it has no '{key}'.")
+        if head.kind != np.float64 or head.shape != shape or not rows:
+            raise InputError(
+                f"{name}: '{key}' is {head.kind} of the shape {head.shape}, "
+                f"allowed is float64 of {shape}."
+            )
     for k in range(len(meta["felt"])):
         first = heads.get(f"felt.{k}.indices")
         for each, kind in _FELT.items():

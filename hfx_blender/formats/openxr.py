@@ -77,7 +77,7 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
 
 def held(frequencies: FrequencyRange) -> FrequencyRange:
-    """What of a range of frequencies a file can hold."""
+    """Part of a range of frequencies that a file can hold."""
     low = min(max(frequencies.lowest_hz, MIN_HZ), MAX_HZ)
     return FrequencyRange(low, min(max(frequencies.highest_hz, low), MAX_HZ))
 

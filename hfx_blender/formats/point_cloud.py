@@ -49,7 +49,7 @@ def _lines(content: bytes, path: Path) -> F64:
     text = content.replace(b",", b" ").replace(b";", b" ")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of no lines at all, which is told below
+            warnings.simplefilter("ignore")  # no lines at all, which is reported below
             table = np.loadtxt(
                 io.BytesIO(text), np.float64, comments=("#", "//"), usecols=(0, 1, 2), ndmin=2
             )

@@ -51,6 +51,7 @@ class DeviceFormat:
     write: Callable[[Raster, DeviceConfig, Path, CurveTolerance], Written]
     write_signals: SignalWriter | None = None  # also from other formats' signals
     holds_waves: bool = False  # several frequencies of an actuator at once
+    why_nothing: Callable[[DeviceConfig], str] = lambda device: ""  # why it can hold nothing of it
 
 
 @dataclass(frozen=True)
@@ -99,11 +100,12 @@ def write(
             f"{' and '.join(chosen.modalities)} only; export it as csv or npz."
         )
     written = chosen.write(raster, device, stem, tolerance)
+    if not chosen.holds_waves:
+        written += Written(notes=losses.one_frequency(raster))
+    written = written.of(f"{chosen.title} of device '{device.id}'")
     if lost:
         missing = f"{chosen.title} cannot hold the {' and '.join(lost)} of device '{device.id}'"
         written = Written(written.files, (missing, *written.left_out), written.notes)
-    if not chosen.holds_waves:
-        written += Written(notes=losses.one_frequency(raster, chosen.title))
     return written
 
 
@@ -144,7 +146,7 @@ def _signal_format(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
     ) -> Written:
         written = write_signals(signals, frequencies, stem, tolerance)
-        return written + Written((), losses.off_range(signals, held(frequencies), title))
+        return written + Written((), losses.off_range(signals, held(frequencies)))
 
     def write_raster(
         raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
@@ -189,16 +191,23 @@ def _wav_format(name: str, title: str, suffix: str, samples: wav.SampleFormat) -
 def _write_tact(
     raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
 ) -> Written:
-    motors = motors_of(device)
-    if not motors:
-        raise InputError(
-            f"Device '{device.id}' has no vibration actuators on the torso or a forearm, where "
-            "bHaptics' vest and sleeves are."
-        )
+    why = _why_no_tact(device)
+    if why:
+        raise InputError(f"D{why[1:]}.")
     signals, _ = signals_of(raster, device)
-    written = tact.write(signals, motors, stem)
+    written = tact.write(signals, motors_of(device), stem)
     # It has no frequencies that could be cut.
     return written + Written((), losses.beyond_limits(raster, device, highest_hz=np.inf))
+
+
+def _why_no_tact(device: DeviceConfig) -> str:
+    """Why bHaptics' suits have no motor for a device; empty: they have."""
+    if motors_of(device):
+        return ""
+    return (
+        f"device '{device.id}' has no vibration actuators on the torso or a forearm, where "
+        "bHaptics' vest and sleeves are"
+    )
 
 
 DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
@@ -228,7 +237,14 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
             _simplified(openxr.write),
             openxr.held,
         ),
-        DeviceFormat("tact", "bHaptics .tact", tact.SUFFIX, ("vibration",), _write_tact),
+        DeviceFormat(
+            "tact",
+            "bHaptics .tact",
+            tact.SUFFIX,
+            ("vibration",),
+            _write_tact,
+            why_nothing=_why_no_tact,
+        ),
     )
 }
 
@@ -295,10 +311,17 @@ def check(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> None:
 
 
 def usable(formats: Sequence[str], devices: Sequence[DeviceConfig]) -> tuple[str, ...]:
-    """Those of some formats that hold what is felt, or what any of these devices plays."""
+    """Formats that hold what is felt, or what any of these devices plays."""
     played = {modality for device in devices for modality in device.modalities}
     chosen = DEVICE_FORMATS
     return tuple(f for f in formats if f not in chosen or played & set(chosen[f].modalities))
+
+
+def _why_nothing(chosen: DeviceFormat, device: DeviceConfig) -> str:
+    """Why a format can hold nothing of a device; empty: it can."""
+    if not set(chosen.modalities) & set(device.modalities):
+        return f"device '{device.id}' has no {' or '.join(chosen.modalities)} actuators"
+    return chosen.why_nothing(device)
 
 
 def write_all(
@@ -334,16 +357,19 @@ def write_all(
     written = Written()
     for name in formats:
         if name in TRACK_FORMATS:
-            written += TRACK_FORMATS[name].write(track, devices, stem, tolerance)
+            one = TRACK_FORMATS[name]
+            written += one.write(track, devices, stem, tolerance).of(one.title)
             continue
-        for suffix, device, raster in played if name in DEVICE_FORMATS else ():
-            chosen = DEVICE_FORMATS[name]
-            if set(chosen.modalities) & set(device.modalities):
-                written += write(
-                    name, raster, device, stem.with_name(stem.name + suffix), tolerance
-                )
+        if name not in DEVICE_FORMATS:
+            continue  # the track and the scene are written by those that have them
+        chosen = DEVICE_FORMATS[name]
+        is_held = any(not _why_nothing(chosen, device) for device in devices)
+        for suffix, device, raster in played:
+            why = _why_nothing(chosen, device)
+            # Where it holds nothing of any device, writing is refused with the reason.
+            if why and (is_held or not set(chosen.modalities) & set(device.modalities)):
+                written += Written(left_out=(f"{why}: no {chosen.title} for it",))
             else:
-                have = " or ".join(chosen.modalities)
-                missing = f"device '{device.id}' has no {have} actuators: no {chosen.title} for it"
-                written += Written(left_out=(missing,))
+                path = stem.with_name(stem.name + suffix)
+                written += write(name, raster, device, path, tolerance)
     return written

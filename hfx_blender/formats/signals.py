@@ -45,7 +45,7 @@ class Signal:
     amplitude: Curve  # 0..1; its last keyframe is the end
     frequency_hz: Curve
     transients: tuple[Transient, ...] = ()
-    left_out: tuple[str, ...] = ()  # what its file holds and this does not, one sentence each
+    left_out: tuple[str, ...] = ()  # contents of the file left out here, one sentence each
 
     @property
     def duration_s(self) -> float:
@@ -176,7 +176,7 @@ def simplified_signals(
             each.amplitude, tolerance, lowest=0.0, highest=1.0, keeps_silence=True
         )
         sounds = each.amplitude.at(each.frequency_hz.times_s) > 0.0
-        near = sounds.copy()  # the rows beside what sounds are ramps: they sound too
+        near = sounds.copy()  # the rows beside sounding ones are ramps: they sound too
         near[1:] |= sounds[:-1]
         near[:-1] |= sounds[1:]
         frequency = simplified(
@@ -233,16 +233,11 @@ def mixed(
     TooLargeError
         So many pieces overlap that it is not the file of a sane tool.
     """
-    # What has no duration is not felt: nothing is lost.
+    # Pieces without duration are not felt: nothing is lost.
     kept = [each for each in pieces if each.end_s > each.start_s]
     end_s = max([end_s, *(each.end_s for each in kept)])
-    edges = [np.array([0.0, end_s or 1e-3])]
-    for each in kept:
-        edges.append(np.array([each.start_s, each.end_s]))
-        for curve in (each.amplitude, each.frequency_hz):
-            inside = (curve.times_s > each.start_s) & (curve.times_s < each.end_s)
-            edges.append(curve.times_s[inside])
-    times = np.unique(np.concatenate(edges))
+    bounds = [time for each in kept for time in (each.start_s, each.end_s)]
+    times = np.unique(np.concatenate([[0.0, end_s or 1e-3], bounds, *_times_inside(kept)]))
     spans = [np.searchsorted(times, (each.start_s, each.end_s)).tolist() for each in kept]
     together = sum(last - first for first, last in spans)
     file_limits.OVERLAP.check(together, f"'{name}'", "what sounds at the same time has")
@@ -263,6 +258,23 @@ def mixed(
     sums = np.clip(sums, 0.0, 1.0)
     pitch = _carried(pitch)
     return Signal(name, _stepped(times, sums), _stepped(times, pitch), tuple(transients), left_out)
+
+
+def _times_inside(pieces: Sequence[Piece]) -> list[F64]:
+    """Keyframe times within the pieces whose curves have them.
+
+    Thousands of pieces may share the times of one control: these are looked through once.
+    """
+    sharing: dict[int, tuple[F64, list[Piece]]] = {}
+    for each in pieces:
+        for curve in (each.amplitude, each.frequency_hz):
+            sharing.setdefault(id(curve.times_s), (curve.times_s, []))[1].append(each)
+    found = []
+    for times, users in sharing.values():
+        begun = np.searchsorted(np.sort([each.start_s for each in users]), times, side="left")
+        ended = np.searchsorted(np.sort([each.end_s for each in users]), times, side="right")
+        found.append(times[begun > ended])
+    return found
 
 
 def _carried(pitch: F64) -> F64:

@@ -227,7 +227,7 @@ def _add_waveform(
     start = first_row + skipped - drive.first_row
     stop = min(first_row + len(starts) - 1 - drive.first_row, len(drive.cycles))
     sounds = drive.amplitudes[start : max(stop, start) + 1] != 0.0
-    # What is silent costs nothing: only channels that sound during a row are worked out.
+    # Silence costs nothing: only channels that sound during a row are computed.
     row, channel = np.nonzero(sounds[:-1] | sounds[1:])
     if len(row) == 0:
         return

@@ -7,11 +7,14 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from .checking import Finding, Report
 
 _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 _BITS: Final = {_PCM: (8, 16, 24, 32), _FLOAT: (32, 64)}
 _MOST_CHUNKS: Final = 1000
+_BLOCK_BYTES: Final = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,16 @@ def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) 
         report.warn("EXTENSIBLE", None, "more than two channels without the extensible form")
     if mask.bit_count() > channels:
         report.error("MASK", None, "its mask names more loudspeakers than there are channels")
-    data = chunks[b"data"][1]
+    begin, data = chunks[b"data"]
     if frame and data % frame:
         report.error("DATA", None, "the last sample is not complete")
+    if tag == _FLOAT and bits in _BITS[_FLOAT] and not _is_finite(content, begin, data, bits // 8):
+        report.error("DATA", None, "it has samples that are not finite numbers")
     frames = data // frame if frame else 0
     return WavForm(channels, rate, bits, tag == _FLOAT, is_extensible, mask, frames)
+
+
+def _is_finite(content: bytes, begin: int, length: int, width: int) -> bool:
+    end = begin + length - length % width
+    parts = (content[at : min(at + _BLOCK_BYTES, end)] for at in range(begin, end, _BLOCK_BYTES))
+    return all(np.isfinite(np.frombuffer(part, f"<f{width}")).all() for part in parts)

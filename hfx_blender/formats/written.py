@@ -30,6 +30,11 @@ class Written:
             self.files + other.files, self.left_out + other.left_out, self.notes + other.notes
         )
 
+    def of(self, title: str) -> Written:
+        """The same, each sentence said of something."""
+        left_out = tuple(f"{title}: {each}" for each in self.left_out)
+        return Written(self.files, left_out, tuple(f"{title}: {each}" for each in self.notes))
+
 
 def write_json(document: Any, path: Path) -> None:
     """Write a document.
@@ -53,5 +58,5 @@ def beside(stem: Path, part: str) -> Path:
 
 
 def silent_note(names: Sequence[str]) -> tuple[str, ...]:
-    """That these actuators play nothing and got no file."""
+    """Note on actuators that play nothing and got no file."""
     return (f"no file for what stays silent: {named(names)}",) if names else ()

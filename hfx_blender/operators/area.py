@@ -69,7 +69,7 @@ class HFX_OT_area_filter(_AreaOperator):
 
         effect = painted_effect(context)
         model = self.model(effect)
-        if self.action == "clear":  # also what cannot be read
+        if self.action == "clear":  # also unreadable areas
             return self.covers(effect, painting.set_weights(effect, np.zeros(len(model))))
         weights = painting.weights_of(effect)
         if self.action == "invert":

@@ -35,7 +35,7 @@ class HFX_OT_place_dropped(HfxOperator):
             except HfxError as error:
                 faults.append(str(error))
         if faults:
-            # Not as an error: what was dropped is gone, which has to be an undo step.
+            # Not as an error: the dropped object is gone, which has to be an undo step.
             self.report({"WARNING"}, printable("; ".join(faults)))
             return ""
         select_only(context, made[0])
@@ -54,7 +54,7 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 @persistent
 def _on_undo(*_: object) -> None:
-    # Between the drop and our step there is one with the bare asset: nobody wants to see it.
+    # The undo step between the drop and ours, with the bare asset, is of no use.
     if effect_assets.dropped_in(bpy.context.scene):
         _call_soon(_undo_further)
 

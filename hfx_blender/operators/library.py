@@ -56,7 +56,7 @@ def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.O
         frame=float(context.scene.frame_current),
         origin=_origin(context, body),
     )
-    # A swarm's volume is in no scene; what emits it is.
+    # A swarm's volume is in no scene; its emitter is.
     seen = [
         emitter
         for effect in made
@@ -92,7 +92,7 @@ def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
 
     shipped, own = [], []
     for name, path, _ in files:
-        with suppress(HfxError):  # of a file that was spoilt, Load Effects tells why
+        with suppress(HfxError):  # Load Effects gives the reason for a damaged file
             sensation = effect_file.load(path)
             kind = own if name.startswith(effect_exchange.OWN) else shipped
             kind.append((name, sensation.name, sensation.description or "A sensation of your own"))

@@ -28,7 +28,7 @@ KINDS = (
 
 
 class _LiveOperator(HfxOperator):
-    bl_options = {"REGISTER"}  # what a device does cannot be undone
+    bl_options = {"REGISTER"}  # the action of a device cannot be undone
 
 
 class _OfDevice(_LiveOperator):

@@ -32,7 +32,7 @@ class HFX_OT_live_find(HfxOperator):
 
     bl_idname = "hfx.live_find"
     bl_label = "Find Devices"
-    bl_options = {"REGISTER"}  # what a device does cannot be undone
+    bl_options = {"REGISTER"}  # the action of a device cannot be undone
     bl_property = "which"
 
     which: EnumProperty(name="Device", description="Which of those that were found", items=_choices)
@@ -72,7 +72,7 @@ def _look() -> list[str]:
         try:
             devices.append(load_device(name, folder))
         except HfxError:
-            continue  # whoever adds it is told
+            continue  # reported when it is added
     ports = serial_ports()
     _found[:] = found_devices(devices, ports)
     _items[:] = [

@@ -148,7 +148,7 @@ def _draw() -> None:
             _draw_line(_on_body(body, depsgraph, path, unit_m), _PENDING_COLOUR)
             _draw_points(_on_body(body, depsgraph, places, unit_m), _PENDING_COLOUR)
     except (HfxError, ReferenceError):
-        return  # the export and the panels tell what is wrong
+        return  # the export and the panels report faults
 
 
 def _draw_line(points: F32, colour: tuple[float, ...]) -> None:

@@ -85,7 +85,7 @@ class HFX_OT_slide_spot(HeldSpotOperator):
         self.place = spot_placing.place_of(effect).tolist()
         seen = self._window_place(context, spot_placing.place_of(effect))
         if seen is not None:
-            self._at = seen  # what is grabbed beside the point keeps its distance to the mouse
+            self._at = seen  # a handle grabbed beside the point keeps its distance to the mouse
 
     def _follow(self, context: bpy.types.Context, effect: bpy.types.Object) -> None:
         place = self._under_mouse(context)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+from bpy.props import EnumProperty, StringProperty
 
 from .. import file_suffixes
 from ..authoring import surfaces
@@ -164,51 +164,6 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._close(context)
 
 
-class HFX_OT_stroke(HfxOperator):
-    """Stroke the active surface along a line, as a finger at an even speed would"""
-
-    bl_idname = "hfx.stroke"
-    bl_label = "Stroke a Line"
-    bl_options = {"REGISTER"}
-
-    start: FloatVectorProperty(
-        name="From (mm)", description="Where on the map it begins", size=2, default=(0.0, 0.0)
-    )
-    end: FloatVectorProperty(
-        name="To (mm)", description="Where on the map it ends", size=2, default=(50.0, 0.0)
-    )
-    speed: FloatProperty(
-        name="Speed (mm/s)",
-        description="Of the finger, even all the way",
-        default=20.0,
-        min=0.1,
-        max=10_000.0,
-    )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_surface(context), "Select an object with a haptic surface")
-
-    def work(self, context: bpy.types.Context) -> str:
-        import numpy as np
-
-        from ..engine.texture import stroke as strokes
-        from ..engine.texture.render import render_stroke
-        from ..playback.stroke_pad import Take
-
-        global last_take
-        obj = context.object
-        texture = surfaces.texture_of(obj)
-        path = np.array([list(self.start), list(self.end)], np.float64) / 1000.0
-        stroke = strokes.along(path, self.speed / 1000.0)
-        signal = render_stroke(texture, stroke)
-        last_take = Take(obj.name, texture, stroke, signal)
-        return (
-            f"{signal.amplitude_m_s2.mean():.2f} m/s², at most {signal.amplitude_m_s2.max():.2f}; "
-            f"{signal.frequency_hz.mean():.0f} Hz"
-        )
-
-
 class HFX_OT_export_stroke(HfxOperator):
     """Write the last stroke as WAV, AHAP, .he, .haptic or CSV"""
 
@@ -255,7 +210,7 @@ class HFX_OT_export_stroke(HfxOperator):
 
 
 _register, _unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_stroke_pad, HFX_OT_stroke, HFX_OT_export_stroke)
+    (HFX_OT_stroke_pad, HFX_OT_export_stroke)
 )
 
 

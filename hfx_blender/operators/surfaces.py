@@ -66,7 +66,7 @@ class HFX_OT_add_surface(HfxOperator):
         try:
             return _made(self, obj)
         except InputError as error:
-            # The surface stays, so that what is wrong can be put right.
+            # The surface stays, so that the fault can be corrected.
             self.report({"WARNING"}, str(error))
             return ""
 
@@ -124,7 +124,7 @@ class HFX_OT_load_surface_image(_OfFile):
         image = image_values.load(str(self.path()))
         if self.kind == "HEIGHT":
             image.colorspace_settings.is_data = True
-            image.reload()  # what was loaded as a colour stays one
+            image.reload()  # an image loaded as a colour stays one
         settings.source, settings.image, settings.image_kind = "IMAGE", image, self.kind
         return _made(self, context.object)
 
@@ -199,29 +199,6 @@ class HFX_OT_import_texture(_OfFile):
         return f"Imported {path.name}"
 
 
-class HFX_OT_calibrate_surfaces(HfxOperator):
-    """Set how strongly fabrics are felt (c_v), for you and a device"""
-
-    bl_idname = "hfx.calibrate_surfaces"
-    bl_label = "Keep Calibration"
-    bl_options = {"REGISTER"}
-
-    device: StringProperty(name="Device", description="Empty: any device that has none of its own")
-    drive: FloatProperty(
-        name="Drive (1/mm)",
-        description="Share of full strength for a millimetre of weighted height",
-        default=10.0,
-        min=1e-3,
-        soft_max=100.0,
-    )
-
-    def work(self, _context: bpy.types.Context) -> str:
-        from ..devices import surface_calibration
-
-        surface_calibration.store(self.drive * 1000.0, self.device)
-        return f"c_v of {self.device or 'any device'}: {self.drive:g} per mm"
-
-
 class HFX_OT_feel_fabric(HfxOperator):
     """Feel and hear two seconds of a stroke over the chosen reference fabric"""
 
@@ -251,7 +228,6 @@ register, unregister = bpy.utils.register_classes_factory(
         HFX_OT_load_scan,
         HFX_OT_export_texture,
         HFX_OT_import_texture,
-        HFX_OT_calibrate_surfaces,
         HFX_OT_feel_fabric,
     )
 )

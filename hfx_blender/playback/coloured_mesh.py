@@ -91,7 +91,7 @@ class ColouredMesh:
         """Place the visible part on the skin as it stands now."""
         scale = max(abs(skin.world.determinant()) ** (1 / 3), 1e-12)
         above = _ABOVE_SKIN_M / unit_m / scale
-        if len(skin.positions) > skin.size:  # a modifier has rounded what is straight here
+        if len(skin.positions) > skin.size:  # a modifier has rounded the straight edges
             above += self._sagitta
         return Layer(
             shown,

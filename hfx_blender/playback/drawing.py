@@ -42,7 +42,7 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
     writes = gpu.state.depth_mask_get()
     gpu.state.blend_set("ALPHA_PREMULT")
     gpu.state.depth_test_set("LESS_EQUAL")
-    gpu.state.depth_mask_set(False)  # what lies in one plane would flicker
+    gpu.state.depth_mask_set(False)  # coplanar surfaces would flicker
     gpu.state.face_culling_set("BACK")
     shader.bind()
     shader.uniform_float("opacity", opacity)
@@ -73,7 +73,7 @@ def draw_discs(parts: Sequence[Discs]) -> None:
     writes = gpu.state.depth_mask_get()
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
-    gpu.state.depth_mask_set(False)  # what lies in one plane would flicker
+    gpu.state.depth_mask_set(False)  # coplanar surfaces would flicker
     shader.bind()
     for part in parts:
         shader.uniform_float("above", part.above)
@@ -168,7 +168,7 @@ def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types
     return found
 
 
-# What moves is sent once a frame, though several viewports show it.
+# Moving data is sent once a frame, even for several viewports.
 _skins, _indices = _OnCard(_skin_batch, 8), _OnCard(_index_buffer, 8)
 _discs = _OnCard(_disc_batches, 32)
 

@@ -47,10 +47,10 @@ class Live:
     def __init__(self) -> None:
         self._client: LiveClient | None = None
         self._devices: dict[str, _Connected] = {}
-        self._generation = -1  # of the evaluation that devices are told moments of
+        self._generation = -1  # of the evaluation in use for the devices
         self._is_described = False
         self._changed_s = 0.0
-        self._time_s = 0.0  # of the scene, when devices were told last
+        self._time_s = 0.0  # of the scene, at the last message to the devices
         self._muted: set[str] = set()  # then
         self._is_held = False
         self._lookahead: LookaheadScheduler | None = None
@@ -253,9 +253,9 @@ class Live:
         self._client.heartbeat()
         news = self._client.events()
         if any(each.event == "armed" for each in news):
-            live_handlers.request_update()  # it plays from now on: let it know what is felt
+            live_handlers.request_update()  # it plays from now on: send it the present samples
         if evaluation.scene is not None and evaluation.scene.rings:
-            evaluation.touch()  # nothing moved, but what was touched dies away
+            evaluation.touch()  # nothing moved, but responses are still ringing
             self.update(evaluation.scene.objects.scene)
         self._read_lookahead()
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
@@ -320,13 +320,13 @@ class Live:
         if self._client is None or not self.is_armed or evaluation.scene is None:
             return
         if evaluation.generation != self._generation or not self._is_described:
-            return  # described anew just now; devices are told soon
-        from .live_moment import moment_now
+            return  # described anew just now; devices will get it soon
+        from .current_live_frame import current_live_frame
 
         self._changed_s, self._is_held = time.monotonic(), False
         numbers = self._numbers()
         playhead = self.lookahead.playhead(scene, live_handlers.is_playing())
-        moment = moment_now(scene, numbers, self.lookahead.edition, playhead)
+        moment = current_live_frame(scene, numbers, self.lookahead.edition, playhead)
         self._time_s = moment.time_s
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
         self._client.show(moment)
@@ -342,7 +342,7 @@ class Live:
         return {name: state.number for name, state in self.states.items()}
 
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
-        from .live_moment import gains
+        from .current_live_frame import gains
 
         return gains(scene, self._numbers())
 

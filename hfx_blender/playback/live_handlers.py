@@ -93,7 +93,7 @@ def _describe() -> None:
     try:
         _live.describe(bpy.context)
         _live.update(bpy.context.scene)
-    except ReferenceError as error:  # something was deleted; the next change tells more
+    except ReferenceError as error:  # something was deleted; the next change will describe it
         _log.info("live: %s", error)
         _live.forget()
     except HfxError as error:
@@ -109,7 +109,7 @@ def _describe() -> None:
 def _on_change(scene: bpy.types.Scene, *_: object) -> None:
     if _live is None:
         return
-    _live.touch()  # also while nothing plays: what moved then is felt by the next Play
+    _live.touch()  # also while nothing plays: the next Play needs the change
     if _is_describing or not _live.is_armed or scene != bpy.context.scene:
         return
     if stepping.is_stepping() or bpy.app.is_job_running("RENDER"):
@@ -133,7 +133,7 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         _live.edited(depsgraph)
     _on_change(scene)
     if is_edit and not _is_describing and is_playing():
-        request_update()  # what is edited while it plays is felt while it plays
+        request_update()  # edits during playback are felt at once
 
 
 @persistent
@@ -157,7 +157,7 @@ def _beat() -> float:
         try:
             if _live.beat():
                 _redraw()
-        except ReferenceError as error:  # something was deleted; the next change tells more
+        except ReferenceError as error:  # something was deleted; the next change will describe it
             _log.info("live: %s", error)
             _live.forget()
         except Exception as error:  # a timer that raises is not called again

@@ -31,11 +31,11 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
     UnapprovedScriptError
         Its script is to be read first.
     """
-    from ..devices.configuration import load_device, named_in_blend
+    from ..devices.configuration import device_of_blend
     from ..devices.live import approval
 
     folder = resources.user_devices()
-    device = load_device(named_in_blend(name), folder)
+    device = device_of_blend(name, folder)
     script = approval.script_of(name, folder)
     if script is not None and not script.is_approved:
         raise UnapprovedScriptError(

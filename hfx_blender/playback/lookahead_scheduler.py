@@ -15,8 +15,8 @@ import bpy
 import numpy as np
 
 from ..devices.live.messages import MessageError
-from ..devices.live.plain_data import plain_to
 from ..devices.live.playhead import Playhead, parts_between
+from ..devices.live.serialization import to_bytes
 from ..errors import HfxError
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class LookaheadScheduler:
         self._before = None
         self.reason, self.has_more = self._reader.reason, not self._reader.reason
         if not self.reason:
-            tell(plain_to(self._reader.scene(self.edition)), True)
+            tell(to_bytes(self._reader.scene(self.edition)), True)
 
     def _read(self, playhead: Playhead, reader: KeyframeReader, tell: Tell) -> None:
         parts = parts_between(self._latencies_ms, playhead.fps, playhead.step)
@@ -143,8 +143,8 @@ class LookaheadScheduler:
             self._stretch = stretch
             self._is_read = np.zeros(playhead.last + 1 - playhead.first, np.bool_)
             self._bytes = self._points = 0
-        elif self._bytes > MOST_BYTES:  # what was read lies behind by now
-            tell(plain_to(reader.scene(self.edition)), True)
+        elif self._bytes > MOST_BYTES:  # the frames read so far are in the past
+            tell(to_bytes(reader.scene(self.edition)), True)
             self._is_read[:] = False
             self._bytes = self._points = 0
         numbers = self._next(playhead, len(parts))
@@ -153,7 +153,7 @@ class LookaheadScheduler:
             return
         begun = time.perf_counter()
         frames = (playhead.first + numbers[:, None] + np.array(parts)).ravel()
-        body = plain_to(reader.block(self.edition, frames))
+        body = to_bytes(reader.block(self.edition, frames))
         tell(body, False)
         self._is_read[numbers] = True
         self._bytes += len(body)

@@ -38,7 +38,7 @@ class Preview:
         self._layers: list[Layer] | None = None
         self._discs: list[Discs] | None = None
         self.fault = ""
-        self.notes: list[str] = []  # how actuators that glow differ from what is played
+        self.notes: list[str] = []  # differences of the glow from the real output
 
     def forget(self) -> None:
         """Discard everything: another file, or an undo."""

@@ -69,7 +69,7 @@ class SkinColours:
         shares = {}
         for name, parts in felt.items():
             vertices, values = (np.concatenate(each) for each in zip(*parts, strict=True))
-            # What is felt nowhere has places, too: any of the shown ones, and adds nothing.
+            # Vertices without sensation have places, too: any shown one, with nothing added.
             share = np.bincount(self._place.take(vertices), values, len(shown))[: len(shown)]
             shares[name] = np.sqrt(np.minimum(share, 1.0))
         return shown, overlay(shares, palette)

@@ -28,7 +28,7 @@ class StrokeSound:
                 self._friction = self._device.play(friction.factory)
                 self._friction.loop_count = -1
                 self._friction.volume = 0.0
-        except Exception as error:  # no aud, no sound card: it is felt all the same
+        except Exception as error:  # no aud, no sound card: it can still be felt
             _log.info("no sound: %s", error)
             self._device = None
 

@@ -14,7 +14,7 @@ from fractions import Fraction
 import bpy
 import numpy as np
 
-from ..devices.configuration import load_device, named_in_blend
+from ..devices.configuration import device_of_blend
 from ..engine.arrays import F64
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
@@ -173,7 +173,7 @@ def _renderers(
         for body in header.bodies:
             renderer = Renderer(
                 header, device, load_model, body_id=body.id, compensates_latency=False
-            )  # what is drawn is of the frame that is shown
+            )  # the drawing belongs to the displayed frame
             found.append((device, renderer))
     return found
 
@@ -183,7 +183,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
     found = []
     for item in scene.hfx.devices:
         try:
-            found.append(load_device(named_in_blend(item.name)))
+            found.append(device_of_blend(item.name))
         except HfxError as error:
             faults.append(str(error))
     return found

@@ -18,7 +18,7 @@ from ..stored_values import limited
 from . import response_values, skin_values, visibility
 from .activation import Activation, Source
 from .animation_curves import NotModelledError
-from .own_kinematics import Parents, PlainObject, rest_value
+from .fcurve_kinematics import Parents, PlainObject, rest_value
 from .surface_reading import SurfaceVertices
 
 _CHUNK = 256
@@ -180,7 +180,8 @@ def _refuse_deformed(effect: bpy.types.Object) -> None:
 class EffectChunks:
     """Effects from F-curves, sampled over long chunks of time and handed out in parts.
 
-    ``is_spotty`` samples no more than is asked for: single times far apart.
+    Where only a few samples far apart are asked for, ``spots`` (n,) ascending, just these are
+    sampled, together.
     """
 
     def __init__(
@@ -188,26 +189,30 @@ class EffectChunks:
         effects: Mapping[int, CurveEffect],
         frames_of: Callable[[I64], F64],
         *,
-        is_spotty: bool = False,
+        spots: I64 | None = None,
     ) -> None:
         self._effects = effects
         self._frames_of = frames_of
-        self._size = 1 if is_spotty else _CHUNK
+        self._spots = spots
         self._chunks: dict[int, dict[int, EffectBlock]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
         """An effect at samples of ascending indices."""
-        numbers = indices // self._size
+        if self._spots is not None:
+            rows = np.searchsorted(self._spots, indices)
+            return _rows_of(self._chunk(0, self._spots)[which], rows)
+        numbers = indices // _CHUNK
         parts = []
         for number in range(int(numbers[0]), int(numbers[-1]) + 1):
-            rows = indices[numbers == number] - number * self._size
+            rows = indices[numbers == number] - number * _CHUNK
             if len(rows):
-                parts.append(_rows_of(self._chunk(number)[which], rows))
+                inside = np.arange(number * _CHUNK, (number + 1) * _CHUNK)
+                parts.append(_rows_of(self._chunk(number, inside)[which], rows))
         return parts[0] if len(parts) == 1 else _joined(parts)
 
-    def _chunk(self, number: int) -> dict[int, EffectBlock]:
+    def _chunk(self, number: int, indices: I64) -> dict[int, EffectBlock]:
         if number not in self._chunks:
-            frames = self._frames_of(np.arange(number * self._size, (number + 1) * self._size))
+            frames = self._frames_of(indices)
             for old in [old for old in self._chunks if abs(old - number) > 1]:
                 del self._chunks[old]
             self._chunks[number] = {k: each.read(frames) for k, each in self._effects.items()}

@@ -299,7 +299,7 @@ class Instances:
                 f"most {MOST} can be felt."
             )
         names = sorted({name for name, _, _ in self._keys})
-        # At a sub-frame there may be what is there at the frame before it or after it.
+        # At a sub-frame the instances of the frame before and after may exist.
         self._present = {name: np.zeros(len(seen) + 2, np.bool_) for name in names}
         for row, here in enumerate(seen):
             for name in {name for name, _, _ in here}:

@@ -60,7 +60,7 @@ class LiveScene:
         shapes = Shapes()
         self._instances = LiveInstances(found, shapes)
         more = self._instances.descriptions
-        # An update is a frame while Blender plays: what moves over surfaces so has its speed.
+        # While Blender plays, an update is a frame: this gives contacts on surfaces their speed.
         self._has_surfaces = any(obj.hfx.kind == "SURFACE" for obj in found.effects)
         time = time_base(scene)
         time = replace(time, rate_hz=time.fps) if self._has_surfaces else time
@@ -104,7 +104,7 @@ class LiveScene:
         self._index += self._has_surfaces or self._answers
         block = self._block(effects + many, row.poses, stays)
         runs = self.engine.evaluate(block)
-        # Whoever shows this moment knows of no other.
+        # The display of this moment needs no other.
         return [replace(run, indices=np.zeros(len(run), np.int64)) for run in runs]
 
     def _may_be_on(self) -> Sequence[int] | None:
@@ -116,7 +116,7 @@ class LiveScene:
             return every
         graph = self.objects.layer.depsgraph
         pairs = zip(self.objects.effects, self.objects.activations, strict=True)
-        # Not "> 0": what is no number has to be found and told.
+        # Not "> 0": NaN has to be found and reported.
         levels = [state.level(obj.evaluated_get(graph).hfx) for obj, state in pairs]
         return [k for k, level in enumerate(levels) if not level <= 0.0] or None
 

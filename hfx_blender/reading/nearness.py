@@ -92,7 +92,7 @@ class SkinBoxes:
 
 
 def _longest_side(model: PerceptualModel) -> float:
-    """Of all triangles of a model, metres."""
+    """Longest side of all triangles of a model, metres."""
     corners = model.vertices[model.triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     return float(sides.max(initial=0.0))
@@ -138,5 +138,6 @@ def swept_boxes(matrices: F64, bounds: F64, there: npt.NDArray[np.bool_]) -> Box
         axis=1
     )
     sure = known.all(axis=0)[:, None]
-    low, high = low - more[:, None], high + more[:, None]
+    with np.errstate(invalid="ignore"):  # of what is never there
+        low, high = low - more[:, None], high + more[:, None]
     return np.where(sure, low, -np.inf), np.where(sure, high, np.inf)

@@ -11,7 +11,7 @@ from ..engine.scene import TimeBase
 from ..errors import InputError
 from .animation_curves import NotModelledError
 from .animation_time import animation_frames
-from .own_kinematics import PlainObject
+from .fcurve_kinematics import PlainObject
 from .scene_description import sample_frames
 
 

@@ -282,7 +282,7 @@ def describe(
 
     def work(effect: bpy.types.Object) -> EffectDescription:
         is_volume = effect.hfx.kind == "VOLUME" and effect not in found.dormant
-        if is_volume and is_steady(effect):  # a bad mesh is told at once
+        if is_volume and is_steady(effect):  # a bad mesh is reported at once
             shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         return _describe_effect(effect, states[effect], found, ids)
 

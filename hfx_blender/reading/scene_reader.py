@@ -25,10 +25,12 @@ from ..engine.rendering.room import SETTING, PlaySpace
 from ..engine.scene import AnimationBlock, TimeBase
 from ..engine.tolerance import EXACT, Tolerance
 from ..errors import InputError
+from ..reading_counters import ReadingCounters
 from ..report import shortened
 from . import dormant, instances, linked_files, play_space, scene_description, stepping, visibility
 from .animation_time import animation_frames
-from .reading_plan import Pass, Plan, plan_of
+from .reading_pass import Pass
+from .reading_plan import Plan, plan_of
 from .scene_rows import EffectRow, PoseRow, Row, effects_agree
 from .simulation import Simulation, goes_on_by_itself
 from .stepped_reading import SteppedReading
@@ -149,7 +151,7 @@ class SceneReader:
         told = self.description.warnings
         warnings = (*told, *self._instances.warnings, *linked_files.missing())
         self.description = replace(self.description, warnings=shortened(warnings))
-        # What is read of objects; instances are read apart.
+        # Objects only; instances are read separately.
         own = self.description.effects[: len(self._found.effects)]
         self._described = replace(self.description, effects=own)
         self._reading = SteppedReading(
@@ -163,9 +165,15 @@ class SceneReader:
         self._plan: Plan | None = None
 
     @property
-    def times_stepped(self) -> int:
-        """Number of times that Blender has evaluated a scene so far."""
-        return self._reading.times_stepped
+    def counters(self) -> ReadingCounters:
+        """What reading took, so far."""
+        simulation, asleep = self._found.simulation, self._found.dormant.items()
+        return replace(
+            self._shapes.counters,
+            frames_played=0 if simulation is None else simulation.frames_played,
+            instances=len(self._instances.descriptions),
+            skipped={effect.name: why for effect, why in asleep},
+        )
 
     @property
     def faults(self) -> dict[str, set[int]]:
@@ -184,7 +192,7 @@ class SceneReader:
         told = {f"surface '{s.name}': {s.hfx.surface.warning}": s.hfx.surface for s in surfaces}
         told = {text: s for text, s in told.items() if s.warning}
         asleep = self._found.dormant.items()
-        # That an effect is muted is told as a warning.
+        # Muted effects are reported as a warning.
         unfelt = (
             f"effect '{effect.name}' {why}: nothing of it was read"
             for effect, why in asleep
@@ -260,7 +268,10 @@ class SceneReader:
                 if history:
                     indices = np.insert(indices, 0, first - 1)
                 block = self._without_hidden(reading.block(indices, history))
-                yield block if own is None else self._instances.extended(block, own)
+                if own is not None:
+                    block = self._instances.extended(block, own)
+                    self._shapes.counters.times_stepped += len(indices)
+                yield block
 
     def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
         """Silence effects on a body while it is disabled."""
@@ -281,7 +292,7 @@ class SceneReader:
         return self._plan
 
     def _pass(
-        self, plan: Plan, stack: ExitStack, tolerance: Tolerance, *, is_spotty: bool = False
+        self, plan: Plan, stack: ExitStack, tolerance: Tolerance, spots: I64 | None = None
     ) -> Pass:
         is_exact = self._with_velocities or bool(self._instances.descriptions)
         return Pass(
@@ -293,7 +304,7 @@ class SceneReader:
             always_posed=self._always_posed,
             stretch_of=self._stretch_of,
             stack=stack,
-            is_spotty=is_spotty,
+            spots=spots,
             with_far=self._with_far,
         )
 
@@ -333,8 +344,8 @@ class SceneReader:
         truth = self._truth(probes.tolist())
         if self._agrees(plan, truth):
             return plan
-        if plan.fed:
-            plan = replace(plan, fed={})
+        if plan.presampled:
+            plan = replace(plan, presampled={})
             if self._agrees(plan, truth):
                 return plan
         if plan.effects or plan.bodies:
@@ -356,16 +367,17 @@ class SceneReader:
         found = self._found
         stepped = stepping.own_scene(found.scene, found.layer, found.simulation)
         if found.simulation is None and goes_on_by_itself(found.scene):
-            # What was not played through must not be disturbed, and nothing of it is felt.
+            # Simulations that were not played through must not be disturbed, and cannot be felt.
             stepped = stepping.scratch_scene(found.scene, found.read)
-        # What is compared are places and values, which no mesh has to be made for.
+        # Places and values are compared, for which no mesh is needed.
         self._reading.far = frozenset(self._found.awake)
         with stepped as stepper:
             return [self._reading.read(index, stepper, *everything) for index in probes]
 
     def _agrees(self, plan: Plan, truth: list[Row]) -> bool:
         with ExitStack() as stack:
-            reading = self._pass(plan, stack, EXACT, is_spotty=True)
+            spots = np.array([row.index for row in truth])
+            reading = self._pass(plan, stack, EXACT, spots)
             return all(_same(row, reading.block(np.array([row.index]))) for row in truth)
 
 

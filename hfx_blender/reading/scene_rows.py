@@ -68,7 +68,7 @@ class PoseRow:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where N volumes are at a time, see :mod:`.stepped_volumes`."""
+    """Placements of N volumes at a time, see :mod:`.stepped_volumes`."""
 
     there: npt.NDArray[np.bool_]  # (N,) False: disabled; the rest may be anything then
     matrices: F64  # (N, 4, 4) object space to world, Blender's units
@@ -109,6 +109,8 @@ def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
     if one is None or two is None:
         return one is two
     one, two = np.asarray(one), np.asarray(two)
+    if one.shape == two.shape and (one == two).all():
+        return True  # as nearly always: told ten times faster
     return one.shape == two.shape and np.allclose(one, two, _RELATIVE, _ABSOLUTE, equal_nan=True)
 
 

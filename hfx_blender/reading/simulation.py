@@ -43,6 +43,7 @@ class Simulation:
         self._scene = scene
         self._last = last
         self._is_played = False
+        self.frames_played = 0
 
     def play(self) -> None:
         """Step through all frames of the animation, as baking does; only once."""
@@ -55,6 +56,7 @@ class Simulation:
                 render.frame_map_old = render.frame_map_new = 100
             for frame in range(_first_frame(self._scene), self._last + 1):
                 self._scene.frame_set(frame)
+                self.frames_played += 1
         finally:
             if remapped[0] != remapped[1]:
                 render.frame_map_old, render.frame_map_new = remapped

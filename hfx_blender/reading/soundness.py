@@ -50,12 +50,12 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
     InputError
         It cannot be read at all.
     """
-    refuse_broken_keys(obj)
+    reject_non_finite_keyframes(obj)
     animated = {path for path in _animated(obj) if not _STEADY.fullmatch(path)}
     told = []
     for bad in stored_values.bad_values(obj):
         if f"hfx.{bad.path}" in animated:
-            continue  # what it is now was evaluated; each sample is looked at when it is
+            continue  # its present value was evaluated; each sample is checked when it is read
         if not _counts(obj, bad):
             told.append(f"{titled(obj)}: {bad}; it plays no part")
         elif bad.taken is None or bad.top == "surface":
@@ -94,7 +94,7 @@ def titled(obj: bpy.types.Object) -> str:
     return f"{kind} '{obj.name}'"
 
 
-def refuse_broken_keys(obj: bpy.types.Object) -> None:
+def reject_non_finite_keyframes(obj: bpy.types.Object) -> None:
     """Reject keyframes that are not finite, of an object or its parents: they may do anything."""
     for mover in _with_parents(obj):
         for owner in filter(None, (mover, mover.data)):

@@ -71,7 +71,7 @@ class SteppedReading:
         self._settings: dict[int, _Settings] = {}
         self._keeps = [keeps_settings and not _is_animated(each) for each in found.effects]
         self._is_rigid = [keeps_settings and is_rigid(each) for each in found.effects]
-        self.times_stepped = 0
+        self.counters = shapes.counters
         self.far: frozenset[int] = frozenset()
         """Volumes with the shape of a mesh of which only the box is read: they are near no skin."""
         self.faults: dict[str, set[int]] = {} if faults is None else faults
@@ -82,15 +82,18 @@ class SteppedReading:
     ) -> Row:
         """Set a sample's time, and read some effects and bodies."""
         stepper.set_frame(self._scene.time.frame(index))
-        self.times_stepped += 1
+        self.counters.times_stepped += 1
         row = Row(index)
         row.effects = {k: self._read_effect(k, stepper, index) for k in effects}
-        row.poses = {k: self._read_pose(k, stepper) for k in bodies}
+        self.counters.effects_read += len(row.effects)
+        self.add_poses(row, stepper, bodies)
         return row
 
     def add_poses(self, row: Row, stepper: Stepper, bodies: Iterable[int]) -> None:
         """Read bodies at the time that is set already."""
-        row.poses |= {k: self._read_pose(k, stepper) for k in bodies}
+        read = {k: self._read_pose(k, stepper) for k in bodies}
+        self.counters.poses_read += len(read)
+        row.poses |= read
 
     def _read_effect(self, which: int, stepper: Stepper, index: int) -> EffectRow:
         effect, state = self._found.effects[which], self._found.activations[which]
@@ -180,8 +183,13 @@ class SteppedReading:
                 row.shape = self._shapes.box_of(effect, evaluated)
         return row
 
+    def count_far(self, which: int, first: int, count: int) -> None:
+        """Count the samples of a block of which only the place of a volume is needed."""
+        name = self._scene.effects[which].name
+        self.counters.far.setdefault(name, {})[str(first)] = count
+
     def is_settled(self, which: int) -> bool:
-        """Whether only the place of a volume is not known yet."""
+        """Test that only the place of a volume is not known yet."""
         known = self._settings.get(which)
         return known is not None and known.scale is not None and not known.is_mesh
 

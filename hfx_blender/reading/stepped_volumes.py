@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where volumes are that only Blender can place: all of them are read at once, and little of each.
+"""Placements of volumes that only Blender can place: all are read at once, and little of each.
 
 A place and a box tell that a volume is near no skin; then nothing else of it is read.
 """
@@ -13,9 +13,8 @@ import numpy as np
 
 from .. import compat
 from ..authoring import effect_values, responses
-from ..engine.arrays import F64, I64, Bool
+from ..engine.arrays import F32, F64, I64, Bool
 from ..stored_values import limited, limited_row
-from . import visibility
 from .nearness import Box, swept_boxes
 from .response_values import highest_of
 from .scene_rows import Places
@@ -31,7 +30,7 @@ _SIZES = {
 
 
 def is_placeable(effect: bpy.types.Object) -> bool:
-    """Whether a volume's place tells where it can be felt, and nothing of it depends on before.
+    """Test that a volume's place decides where it can be felt, independent of earlier times.
 
     It is in a box that is known at all times, and has no filters that would go on ringing.
     """
@@ -55,27 +54,23 @@ class SteppedVolumes:
         self._is_mesh = np.array([each.hfx.shape == "MESH" for each in effects], np.bool_)
         halves = np.array([_half_size(each) for each in effects], np.float64).reshape(-1, 3)
         self._still = np.stack([-halves, halves], axis=1)
-        self._blink = any(map(visibility.is_keyed, effects))
         self._listed: dict[Stepper, tuple[int, I64, list[int]]] = {}
 
     def __len__(self) -> int:
         return len(self._effects)
 
     def read(self, stepper: Stepper) -> Places:
-        """Where they are at the time that is set."""
+        """Read their placements at the present time."""
         listed = stepper.objects
         count = len(listed)
         rows, missing = self._rows(stepper, count)
-        flat = np.zeros(count * 16, np.float32)
-        listed.foreach_get("matrix_world", flat)
         there = np.ones(len(self), np.bool_)
-        matrices = flat.reshape(-1, 4, 4)[rows].transpose(0, 2, 1).astype(np.float64)
+        matrices = _all(listed, "matrix_world", count, 16).reshape(-1, 4, 4)[rows]
+        matrices = matrices.transpose(0, 2, 1).astype(np.float64)
         boxes = self._still
         if self._is_mesh.any():
-            flat = np.zeros(count * 24, np.float32)
-            listed.foreach_get("bound_box", flat)
-            corners = flat.reshape(-1, 8, 3)[rows].astype(np.float64)
-            boxes = _boxes(corners)
+            corners = _all(listed, "bound_box", count, 24).reshape(-1, 8, 3)[rows]
+            boxes = _boxes(corners.astype(np.float64))
             boxes[~self._is_mesh] = self._still[~self._is_mesh]
         for k in missing:
             evaluated = stepper.evaluated(self._effects[k])
@@ -88,10 +83,10 @@ class SteppedVolumes:
     def _rows(self, stepper: Stepper, count: int) -> tuple[I64, list[int]]:
         """Rows of the volumes among the objects that a scene shows, and those not among them.
 
-        The order changes only where some are shown or hidden.
+        Their order changes only where some are shown or hidden.
         """
         known = self._listed.get(stepper)
-        if known is None or known[0] != count or self._blink or stepper.is_own:
+        if known is None or known[0] != count or stepper.is_changing:
             number = {each.original: k for k, each in enumerate(stepper.objects)}
             found = [number.get(effect, -1) for effect in self._effects]
             missing = [k for k, row in enumerate(found) if row < 0]
@@ -100,12 +95,26 @@ class SteppedVolumes:
         return known[1:]
 
 
-def near(places: Sequence[Places], unit_m: float, skins: Sequence[Box | None]) -> Bool:
-    """Which volumes may meet any of some boxes at these times, or between two of them, (N,)."""
-    there = np.stack([each.there for each in places])
+def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:
+    """A property of all objects, (count or 1, width): where there are none, of one that is not."""
+    flat = np.zeros(max(count, 1) * width, np.float32)
+    if count:
+        objects.foreach_get(name, flat)
+    return flat
+
+
+def swept(places: Sequence[Places], unit_m: float) -> tuple[Box, F64]:
+    """Boxes (N, 3) around volumes over these times and between them; their matrices, metres."""
     matrices = np.stack([each.matrices for each in places])
     matrices[..., :3, :] *= unit_m
-    low, high = swept_boxes(matrices, np.stack([each.boxes for each in places]), there)
+    there = np.stack([each.there for each in places])
+    return swept_boxes(matrices, np.stack([each.boxes for each in places]), there), matrices
+
+
+def near(places: Sequence[Places], unit_m: float, skins: Sequence[Box | None]) -> Bool:
+    """Volumes that may meet any of some boxes at these times, or between two of them, (N,)."""
+    there = np.stack([each.there for each in places])
+    (low, high), _ = swept(places, unit_m)
     # Not "and": a box that is no number may be anywhere.
     found = np.zeros(there.shape[1], np.bool_)
     for skin in skins:
@@ -114,7 +123,10 @@ def near(places: Sequence[Places], unit_m: float, skins: Sequence[Box | None]) -
 
 
 def _boxes(corners: F64) -> F64:
-    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN where they are one point, as of no mesh."""
+    """Boxes (N, 2, 3) around corners (N, 8, 3); NaN where they are one point, as of no mesh.
+
+    Of a subdivided mesh Blender may give the corners of its cage, which it lies within.
+    """
     boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
     boxes[(boxes[:, 0] == boxes[:, 1]).all(axis=1)] = np.nan
     return boxes
@@ -152,9 +164,14 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
         if _has_curves(effect, name):
             data = effect.animation_data
             curves = [c for c in compat.fcurves(effect) if c.data_path == f"hfx.{name}"]
-            if len(data.nla_tracks) or not curves or _is_driven(effect, name):
+            every = [c for each in compat.curve_collections(effect) for c in each]
+            if len(curves) < sum(c.data_path == f"hfx.{name}" for c in every):
+                return None  # strips may add to each other
+            if data.action_blend_type != "REPLACE" or _is_driven(effect, name):
                 return None
-            most = max(most, *map(highest_of, curves))
+            limits = effect.hfx.bl_rna.properties[name]
+            default = max(limits.default_array) if name == "size" else limits.default
+            most = max(most, default, *map(highest_of, curves))
         if not np.isfinite(most):
             return None
         found += [most] * len(now) if most > max(now) else now

@@ -11,15 +11,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import bpy
 
 from . import simulation as simulations
+from . import visibility
 from .reached import data_reached_from
 
 if TYPE_CHECKING:
-    from .fed_rig import FedRig
+    from .presampled_rig import PresampledRig
     from .simulation import Simulation
 
 _is_stepping = False
@@ -28,7 +30,8 @@ _is_stepping = False
 class Stepper:
     """Scene that is set to times and read through its dependency graph.
 
-    Rigs that are ``fed`` are in it as their copies. ``is_own`` is the user's scene, not a scratch.
+    Rigs that are ``presampled`` are in it as their copies. ``is_own`` is the user's scene, not a
+    scratch scene.
     """
 
     def __init__(
@@ -36,25 +39,30 @@ class Stepper:
         scene: bpy.types.Scene,
         layer: bpy.types.ViewLayer,
         *,
-        fed: Sequence[FedRig] = (),
+        presampled: Sequence[PresampledRig] = (),
         is_own: bool = True,
     ) -> None:
         self._scene = scene
         self._layer = layer
         self.is_own = is_own
-        self._fed = fed
-        self._copies = {rig.obj: rig.copy for rig in fed}
+        self._presampled = presampled
+        self._copies = {rig.obj: rig.copy for rig in presampled}
 
     def set_frame(self, frame: Fraction) -> None:
         """Evaluate the scene at a frame, which may lie between whole ones."""
         whole = frame.numerator // frame.denominator
-        for rig in self._fed:
+        for rig in self._presampled:
             rig.set_frame(frame)
         self._scene.frame_set(whole, subframe=float(frame - whole))
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
         """Evaluated object at this time."""
         return (self._copies.get(obj) or obj).evaluated_get(self._layer.depsgraph)
+
+    @cached_property
+    def is_changing(self) -> bool:
+        """Whether the scene may show other objects at other times."""
+        return self.is_own or any(map(visibility.is_keyed, self._scene.objects))
 
     @property
     def objects(self) -> bpy.types.bpy_prop_collection:
@@ -100,22 +108,24 @@ def is_stepping() -> bool:
 
 @contextmanager
 def scratch_scene(
-    scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], fed: Sequence[FedRig] = ()
+    scene: bpy.types.Scene,
+    objects: Iterable[bpy.types.Object],
+    presampled: Sequence[PresampledRig] = (),
 ) -> Iterator[Stepper]:
     """Context that steps a scratch scene of these objects; the user's frame is restored.
 
     Raises
     ------
     NotModelledError
-        Something in it follows a rig that was to be fed.
+        Something in it follows a presampled rig.
     """
-    with _restored(scene), _scratch(scene, objects, fed) as stepper:
+    with _restored(scene), _scratch(scene, objects, presampled) as stepper:
         yield stepper
 
 
 @contextmanager
 def _scratch(
-    scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], fed: Sequence[FedRig]
+    scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], presampled: Sequence[PresampledRig]
 ) -> Iterator[Stepper]:
     from .animation_curves import NotModelledError  # not where Blender starts: it needs numpy
 
@@ -126,22 +136,22 @@ def _scratch(
             setattr(scratch.render, name, getattr(scene.render, name))
         for obj in dict.fromkeys(objects):  # several bodies may show one mesh
             scratch.collection.objects.link(obj)
-        for rig in fed:
+        for rig in presampled:
             made += rig.make_copy()
             scratch.collection.objects.link(rig.copy)
         layer = scratch.view_layers[0]
         layer.update()
-        there = {each.original for each in layer.depsgraph.ids} if fed else set()
-        for rig in fed:
+        there = {each.original for each in layer.depsgraph.ids} if presampled else set()
+        for rig in presampled:
             if rig.obj in there:
                 raise NotModelledError(f"something follows '{rig.obj.name}'")
-        yield Stepper(scratch, layer, fed=fed, is_own=False)
+        yield Stepper(scratch, layer, presampled=presampled, is_own=False)
     finally:
         # scenes.remove() crashes Blender 4.3 within ``blender --command`` (no window yet).
         bpy.data.batch_remove(made)
 
 
-# What holds our own handlers: ``hfx_blender``, or its longer name as an extension.
+# Module of our own handlers: ``hfx_blender``, or its longer name as an extension.
 _OURS = (__package__ or "").rpartition(".")[0]
 
 

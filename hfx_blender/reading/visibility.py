@@ -43,7 +43,7 @@ def may_be_seen(
     obj: bpy.types.Object, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> bool:
     """Test that Blender evaluates an object at any time; ``enabled`` are those of the layer."""
-    # What the view layer leaves out comes back as its own, unposed original; and even where
+    # An object outside the view layer is returned as its unposed original; and even where
     # something else needs it, so that it is evaluated, it is not posed.
     is_there = obj in enabled and not is_disabled(obj)
     return is_there and obj.evaluated_get(layer.depsgraph).is_evaluated

@@ -82,7 +82,7 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
         anchors = posed_skin.Anchors.of(places_on(path, np.array([position])))
         points, normals = anchors.on(effect.hfx.body, depsgraph)
     except (HfxError, ReferenceError):
-        return None  # the panels tell what is wrong
+        return None  # the panels report faults
     turn = Vector(normals[0].tolist()).to_track_quat("Z", "Y").to_matrix().to_4x4()
     return Matrix.Translation(points[0].tolist()) @ turn
 

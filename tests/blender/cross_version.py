@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a test does in a Blender of its own: build the demo, or dump what a .blend makes felt.
+"""Script for another Blender: builds the demo, or dumps the haptic frames of a .blend.
 
 python cross_version.py version
 python cross_version.py build FILE.blend

@@ -16,7 +16,9 @@ FPS = 25
 
 
 def small_scene(frame_end: int = 9) -> Any:
-    """One avatar that stands, one painted effect 'Touch' and one volume 'Ball' round it."""
+    """Small scene: an avatar at rest, one painted effect 'Touch' and one volume 'Ball'
+    around it.
+    """
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     scene.render.fps = FPS

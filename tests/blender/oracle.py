@@ -145,7 +145,7 @@ class Verdict:
 
 
 def judge(scene: Any, effect: Any, points: np.ndarray) -> Verdict:
-    """Which points (V, 3), world metres, are inside an effect's volume at the scene's time."""
+    """Mask of the points (V, 3), world metres, inside an effect's volume at the scene's time."""
     if effect.hfx.shape == "MESH":
         return _judge_mesh(scene, effect, points)
     hfx = effect.evaluated_get(scene.view_layers[0].depsgraph).hfx

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Blender shows of haptic volumes at a time, instances too, by exact formulas of its own."""
+"""Haptic volumes as Blender shows them at a time, instances too, by exact formulas of its own."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import oracle
 
 
 def inside(graph: Any, modality: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which points, (V, 3), spheres and meshes of a modality hold; which are clear of them."""
+    """Points, (V, 3), inside spheres and meshes of a modality; and those clear of them."""
     inside, clear = np.zeros(len(points), bool), np.ones(len(points), bool)
     for instance in graph.object_instances:
         shown = instance.object

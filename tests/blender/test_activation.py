@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When an effect is on: every way in which a timeline can say so, end to end."""
+"""Activation of effects: every way in which a timeline can state it, end to end."""
 
 from __future__ import annotations
 

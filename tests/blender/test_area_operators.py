@@ -175,7 +175,7 @@ def test_images_that_cannot_be_used_are_refused_and_nothing_is_lost(effect: Any)
 
 
 def select_vertices(obj: Any, flags: np.ndarray) -> None:
-    """As Edit Mode leaves it: no edge or face that is not wholly selected."""
+    """Select vertices as Edit Mode leaves them: no edge or face that is not wholly selected."""
     for kind in ("edges", "polygons"):
         elements = getattr(obj.data, kind)
         elements.foreach_set("select", np.zeros(len(elements), np.bool_))

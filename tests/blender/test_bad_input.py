@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What cannot be exported: one clear line each, exit code 3, and nothing is written."""
+"""Input that cannot be exported: one clear line each, exit code 3, and nothing is written."""
 
 from __future__ import annotations
 

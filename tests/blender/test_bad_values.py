@@ -159,7 +159,7 @@ def test_a_body_with_such_a_key(scene: Any, ball: Any) -> None:
 
 
 def test_a_parent_with_such_a_key(scene: Any, ball: Any) -> None:
-    """What moves an effect or a body counts as their own."""
+    """Keys of an effect's or a body's parents count as its own."""
     carrier = oracle.empty(scene, "Carrier")
     ball.parent = oracle.empty(scene, "Arm", parent=carrier)
     oracle.key(carrier, "location", [(1, (0, 0, 0)), (6, (0, 0, 1))])

@@ -57,7 +57,7 @@ def _export(unit: Unit, workers: Any = None) -> dict[str, Any]:
 
 
 def _last_json(text: str) -> Any:
-    """What a command printed, after Blender's own words."""
+    """Parse the JSON that a command printed after Blender's own output."""
     return json.loads(text[text.index("\n{") :] if "\n{" in text else text)
 
 

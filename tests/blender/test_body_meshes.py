@@ -26,7 +26,7 @@ MODEL_ID = "hfx-temperature-1"
 
 
 def strongest_bones(skin: Any) -> list[str]:
-    """For each vertex of a mesh the bone that moves it most."""
+    """Strongest bone of each vertex of a mesh."""
     names = [group.name for group in skin.vertex_groups]
     return [
         names[max(vertex.groups, key=lambda element: element.weight).group]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the sidebar shows of a haptic body, and the perceptual model shown on its avatar."""
+"""Sidebar panel of a haptic body, and the perceptual model shown on its avatar."""
 
 from __future__ import annotations
 

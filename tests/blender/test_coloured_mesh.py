@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which part of a mesh is coloured: beside modifiers, overrides, and from a record."""
+"""Coloured part of a mesh: with modifiers, overrides, and from a timeline record."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_entries_of_vertices_are_found_as_by_going_through_all(data: st.DataObje
 
 
 def drawn_at(layer: Layer) -> np.ndarray:
-    """Where it is drawn in the world."""
+    """World positions of the drawn vertices."""
     matrix = np.array(layer.matrix)
     over = layer.positions + layer.normals * layer.above
     found: np.ndarray = over @ matrix[:3, :3].T + matrix[:3, 3]

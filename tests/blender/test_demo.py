@@ -53,7 +53,7 @@ class Played:
 
     @property
     def is_on(self) -> np.ndarray:
-        """Whether anything differs from what is given at the end, when nothing is felt."""
+        """Rows that differ from the last one, at which nothing is felt."""
         return np.any([each != each[-1] for each in self.values.values()], axis=0)
 
 

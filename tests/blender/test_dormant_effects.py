@@ -245,7 +245,7 @@ def test_felt_cloth_has_the_whole_scene_stepped(scene: Any, felt: Any) -> None:
 
 
 def test_the_range_that_is_read_does_not_change_what_is_felt(scene: Any, felt: Any) -> None:
-    """What begins right after it counts for how motion is read, as it does in a longer range."""
+    """Effects that begin right after the range count when motion is read, as in a longer range."""
     restless = _restless("Restless")
     oracle.add_clip(restless, 7.01, 12)
     some = SceneReader(scene, frames=(1, 6))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from hfx_blender.engine.tolerance import parse as parse_tolerance
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.export import ExportReport, ExportSettings, export_scene, scene_named
+from hfx_blender.formats import registry
+from hfx_blender.formats.written import Written
 
 
 @pytest.fixture
@@ -181,6 +184,28 @@ def test_wav_leaves_out_devices_that_do_not_vibrate(small: Any, tmp_path: Path) 
     assert "x.back_pad.wav" in names_in(tmp_path)
     assert not [name for name in names_in(tmp_path) if "fan_heater" in name]
     assert any("'fan_heater'" in warning for warning in report.warnings)
+
+
+def test_a_file_that_would_not_be_valid_is_left_out_and_told(
+    small: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gate stands after the writers, as for conversions."""
+    chosen = registry.DEVICE_FORMATS["haptic"]
+
+    def write(*arguments: Any) -> Written:
+        written = chosen.write(*arguments)
+        written.files[0].write_text('{"version": {"major": 1}}')
+        return written
+
+    monkeypatch.setitem(registry.DEVICE_FORMATS, "haptic", replace(chosen, write=write))
+    report = export(small, tmp_path, formats=("haptic",), devices=(load_device("back_pad"),))
+    (told,) = report.left_out
+    name = told.partition(" ")[0]
+    assert name.endswith(".haptic") and "would not be valid, and is not written: " in told
+    assert told in report.warnings and "HAPTIC-" in told
+    others = [each for each in names_in(tmp_path) if each.endswith(".haptic")]
+    assert others and name not in others
+    assert names_in(tmp_path) == sorted(path.name for path in report.files)
 
 
 def test_settings_that_make_no_sense_are_wrong_usage() -> None:

@@ -65,7 +65,7 @@ def test_each_clip_by_itself(small: Any, tmp_path: Path) -> None:
 
 
 def test_an_export_that_is_given_up_leaves_nothing_behind(small: Any, tmp_path: Path) -> None:
-    """What Esc does: no file, no scratch scene, the frame that was."""
+    """Esc leaves no file and no scratch scene, and restores the current frame."""
     from hfx_blender.export import ExportSettings, SceneExport
 
     body = next(obj for obj in small.objects if obj.hfx.role == "BODY")

@@ -10,7 +10,7 @@ import pytest
 
 from hfx_blender.authoring.effect_values import Shapes
 from hfx_blender.engine.tolerance import STANDARD
-from hfx_blender.reading import reading_plan
+from hfx_blender.reading import reading_pass
 from hfx_blender.reading.scene_reader import SceneReader
 
 bpy = pytest.importorskip("bpy")
@@ -38,7 +38,7 @@ def test_no_mesh_is_made_far_away(scene: Any, blob: Any, made: list[str]) -> Non
     evaluation = oracle.evaluate(scene, rate_hz=48)
     assert made == []
     assert evaluation.samples == {}
-    assert evaluation.reader.times_stepped > evaluation.reader.time.sample_count
+    assert evaluation.reader.counters.times_stepped > evaluation.reader.time.sample_count
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_what_comes_near_is_felt_as_if_all_was_read(
         return {k: (s.vertices.tolist(), s.weights.tolist()) for k, s in samples}
 
     lazy, some = felt(), len(made)
-    monkeypatch.setattr(reading_plan, "near", lambda places, unit_m, skins: np.ones(1, np.bool_))
+    monkeypatch.setattr(reading_pass, "near", lambda places, unit_m, skins: np.ones(1, np.bool_))
     assert lazy == felt()
     assert 0 < some < len(made) - some
 

@@ -34,7 +34,7 @@ def moving(registered: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(moving: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """What one plain export writes."""
+    """Files of one plain export."""
     folder = tmp_path_factory.mktemp("whole")
     assert cli.run(["export", str(moving), "-o", str(folder), *OPTIONS]) == 0
     return contents_of(folder)

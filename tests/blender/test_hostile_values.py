@@ -27,7 +27,7 @@ FLAGS = {"ENUM": (-5, 10**6), "BOOLEAN": ()}
 
 
 def stored(owner: Any) -> Any:
-    """What Blender keeps behind ``owner.hfx``."""
+    """Raw values that Blender stores behind ``owner.hfx``."""
     if hasattr(owner, "bl_system_properties_get"):
         owner = owner.bl_system_properties_get(do_create=True)
     if "hfx" not in owner:
@@ -36,7 +36,7 @@ def stored(owner: Any) -> Any:
 
 
 def broken_values(group: Any) -> Iterator[tuple[str, Any]]:
-    """Each property of a group with each value that it cannot have: (name, what is stored)."""
+    """Invalid values for each property of a group: (name, stored value)."""
     for definition in group.bl_rna.properties:
         name, kind = definition.identifier, definition.type
         if name == "rna_type":

@@ -72,7 +72,7 @@ def is_loud(log: Path) -> bool:
 
 
 def until(happened: Callable[[], object]) -> None:
-    """What Blender's main loop does: timers are called."""
+    """Act as Blender's main loop: call the timers."""
     end = time.monotonic() + PATIENCE_S
     while not happened():
         assert time.monotonic() < end, f"never happened: {live.states} {live.fault}"
@@ -91,7 +91,7 @@ def play(log: Path) -> None:
     pressed = time.monotonic()
 
     def plays() -> bool:
-        """Where Blender was too slow while a device was opened, the user presses Play."""
+        """Presses Play again if Blender was too slow while a device was opened."""
         nonlocal pressed
         if not live.is_armed and time.monotonic() - pressed > 0.5:
             pressed = time.monotonic()
@@ -361,7 +361,7 @@ def late(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def is_read() -> bool:
-    """Whether all that comes has been read."""
+    """Test that the whole lookahead has been read."""
     return live.lookahead.is_read
 
 

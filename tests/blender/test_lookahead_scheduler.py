@@ -12,8 +12,8 @@ import pytest
 
 from hfx_blender.devices.live.keyed_scene import KeyedBlock, KeyedScene
 from hfx_blender.devices.live.messages import MessageError
-from hfx_blender.devices.live.plain_data import plain_from
 from hfx_blender.devices.live.playhead import Playhead
+from hfx_blender.devices.live.serialization import from_bytes
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.response_filters.controls import Filter, Kind
 from hfx_blender.engine.samples import SampleRun
@@ -43,7 +43,7 @@ def ball(scene: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 class Reading:
-    """What is told while it works, slice after slice."""
+    """Record of the messages of a reader, slice after slice."""
 
     def __init__(self) -> None:
         self.lookahead = LookaheadScheduler()
@@ -58,7 +58,7 @@ class Reading:
         self.live = LiveScene(scene, layer, scene_tolerance(scene))
 
     def tell(self, body: bytes, is_scene: bool) -> None:
-        found = plain_from(body)
+        found = from_bytes(body)
         (self.scenes if is_scene else self.blocks).append(found)
 
     def slices(self, count: int, is_playing: bool = False) -> None:
@@ -96,7 +96,7 @@ def test_what_comes_is_felt_as_it_is_when_the_scene_stands_there(ball: Any) -> N
 
 
 def felt(run: SampleRun) -> np.ndarray:
-    """How strongly each vertex feels it."""
+    """Strength at each vertex."""
     found = np.zeros(100_000)
     found[run.vertices] = run.weights
     return found
@@ -227,7 +227,7 @@ def test_what_cannot_be_told_is_a_reason_and_no_fault(
     def refused(*_: object) -> bytes:
         raise MessageError("a message of 17000000 bytes")
 
-    monkeypatch.setattr(lookahead_scheduler, "plain_to", refused)
+    monkeypatch.setattr(lookahead_scheduler, "to_bytes", refused)
     reading = Reading()
     reading.slices(3)
     assert "17000000 bytes" in reading.lookahead.reason

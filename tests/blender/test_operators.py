@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each operator does to the scene, and that one step takes it back."""
+"""Operators: their effect on the scene, and that one undo step reverts it."""
 
 from __future__ import annotations
 

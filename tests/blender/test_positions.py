@@ -33,7 +33,7 @@ def body(scene: Any) -> Any:
 def _assert_as_blender_deforms(
     scene: Any, body: Any, modalities: tuple[str, ...] = ("pressure",)
 ) -> Any:
-    """Every position at every time within 0.01 mm; returns the evaluation."""
+    """Check every position at every time within 0.01 mm; returns the evaluation."""
     references = {m: oracle.model_object(scene, body, m) for m in modalities}
     for modality in modalities:
         if modality != "pressure":
@@ -53,7 +53,7 @@ def _assert_as_blender_deforms(
 
 
 def _bending(body: Any, seed: int = 3) -> None:
-    """From rest into strong random bends of every bone."""
+    """Bend every bone from rest into strong random angles."""
     for bone in body.pose.bones:
         bone.rotation_mode = "XYZ"
         bone.keyframe_insert("rotation_euler", frame=1)

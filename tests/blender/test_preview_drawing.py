@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the graphics card makes of the preview: drawn off screen, and looked at pixel by pixel.
+"""Preview drawn off screen by the graphics card, compared pixel by pixel.
 
-In a process of its own: where no driver can be had, Blender ends it.
+Runs in a separate process, as Blender ends the process if there is no graphics driver.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def test_skin_that_is_felt_is_coloured_and_darker_where_it_is_seen_from_the_side
 
 
 def profile(picture: np.ndarray, pictures: Any) -> np.ndarray:
-    """From the middle of the first actuator to the right, two and a half of its radii."""
+    """Profile from the middle of the first actuator to the right, two and a half of its radii."""
     x, _, z = pictures["first"]
     row, column = pixel(x, z)
     return picture[row, column : column + round(2.5 * float(pictures["radius"]) * SIZE)]

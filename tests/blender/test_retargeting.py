@@ -44,7 +44,7 @@ def world_surface_distance(skin: Any, points: np.ndarray) -> np.ndarray:
 
 
 def bend(rig: Any) -> None:
-    """From rest into a pose with raised arms, bent knees and closed hands."""
+    """Bend a rig from rest into a pose with raised arms, bent knees and closed hands."""
     for name, angles in (
         ("LeftArm", (0.5, 0.2, 0.3)),
         ("RightForeArm", (0.9, 0.0, 0.4)),
@@ -304,7 +304,7 @@ def test_a_linked_armature_is_refused(scene: Any, tmp_path: Path) -> None:
 
 
 def everything(rig: Any) -> dict[str, Any]:
-    """What a refused body must leave as it was."""
+    """State that a refused body must leave unchanged."""
     hfx = rig.hfx
     return {
         "data": {

@@ -112,7 +112,9 @@ def test_the_operator_runs_scripts_of_the_devices_that_a_scene_names(
 
 
 def earlier_files(out: Path) -> tuple[list[str], list[str]]:
-    """What an earlier export wrote for the band; what stays, though its report lists that, too."""
+    """Files of an earlier export for the band, and files that stay, though its report lists them,
+    too.
+    """
     mine = [f"x.{NAME}.csv", f"x.Early.{NAME}.raster.npz"]
     theirs = [f"x.{NAME}.wav", "x.insoles.he", f"y.{NAME}.csv", f"../x.{NAME}.he"]
     out.mkdir()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a material states of its relief is what is baked, and a bake leaves no trace."""
+"""Baking of surfaces: the relief that a material states is baked, and a bake leaves no trace."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the operators of haptic surfaces do, what they tell, and what a .blend keeps."""
+"""Operators of haptic surfaces: their effect, their messages, and what a .blend keeps."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import pytest
 from hfx_blender.authoring import surfaces
 from hfx_blender.devices import surface_calibration
 from hfx_blender.engine.texture.surface_texture import DRIVE_PER_M, Renderer
+from hfx_blender.errors import InputError
 from hfx_blender.formats import texture_map
 
 
@@ -175,6 +176,19 @@ def test_exported_maps_come_back_the_same(denim: Any, tmp_path: Path) -> None:
         surfaces.texture_of(denim)
 
 
+def test_a_map_with_values_that_are_none_is_refused_with_their_number(
+    denim: Any, tmp_path: Path
+) -> None:
+    bpy.ops.hfx.export_texture(filepath=str(tmp_path / "denim.texture.json"), bits="8")
+    bpy.ops.hfx.import_texture(filepath=str(tmp_path / "denim.texture.json"))
+    image = denim.hfx.surface.sharpness_image
+    pixels = np.array(image.pixels[:], np.float32)
+    pixels[[0, 4, 8]] = np.nan, 1.5, 1.0005
+    image.pixels.foreach_set(pixels)
+    with pytest.raises(InputError, match=rf"2 of {pixels.size // 4} values.*'{image.name}'"):
+        surfaces.texture_of(denim)
+
+
 def test_removing_leaves_an_ordinary_object(denim: Any) -> None:
     bpy.ops.hfx.remove_surface()
     assert denim.hfx.role == "NONE" and not len(bpy.data.images)
@@ -238,9 +252,9 @@ def test_only_meshes_have_surfaces(scene: Any) -> None:
 def test_the_calibration_is_the_users_not_the_files(denim: Any) -> None:
     denim.hfx.surface.renderer = "TEXTILE"
     assert surfaces.texture_of(denim).drive_per_m == DRIVE_PER_M
-    bpy.ops.hfx.calibrate_surfaces(drive=25.0)
+    surface_calibration.store(25_000.0)
     assert surfaces.texture_of(denim).drive_per_m == pytest.approx(25_000.0)
-    bpy.ops.hfx.calibrate_surfaces(drive=5.0, device="phone")
+    surface_calibration.store(5_000.0, "phone")
     assert surface_calibration.drive_per_m("phone") == pytest.approx(5_000.0)
     assert surface_calibration.drive_per_m("other") == pytest.approx(25_000.0)
     denim.hfx.surface.drive = 3.0
@@ -260,8 +274,18 @@ def test_a_broken_calibration_is_as_if_there_were_none(
 
 
 @pytest.mark.parametrize("suffix", [".wav", ".ahap", ".he", ".haptic", ".csv"])
-def test_a_stroke_is_exported_in_every_format(denim: Any, tmp_path: Path, suffix: str) -> None:
-    bpy.ops.hfx.stroke(start=(0, 0), end=(30, 5), speed=100)
+def test_a_stroke_is_exported_in_every_format(
+    denim: Any, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.engine.texture.render import render_stroke
+    from hfx_blender.engine.texture.stroke import along
+    from hfx_blender.operators import stroke_pad
+    from hfx_blender.playback.stroke_pad import Take
+
+    texture = surfaces.texture_of(denim)
+    stroke = along(np.array([[0.0, 0.0], [0.03, 0.005]]), 0.1)
+    take = Take(denim.name, texture, stroke, render_stroke(texture, stroke))
+    monkeypatch.setattr(stroke_pad, "last_take", take)
     bpy.ops.hfx.export_stroke(filepath=str(tmp_path / f"s{suffix}"))
     assert (tmp_path / f"s{suffix}").stat().st_size > 100
 

@@ -23,7 +23,7 @@ def plane(scene: Any) -> Any:
 
 
 def make(obj: Any, capfd: Any) -> str:
-    """What the user is told."""
+    """Message for the user."""
     bpy.ops.hfx.add_surface(source="MATERIAL")
     obj.hfx.surface.resolution = 64
     capfd.readouterr()

@@ -78,7 +78,7 @@ def test_a_record_gives_what_is_felt_as_the_engine_does_at_that_moment(
 
 
 def shares(preview: Preview, *now: Any) -> np.ndarray:
-    """How strongly actuators glow."""
+    """Strength of the actuators' glow."""
     preview.touch()
     (discs,) = preview.discs("PAPER", *now)
     return discs.rows[: len(discs.looks.radii), 0, 3]
@@ -147,7 +147,7 @@ def test_discs_of_a_scaled_body_keep_their_size_and_height(squeeze: Any, scene: 
 
 
 def places(discs: Discs) -> np.ndarray:
-    """Where they are in the world."""
+    """World positions of the discs."""
     matrix = np.array(discs.matrix)
     found: np.ndarray = (
         discs.rows[: len(discs.looks.radii), 0, :3] @ matrix[:3, :3].T + matrix[:3, 3]

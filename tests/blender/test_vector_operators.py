@@ -31,7 +31,9 @@ def vector(scene: Any) -> Any:
 
 
 def _strengths(folder: Path, device: str) -> np.ndarray:
-    """What is meant to be felt: the pad's tactors answer 10 ms late and are told a row earlier."""
+    """Intended strengths: the pad's tactors answer 10 ms late and get their values a row
+    earlier.
+    """
     raster = read_npz(folder / f"a.{device}.raster.npz")
     values = np.roll(raster.values, 1, axis=0)
     return values[1:, [c.parameter == "amplitude_m_s2" for c in raster.columns]]

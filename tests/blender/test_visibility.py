@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is disabled at a time is not felt at that time, whichever frame is current."""
+"""Effects that are disabled at a time are not felt at that time, whichever frame is current."""
 
 from __future__ import annotations
 

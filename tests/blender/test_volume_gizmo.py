@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a volume's handles do; how they feel is tried in a window."""
+"""Handles of volumes, by their values; their dragging is tested in a window."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a configuration says what drives its device, and every field of it wrong in turn."""
+"""Output section of device configurations, and every field of it wrong in turn."""
 
 import copy
 import json

@@ -54,7 +54,7 @@ def kind_of(members: dict[str, Any]) -> str:
 
 
 def fields_of_schema(schema: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Every member and item that the schema knows: its path, and what is allowed there."""
+    """Members and items that the schema knows: path, and allowed values."""
     schema = resolved(schema)
     for each in schema.get("anyOf", ()):
         yield from fields_of_schema(each, path)
@@ -70,7 +70,7 @@ def fields_of_schema(schema: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def fields_of(value: Any, at: Place = (), path: str = "") -> Iterator[tuple[str, Place]]:
-    """The same for a document, with the place of each."""
+    """Fields of a document, with the place of each."""
     if isinstance(value, dict):
         is_free = path in (".actuator_types",)
         here = path + kind_of(value)
@@ -112,7 +112,7 @@ def at(document: Any, place: Place) -> Any:
 
 
 def refusal(document: Any) -> str | None:
-    """What the reader says against a document; None: nothing."""
+    """Reader's message about a document; None without any."""
     content = document if isinstance(document, bytes) else json.dumps(document).encode()
     try:
         device_from(parse(content, "device.json"))

@@ -170,7 +170,7 @@ def without_script(path: Path, device: DeviceConfig) -> Raster:
 
 
 def told_live(path: Path, device: DeviceConfig) -> list[bytes]:
-    """What live playback tells a script at each row of a track, looking ahead."""
+    """Messages of live playback to a script at each row of a track, with latency compensation."""
     late_ms = device.actuators[0].type.latency_ms
     late = round(late_ms / 1000.0 * RATE_HZ)
     found = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is kept beside the user's data: two processes that write at the same time lose nothing."""
+"""User settings: two processes that write at the same time lose nothing."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ for k in range({count}):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where the user's data is."""
+    """Folder of the user's data."""
     monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
     return tmp_path / "data"
 

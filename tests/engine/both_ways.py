@@ -37,7 +37,7 @@ _PARTS = (
 
 @contextmanager
 def in_numpy() -> Iterator[None]:
-    """Without the library, for what is felt of volumes that have a formula."""
+    """Context without the library, for volumes that have a formula."""
     with ExitStack() as without:
         for part in _PARTS:
             without.enter_context(mock.patch.object(part, "_calls", lambda: None))

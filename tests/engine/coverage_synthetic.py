@@ -112,7 +112,7 @@ def evaluated(
     levels: np.ndarray | None = None,
     **options: Any,
 ) -> tuple[np.ndarray, list[SampleRun], Engine]:
-    """One volume against one body: weights (T, V), the runs, the engine.
+    """Evaluate one volume against one body: weights (T, V), the runs, the engine.
 
     ``cuts`` are where time is split into blocks, each with the row before it as history.
     """

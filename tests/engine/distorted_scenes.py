@@ -139,7 +139,7 @@ class DistortedScene:
         return found
 
     def edges_m(self, tolerance: Tolerance) -> np.ndarray:
-        """How far off the edge of a contact may be at each vertex, world, (V,).
+        """Accepted error of the edge of a contact at each vertex, world, (V,).
 
         Vertices are apart as they are posed; a distance on skin is stretched as bones do it.
         """
@@ -158,7 +158,7 @@ class DistortedScene:
 
     @cached_property
     def _spacings_m(self) -> np.ndarray:
-        """From each vertex to the farthest of its neighbours and of its own skin, (V,)."""
+        """Distance from each vertex to the farthest of its neighbours and of its own skin, (V,)."""
         skin, owner = self._skin
         posed = _posed(self.model, self.bones, self.to_world, np.arange(len(self.model)))
         ends = self.model.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the compiled library feels is what numpy feels."""
+"""Contacts of the compiled library equal those of numpy."""
 
 from __future__ import annotations
 

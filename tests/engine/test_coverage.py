@@ -40,7 +40,7 @@ def _skin(model_id: str, tolerance: Tolerance) -> Skin:
 
 @dataclass
 class _Patch:
-    """One cluster's part of a skin's table, its places counted from 0."""
+    """Part of a skin's table for one cluster, its places counted from 0."""
 
     skin: Skin
     cluster: int

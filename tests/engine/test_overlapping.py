@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is made in one thread is worked on in another, and comes out as if it were not."""
+"""Pipelining over two threads gives the same results as one thread."""
 
 from __future__ import annotations
 

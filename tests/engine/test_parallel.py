@@ -119,7 +119,7 @@ def _blocks(*filters: Filter) -> Iterator[AnimationBlock]:
 
 
 def _plain(value: Any) -> Any:
-    """What can be compared: of arrays their bytes."""
+    """Comparable form of a value: of arrays their bytes."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if is_dataclass(value):
@@ -160,7 +160,7 @@ def helpers(monkeypatch: pytest.MonkeyPatch) -> list[evaluating._Helper]:
 
 
 def _is_over(process: int) -> bool:
-    """Whether a process has ended, soon."""
+    """Test that a process ends soon."""
     end = time.monotonic() + 10.0
     while time.monotonic() < end:
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What keeps clear of a body in a whole block is left out, and nothing else."""
+"""Volumes that stay clear of a body during a whole block are left out, and nothing else."""
 
 from __future__ import annotations
 

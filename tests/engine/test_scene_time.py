@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When samples are taken."""
+"""Times at which samples are taken."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is made of a model before anything is evaluated: compiled, it is what numpy makes."""
+"""Preparation of a body model before evaluation: the compiled library equals numpy."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _assert_same_lists(found: list[np.ndarray], expected: list[np.ndarray]) -> N
     loaded=st.booleans(),
 )
 def test_clusters_are_those_of_numpy(seed, count, leaf_size, digits, loaded):
-    """Where many vertices have the same coordinate, too."""
+    """Includes many vertices that share a coordinate."""
     rng = np.random.default_rng(seed)
     vertices = np.round(rng.normal(0.0, 1.0, (count, 3)), digits).astype(np.float32)
     vertices[rng.random((count, 3)) < 0.1] = -0.0

@@ -62,12 +62,14 @@ def scene() -> SceneDescription:
 
 @lru_cache(maxsize=8)
 def engine_of(tolerance: Tolerance) -> Engine:
-    """One for each setting: what it learns of the skin is the same for all examples."""
+    """Engine for each setting, shared, as what it learns of the skin is the same for all
+    examples.
+    """
     return Engine(scene(), models=lambda _: MODEL, tolerance=tolerance)
 
 
 def felt(tolerance: Tolerance, volumes: list[list[Placed]], first: int = 0) -> list[SampleRun]:
-    """What is felt of some volumes, each with its places over time; the body stands."""
+    """Samples of some volumes, each with its places over time; the body stands."""
     times = len(volumes[0])
     bones = np.tile(np.eye(4)[:3], (times, len(MODEL.bone_names), 1, 1))
     pose = PoseBlock(np.ones(times, bool), np.tile(np.eye(4), (times, 1, 1)), bones)
@@ -122,7 +124,7 @@ SCENES = st.fixed_dictionaries(
 
 
 def place_of(drawn: dict) -> np.ndarray:
-    """Not farther from the skin than the size: most volumes touch it."""
+    """Place not farther from the skin than the size: most volumes touch it."""
     vertex = MODEL.vertices[drawn["vertex"]].astype(float)
     return vertex + drawn["size_m"] * np.array(drawn["shift"])
 

@@ -83,7 +83,7 @@ def _data() -> dict[str, Any]:
 
 
 def _of_library(data: dict[str, Any], version: str) -> dict[str, Any]:
-    """What was added besides the startup file, which every installation has."""
+    """Entries added besides the startup file, which every installation has."""
     key = "force_include_editable" if version == "editable" else "force_include"
     assert "_hfx_import_path.pth" in data[key].values()
     others = {source: place for source, place in data[key].items() if not place.endswith(".pth")}

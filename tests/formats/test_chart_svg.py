@@ -94,7 +94,7 @@ def _texts(picture: ElementTree.Element) -> list[str]:
 
 
 def _ticks(picture: ElementTree.Element) -> dict[str, float]:
-    """Where the labels of the time axis stand."""
+    """Positions of the time axis's labels."""
     return {
         text.text or "": float(text.get("x", "nan"))
         for text in picture.iter(f"{SVG}text")

@@ -120,6 +120,10 @@ def test_a_track_goes_to_everything(tmp_path):
     assert (tmp_path / "z.csv").read_bytes() == (tmp_path / "y.csv").read_bytes()
     with pytest.raises(InputError, match="not those of the device"):
         convert(tmp_path / "y.csv", tmp_path / "w.npz", to="npz", device="insoles")
+    table = (tmp_path / "y.csv").read_bytes()
+    (tmp_path / "y.csv").write_bytes(table.replace(b"[m/s^2]", b"[g]", 1))
+    with pytest.raises(InputError, match=r"column 1 is '\S+ \[g\]', expected is '\S+ \[m/s\^2\]'"):
+        convert(tmp_path / "y.csv", tmp_path / "w.npz", to="npz", device="back_pad")
     with pytest.raises(UsageError, match="choose one with --device"):
         convert(track, tmp_path / "w.ahap")
     hjif = convert(tmp_path / "y.hjif", tmp_path / "v.haptic").files

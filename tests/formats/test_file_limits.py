@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a small file may ask for, and that nothing is written that is not valid."""
+"""Limits on what a small file may ask for, and that no invalid file is written."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,8 +25,9 @@ from hfx_blender.engine.body import model
 from hfx_blender.engine.body.model import PerceptualModel, load
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackReader, TrackWriter
-from hfx_blender.errors import InputError
+from hfx_blender.errors import InputError, OutputError
 from hfx_blender.file_limits import TooLargeError
+from hfx_blender.formats import ahap as ahap_format
 from hfx_blender.formats import conversion, csv_raster, files, npz_raster, png, registry, tact
 from hfx_blender.formats.conversion import convert
 from hfx_blender.formats.curves import Curve
@@ -189,7 +191,7 @@ def test_an_archive_is_not_unpacked_before_its_shapes_fit(tmp_path, key):
     raster = raster_for(load_device("back_pad"), rows=20)
     wrong = archive(raster, tmp_path, **{key: array((7 << 20,), 56 << 20)})
     assert len(wrong) < 1 << 18
-    refused(lambda: npz_raster.decode(wrong, "x"), "is not float64 of the shape")
+    refused(lambda: npz_raster.decode(wrong, "x"), "allowed is float64 of")
     lying = archive(raster, tmp_path, **{key: array((1 << 40, 16), 56 << 20)})
     refused(lambda: npz_raster.decode(lying, "x"), "an array of the wrong size")
     with file_limits.raised(0.2):
@@ -292,6 +294,39 @@ def test_what_is_converted_is_valid_whatever_its_times(tmp_path, seconds, target
         return
     for each in written.files:
         assert not [one for one in files.validate(each)[1] if one.severity == "error"]
+
+
+@pytest.mark.parametrize("given", ["", "./", "sub/"])
+def test_a_name_that_is_too_long_is_told_as_it_was_given(tmp_path, monkeypatch, given):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "x.ahap").write_text(json.dumps(ahap(1.0)))
+    name = f"{given.removeprefix('./')}{'n' * 300}"
+    with pytest.raises(OutputError, match=f"^{name}") as found:
+        convert(Path("x.ahap"), Path(f"{given}{'n' * 300}.he"))
+    assert ".tmp" not in str(found.value)
+
+
+def continuous(count, levels):
+    """Events one after the other, and a change of their strength during each."""
+    pattern = []
+    for k in range(count):
+        parameters = [{"ParameterID": "HapticIntensity", "ParameterValue": 0.5 + k % levels / 1e3}]
+        event = {"Time": 2.0 * k, "EventType": "HapticContinuous", "EventDuration": 1.0}
+        pattern.append({"Event": {**event, "EventParameters": parameters}})
+        points = [{"Time": t, "ParameterValue": 0.5} for t in (0.0, 0.5)]
+        curve = {"ParameterID": "HapticIntensityControl", "Time": 2.0 * k}
+        pattern.append({"ParameterCurve": {**curve, "ParameterCurveControlPoints": points}})
+    return json.dumps({"Version": 1.0, "Pattern": pattern}).encode()
+
+
+def test_events_of_ahap_times_points_of_curves_have_a_bound():
+    """Each level has the whole curve: a file of 2 MB took 880 MiB."""
+    with file_limits.raised(1e-3):  # 20,000 keyframes
+        ((found,), _) = ahap_format.decode(continuous(200, 5), "x")  # 5 x 600, not 200 x 600
+        refused(lambda: ahap_format.decode(continuous(200, 200), "x"), "events and curves together")
+    assert found.amplitude.at(2.0 * 103 + 0.75) == pytest.approx(0.5 * 0.503)
+    assert found.amplitude.at(2.0 * 103 + 1.5) == 0.0
 
 
 def test_a_writer_that_writes_nonsense_leaves_nothing(tmp_path, monkeypatch):

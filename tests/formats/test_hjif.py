@@ -252,7 +252,7 @@ def test_what_the_reference_software_needs_is_a_warning():
 
 
 def places(value, place=()):
-    """Every member of a document."""
+    """Places of all members of a document."""
     if isinstance(value, dict):
         for key, item in value.items():
             yield (*place, key)

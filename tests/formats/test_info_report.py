@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import json
+import os
+import threading
 
 import pytest
 
-from hfx_blender import cli
+from hfx_blender import cli, export_report
 
 REPORT = {
     "scene": "Garage",
@@ -71,3 +73,21 @@ def test_json_that_is_nothing_of_ours_is_told_so(tmp_path, capsys):
     path.write_text('{"channels": []}')
     code, _, err = info(capsys, path)
     assert code == 3 and "neither a device configuration, nor an export's report" in err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="has no pipes with names")
+def test_a_pipe_in_place_of_an_earlier_report_is_not_waited_for(tmp_path):
+    path = tmp_path / "scene.report.json"
+    os.mkfifo(path)
+    keeps_it_open = os.open(path, os.O_RDWR)  # else a reader waits for ever
+    try:
+        os.write(keeps_it_open, b"{}")
+        reader = threading.Thread(
+            target=lambda: found.append(export_report.read(path)), daemon=True
+        )
+        found: list[object] = []
+        reader.start()
+        reader.join(20)
+        assert found == [None]
+    finally:
+        os.close(keeps_it_open)

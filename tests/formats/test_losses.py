@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What formats drop, cut or round to nothing is told in a counted sentence, and once."""
+"""Losses of formats (dropped, cut, rounded to nothing) are reported once, with a count."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_raster_beyond_what_a_file_holds_is_told(name, tmp_path):
     raster.values[:, 0], raster.values[:, 1] = 1.0, 2000.0
     write = from_actuators.write if name == "hjif" else DEVICE_FORMATS[name].write
     (told,) = write(raster, DEVICE, tmp_path / "x", registry.DEFAULT_TOLERANCE).left_out
-    assert ("above 1000 Hz" if name in ("wav", "hjif") else " Hz here") in told
+    assert ("above 1000 Hz" if name in ("wav", "hjif") else "it holds") in told
     raster.values[:, 0], raster.values[:, 1] = 1e6, ITS_HZ
     told = write(raster, DEVICE, tmp_path / "x", registry.DEFAULT_TOLERANCE).left_out
     assert ["above full scale" in each for each in told] == [True] * (name != "hjif")

@@ -104,6 +104,8 @@ def test_a_csv_is_read_back_to_nine_digits(tmp_path):
         b"time_s,a.x [m]\r\n0,1e999\r\n",
         b"time_s,a.x [m]\r\n1,1\r\n0,1\r\n",
         b"time_s,a.x [m]\r\n0,1\r\n1,1\r\n5,1\r\n",
+        b"time_s,a.x [m]\r\n0,1\r\n5e-324,1\r\n",
+        b"time_s,a.x [m]\r\n-1.7e308,1\r\n1.7e308,1\r\n",
         b"time_s,a.x [m]\r\n0,one\r\n",
         b"time_s,\xff.x [m]\r\n0,1\r\n",
     ],

@@ -172,3 +172,14 @@ def test_a_broken_rule_is_found_by_its_code(place, value, code):
     else:
         at[place[-1]] = value
     assert code in [each.code for each in tact_rules.validate(encoded(found), "x")]
+
+
+def test_a_device_without_motors_costs_no_other(tmp_path):
+    vest, soles = (load_device(name) for name in ("back_pad", "insoles"))
+    played = [(f".{each.id}", each, raster_for(each)) for each in (vest, soles)]
+    made = registry.write_all(("tact",), played, None, (vest, soles), tmp_path / "x")
+    assert [path.name for path in made.files] == ["x.back_pad.tact"]
+    (sentence,) = made.left_out
+    assert "'insoles' has no vibration actuators on the torso" in sentence
+    with pytest.raises(registry.InputError, match="torso or a forearm"):
+        registry.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")

@@ -112,13 +112,22 @@ def test_a_broken_container_is_found(tmp_path, place):
         ("bufferViews", 0, "buffer", -1, "GLB-REFERENCE"),
         ("buffers", 0, "byteLength", 3, "GLB-BUFFER"),
         ("nodes", 0, "mesh", True, "GLB-REFERENCE"),
+        ("nodes", 1, "children", [0], "GLB-NODE-TREE"),
+        ("nodes", 0, "children", [0], "GLB-NODE-TREE"),
+        ("scenes", 0, "nodes", [9], "GLB-REFERENCE"),
+        ("animations", 0, "samplers", [{"input": 0, "output": 99}], "GLB-REFERENCE"),
+        ("animations", 0, "channels", [{"target": {"node": -1}}], "GLB-REFERENCE"),
+        ("meshes", 0, "primitives", [{"attributes": {}, "indices": 99}], "GLB-REFERENCE"),
     ],
 )
 def test_a_broken_reference_is_found(kind, index, member, value, code):
     document = glb.Document()
     glb.add_model(document, load_model("hfx-temperature-1"))
-    document.append("nodes", {"mesh": 0})
-    document.encoded()
+    for node in ({"mesh": 0}, {}, {"children": [0]}):
+        document.append("nodes", node)
+    document.append("scenes", {"nodes": [1]})
+    document.append("animations", {})
+    assert glb.validate(document.encoded(), "x") == []
     document.json[kind][index] = {**document.json[kind][index], member: value}
     text = json.dumps(document.json).encode()
     text += b" " * (-len(text) % 4)

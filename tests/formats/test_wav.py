@@ -20,7 +20,7 @@ from hfx_blender.engine.rendering.device import (
 )
 from hfx_blender.engine.rendering.raster import Column, Partial, Raster
 from hfx_blender.errors import InputError, OutputError
-from hfx_blender.formats import wav
+from hfx_blender.formats import wav, wav_reader
 
 RATE = 48_000
 FULL_SCALE = 20.0
@@ -49,7 +49,7 @@ def make_device(channels, modality="vibration"):
 
 
 def make_raster(amplitudes, frequencies, rate_hz=Fraction(100)):
-    """From (T, C) amplitudes and frequencies."""
+    """Make a raster from (T, C) amplitudes and frequencies."""
     amplitudes = np.asarray(amplitudes, np.float64)
     amplitudes = amplitudes.reshape(len(amplitudes), -1)
     frequencies = np.broadcast_to(
@@ -225,6 +225,17 @@ def test_devices_without_vibration_are_told_so(tmp_path):
     with pytest.raises(InputError, match="'device' has no vibration actuators"):
         wav.write(raster, make_device(1, "pressure"), tmp_path / "x.wav")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_sample_that_is_no_number_is_found(tmp_path, value):
+    path = tmp_path / "x.wav"
+    samples = np.zeros(100, np.float64)
+    wavfile.write(path, RATE, samples)
+    assert wav_reader.validate(path.read_bytes(), "x") == []
+    samples[99] = value
+    wavfile.write(path, RATE, samples)
+    assert [each.code for each in wav_reader.validate(path.read_bytes(), "x")] == ["WAV-DATA"]
 
 
 def test_files_that_would_be_too_long_are_refused(tmp_path):

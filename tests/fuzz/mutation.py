@@ -131,7 +131,7 @@ def png_part(name: bytes, content: bytes) -> bytes:
 
 
 def change_tree(tree: object, rng: random.Random) -> None:
-    """One change somewhere inside: replace, remove, double or swap a member."""
+    """Change one place inside: replace, remove, double or swap a member."""
     at = tree
     for _ in range(rng.randrange(1, 14)):
         inner = (

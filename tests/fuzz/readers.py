@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every reader with its checks, and every conversion: what a file of a stranger goes through."""
+"""Readers with their checks, and all conversions: the way of a stranger's file."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def readers(name: str) -> Reader:
 
 
 def void(found: object) -> None:
-    """Nothing: what was read is good if nothing was raised."""
+    """Do nothing: a reading without an exception is good."""
 
 
 def _checked(kind: files.FileFormat) -> Reader:

@@ -38,7 +38,7 @@ _LONG_LIST = 2  # items that a list of a shortened document keeps
 
 
 def seeds(folder: Path, name: str) -> list[bytes]:
-    """Of one reader or conversion; ``folder`` is for what the writers write."""
+    """Seeds of one reader or conversion; ``folder`` is for the writers' output."""
     kind = name.removesuffix("-to")
     if kind in _OTHERS:
         return _smallest(_OTHERS[kind](folder))
@@ -106,7 +106,7 @@ def _maps(folder: Path) -> list[bytes]:
 
 
 def _pngs(folder: Path) -> list[bytes]:
-    """Every depth and kind of colour, every filter."""
+    """PNG files of every depth, kind of colour and filter."""
     found = []
     for colour, channels in ((0, 1), (2, 3), (4, 2), (6, 4)):
         for depth in (8, 16):
@@ -212,7 +212,7 @@ def _wav() -> bytes:
 
 
 def _smallest(contents: list[bytes]) -> list[bytes]:
-    """Each as it is and, where it is JSON, with its lists shortened."""
+    """Contents as they are and, for JSON, with shortened lists."""
     every = {*contents, *filter(None, map(_shortened, contents))}
     fitting = [each for each in every if len(each) <= MOST_BYTES] or [min(every, key=len)]
     return sorted(fitting, key=lambda each: (len(each), each))[:8]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a journey has in its hands: mouse, keyboard, places in the window, pictures, checks.
+"""Driver of GUI journeys: mouse, keyboard, places in the window, pictures, checks.
 
 A journey is a file with ``def steps(h):``, a generator. ``yield 0.5`` gives Blender half a second
 to handle events; actions are called with ``yield from``.
@@ -83,7 +83,7 @@ class Driver:
         return x, self.window.height - (region.y + up * region.height)
 
     def xy_of(self, place: Sequence[float]) -> Point:
-        """Where a point of the scene is seen in the 3D viewport."""
+        """Position of a point of the scene in the 3D viewport."""
         from bpy_extras.view3d_utils import location_3d_to_region_2d
 
         region = self.region()
@@ -292,7 +292,7 @@ class Driver:
     def document(
         self, name: str, left: float = 0.3, right: float = 1.0, bottom: float = 0.05
     ) -> None:
-        """With ``--pictures``: a picture for the documentation, a part of the 3D viewport.
+        """Save a picture for the documentation, with ``--pictures``: a part of the 3D viewport.
 
         Parameters
         ----------
@@ -309,7 +309,7 @@ class Driver:
         pictures.write(self._documented / name, pixels[rows, columns])
 
     def document_area(self, name: str, area: bpy.types.Area, height: float = 1.0) -> None:
-        """With ``--pictures``: a picture for the documentation, the upper part of an area."""
+        """Save a picture for the documentation, with ``--pictures``: the upper part of an area."""
         if self._documented is None:
             return
         pixels = self._picture(name)

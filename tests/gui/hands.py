@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What journeys do again and again with the haptic editor, by mouse and keyboard."""
+"""Common actions of journeys in the haptic editor, by mouse and keyboard."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def zoom_out(h: Any, times: int) -> Iterator[float]:
 
 
 def ruler(h: Any, frame: int) -> tuple[float, float]:
-    """Where a frame is in the timeline's ruler."""
+    """Position of a frame in the timeline's ruler."""
     region = next(region for region in timeline(h).regions if region.type == "WINDOW")
     x, _ = region.view2d.view_to_region(frame, 0, clip=False)
     return region.x + x, h.window.height - (region.y + region.height - 10)

@@ -85,7 +85,7 @@ def _known() -> list[str]:
 
 @contextlib.contextmanager
 def _display(arguments: argparse.Namespace) -> Iterator[dict[str, str]]:
-    """What to add to the environment, and the choices of screen and input that were left open.
+    """Context with additions to the environment, and the open choices of screen and input.
 
     ``arguments.memory`` becomes the file that holds the virtual screen's pixels.
     """

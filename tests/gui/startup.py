@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the add-on costs when Blender starts.
+"""Measures the cost of the add-on at Blender's start.
 
 ``python tests/gui/startup.py --blender BLENDER --zip EXTENSION.zip`` starts Blender in turn without
 and with the extension, in settings of nobody, and prints the difference of each pair: processor

@@ -70,7 +70,7 @@ def script_of(name_or_path: str | Path, folder: Path | None = None) -> DeviceScr
 
 
 def may_run(script: Path, mark: str) -> bool:
-    """Whether a script of this fingerprint may run."""
+    """Test that a script of this fingerprint may run."""
     return is_shipped(script) or mark in approved()
 
 

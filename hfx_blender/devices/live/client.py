@@ -14,8 +14,8 @@ from ...engine.track.header import TrackHeader
 from .device_state import DeviceState as DeviceState
 from .device_state import Event as Event
 from .host_pipe import HostPipe
+from .live_frame import LiveFrame, RenderedDevice, SceneMessage, scene_to
 from .messages import EVERY_DEVICE, Kind, json_to, message, values_to
-from .moments import Moment, SceneMessage, Worn, scene_to
 
 
 class LiveClient:
@@ -128,7 +128,7 @@ class LiveClient:
         forgotten.
         """
         worn = tuple(
-            Worn(each.number, each.configuration, each.folder, each.has_script)
+            RenderedDevice(each.number, each.configuration, each.folder, each.has_script)
             for each in self.devices.values()
         )
         body = scene_to(SceneMessage(header, body_id, worn))
@@ -136,7 +136,7 @@ class LiveClient:
         self._pipe.places = {stream: k for k, stream in enumerate(header.streams)}
         self._pipe.tell(Kind.SCENE, body=body)
 
-    def show(self, moment: Moment) -> None:
+    def show(self, moment: LiveFrame) -> None:
         """Send the current samples for every device; replaces what was not sent yet.
 
         It is handed over as it is: nothing of it may be changed any more. A device that is muted
@@ -163,7 +163,7 @@ class LiveClient:
         ----------
         body : bytes
             A :class:`~hfx_blender.devices.live.keyed_scene.KeyedScene`, which replaces the one
-            before and all that came with it, or a ``KeyedBlock`` of it; as ``plain_to`` makes it.
+            before and all that came with it, or a ``KeyedBlock`` of it; as ``to_bytes`` makes it.
         is_scene : bool
         """
         self._pipe.tell(Kind.KEYED_SCENE if is_scene else Kind.KEYED_BLOCK, body=body)

@@ -30,8 +30,8 @@ from ...engine.rendering.device import DeviceConfig
 from ...errors import InputError
 from ..configuration import load_device
 from .clock import SYSTEM, Clock
+from .device_thread import FREEZE_S, DeviceThread
 from .kept_accounts import KeptAccounts, identities
-from .lane import FREEZE_S, Lane
 from .messages import (
     EVERY_DEVICE,
     Kind,
@@ -87,7 +87,7 @@ class Reporter:
                 self._stream.write("\n".join(lines) + "\n")
                 self._stream.flush()
             except (OSError, ValueError):
-                return  # nobody listens any more; the end of standard input tells the rest
+                return  # the reader has gone; the end of standard input follows
 
 
 class Host:
@@ -95,7 +95,7 @@ class Host:
 
     def __init__(self, report: Reporter, clock: Clock = SYSTEM) -> None:
         self._report, self._clock = report, clock
-        self._lanes: dict[int, Lane] = {}
+        self._lanes: dict[int, DeviceThread] = {}
         self._wake = threading.Condition()
         self._last_sign_s = self._last_turn_s = clock.now()
         self._end = ""
@@ -194,7 +194,7 @@ class Host:
             lane.fault(answer.body.decode(errors="replace"))
             return
         question = questions.get(answer.device)
-        if question is None:  # it was not there, or did not play, when that was asked
+        if question is None:  # it did not exist, or did not play, at the time of the request
             return
         if answer.kind is Kind.ANSWER:
             lane.feed(values_from(answer.body), question)
@@ -228,7 +228,7 @@ class Host:
                 before.wait_closed()  # it may have the same port
             return open_output(device, output if isinstance(output, dict) else {})
 
-        lane = Lane(
+        lane = DeviceThread(
             number,
             device,
             opened,
@@ -244,7 +244,7 @@ class Host:
     def _accounts_of(self, device: DeviceConfig, target: dict[str, Any]) -> list[Account]:
         return [self._accounts.of(each) for each in identities(device, target)]
 
-    def _add_script(self, lane: Lane, wish: dict[str, Any]) -> None:
+    def _add_script(self, lane: DeviceThread, wish: dict[str, Any]) -> None:
         script = wish.get("script")
         if not isinstance(script, dict):
             return
@@ -327,7 +327,7 @@ def main() -> None:
     # Whatever prints must not garble the events.
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    sys.setswitchinterval(0.001)  # whoever has something to send does not wait for others long
+    sys.setswitchinterval(0.001)  # a thread with data to send must not wait long for others
     host = Host(Reporter(events))
     reader = threading.Thread(
         target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True

@@ -17,8 +17,8 @@ from ... import own_processes
 from ...engine.samples import Stream
 from ...errors import DeviceError
 from .device_state import Event, event_of
+from .live_frame import LiveFrame, live_frame_to
 from .messages import EVERY_DEVICE, Kind, message
-from .moments import Moment, moment_to
 
 _MAX_EVENTS: Final = 1000
 _Taken = TypeVar("_Taken")
@@ -36,7 +36,7 @@ class HostPipe:
         # Between threads without a lock, which Blender would wait for: each step is atomic.
         self._wake: SimpleQueue[None] = SimpleQueue()
         self._urgent: deque[bytes] = deque()
-        self._newest: dict[int, bytes | Moment] = {}
+        self._newest: dict[int, bytes | LiveFrame] = {}
         self._silences = 0  # how often everything before became void
         self._is_closing = False
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
@@ -89,7 +89,7 @@ class HostPipe:
         self._urgent.append(message(kind, device, body))
         self._nudge()
 
-    def replace(self, device: int, newest: bytes | Moment) -> None:
+    def replace(self, device: int, newest: bytes | LiveFrame) -> None:
         """Set what a device is to play now, in place of what was not sent yet."""
         if self._process is None:
             return
@@ -160,7 +160,7 @@ class HostPipe:
                 wake.get()
                 if process is not self._process and not self._is_closing:
                     return
-                # What is new first: whatever is urgent that came before it is then there as well.
+                # New values first: urgent messages from before them are then present as well.
                 silences, is_last, places = self._silences, self._is_closing, self.places
                 newest = list(_taken(self._newest.popitem))[::-1]
                 waiting = list(_taken(self._urgent.popleft))
@@ -168,21 +168,21 @@ class HostPipe:
                     _write_all(stream, b"".join(waiting))
                 data = b"".join(self._as_bytes(each, places) for _, each in newest)
                 if silences != self._silences and not is_last:
-                    continue  # a stop came meanwhile: nothing of before it is felt after it
+                    continue  # a stop came meanwhile: values from before it are dropped
                 _write_all(stream, data)
                 if is_last:
                     return
         except (OSError, ValueError):
-            pass  # the listener tells
+            pass  # the listener reports it
         finally:
             with suppress(OSError):
                 stream.close()
 
-    def _as_bytes(self, newest: bytes | Moment, places: Mapping[Stream, int]) -> bytes:
-        if not isinstance(newest, Moment):
+    def _as_bytes(self, newest: bytes | LiveFrame, places: Mapping[Stream, int]) -> bytes:
+        if not isinstance(newest, LiveFrame):
             return newest
         try:
-            return message(Kind.MOMENT, EVERY_DEVICE, moment_to(newest, places))
+            return message(Kind.MOMENT, EVERY_DEVICE, live_frame_to(newest, places))
         except KeyError:
             return b""  # of the scene before
         except Exception as error:

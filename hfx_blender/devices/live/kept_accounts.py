@@ -179,7 +179,7 @@ def _read(path: Path, now_s: float) -> Account:
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         _log.warning("%s: cannot be read (%s); its device rests first.", path, error)
         return Account(others=1.0, idle_since_s=now_s)
-    # After a restart of the computer its clock begins anew: it has run for so long at least.
+    # After a restart of the computer its clock begins anew: it has run at least this long.
     told_s = now_s - then_s if now_s >= then_s else now_s
     rest_s = max(min(told_s, time.time() - wall_s), 0.0)
     return Account(

@@ -22,7 +22,7 @@ MOST_BYTES: Final = 1 << 28
 _FLAGS: Final = (
     getattr(os, "O_NONBLOCK", 0)
     | getattr(os, "O_NOFOLLOW", 0)
-    | getattr(os, "O_NOCTTY", 0)  # of a process without a terminal one would become its own
+    | getattr(os, "O_NOCTTY", 0)  # without a controlling terminal, an opened one would become it
     | getattr(os, "O_CLOEXEC", 0)
     | getattr(os, "O_BINARY", 0)
 )

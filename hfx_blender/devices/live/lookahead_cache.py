@@ -20,9 +20,9 @@ from typing import Final
 from ...engine.evaluate import Engine
 from ...engine.samples import SampleRun
 from .keyed_scene import KeyedBlock, KeyedScene
-from .moments import Moment
-from .plain_data import plain_from
+from .live_frame import LiveFrame
 from .playhead import Playhead
+from .serialization import from_bytes
 
 _log = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ _STANDING_S: Final = 0.1
 _NEAR: Final = 0.5
 """Largest distance, frames, at which known samples stand for those of a frame."""
 
-_PARTS: Final = 1000  # of a frame that are told apart
+_PARTS: Final = 1000  # distinguished within a frame
 
 Runs = Sequence[SampleRun]
 
@@ -59,7 +59,7 @@ class LookaheadCache:
         self._engine: Engine | None = None
         self._blocks: dict[int, tuple[KeyedBlock, int]] = {}  # by part of a frame, its row
         self._known: dict[int, Runs] = {}
-        self._order: list[int] = []  # what is known, ascending
+        self._order: list[int] = []  # known parts, ascending
         self._playhead: Playhead | None = None
         self._is_answering = False
         self._is_closed = False
@@ -83,7 +83,7 @@ class LookaheadCache:
             self._wake.notify()
 
     @contextmanager
-    def answering(self, moment: Moment) -> Iterator[Mapping[float, Runs]]:
+    def answering(self, moment: LiveFrame) -> Iterator[Mapping[float, Runs]]:
         """Context with the known later samples, by latency; the thread begins nothing else
         meanwhile.
         """
@@ -96,7 +96,7 @@ class LookaheadCache:
                 self._is_answering = False
                 self._wake.notify()
 
-    def _later(self, moment: Moment) -> dict[float, Runs]:
+    def _later(self, moment: LiveFrame) -> dict[float, Runs]:
         playhead = moment.playhead
         if playhead is None or not self._latencies_ms:
             return {}
@@ -138,7 +138,7 @@ class LookaheadCache:
             return None
         return self._known[best]
 
-    # Its own thread.
+    # In the thread of its own.
 
     def _run(self) -> None:
         while True:
@@ -157,7 +157,7 @@ class LookaheadCache:
                 runs: Runs | None = None
                 try:
                     runs = engine.evaluate(block.at(row, scene))
-                except Exception:  # without it, devices are told what is felt now
+                except Exception:  # without it, devices get the present samples
                     _log.exception("looking ahead")
                 with self._wake:
                     if edition != self._edition:
@@ -169,8 +169,8 @@ class LookaheadCache:
 
     def _read(self, body: bytes) -> None:
         try:
-            found = plain_from(body)
-        except Exception as error:  # without it, devices are told what is felt now
+            found = from_bytes(body)
+        except Exception as error:  # without it, devices get the present samples
             _log.warning("looking ahead: %s", error)
             return
         if isinstance(found, KeyedScene):

@@ -46,10 +46,10 @@ class Kind(IntEnum):
     PULSE = 7  # JSON
     SETTINGS = 8  # JSON
     PAUSE = 9  # silence without a stop: of one device, or of all while Blender works
-    SCENE = 10  # JSON; what is to be known to render its moments, for all devices
-    MOMENT = 11  # packed: what is felt now
-    KEYED_SCENE = 12  # plain data: what comes, for late actuators; the one before is void
-    KEYED_BLOCK = 13  # plain data: what is where at some frames of it
+    SCENE = 10  # JSON; scene data for rendering its moments, for all devices
+    MOMENT = 11  # packed: the present samples
+    KEYED_SCENE = 12  # serialized: the scene ahead, for late actuators; replaces the one before
+    KEYED_BLOCK = 13  # serialized: the animated state at some frames of it
     # a script worker, or the one that renders, back to the output process
     READY = 16
     ANSWER = 17  # float64

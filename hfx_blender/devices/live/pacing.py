@@ -61,9 +61,9 @@ class Ramp:
     def reset(self) -> None:
         """Begin from silence."""
         self._from, self._to = self._neutral.copy(), self._neutral.copy()
-        self._here = self._neutral.copy()  # what was given last
+        self._here = self._neutral.copy()  # last values
         self._began_s, self._lasts_s = -np.inf, self._tick
-        self.share = 1.0  # of the way to the newest frame, at what was given last
+        self.share = 1.0  # share of the ramp to the newest frame, at the last values
 
     def aim(self, values: F64, now_s: float) -> None:
         """Start the ramp to a new frame's values (columns,), from the present ones.
@@ -104,7 +104,7 @@ class Ramp:
         return self._here.copy()
 
     def _share(self, since_s: float, intervals_s: F64) -> F64:
-        """Of the way to the newest frame, where values are taken so often."""
+        """Share of the way to the newest frame, with values taken this often."""
         steps = np.maximum(np.floor(self._lasts_s / intervals_s + _ROUNDING), 1.0)
         step = np.floor(since_s / intervals_s + _ROUNDING) + 1.0
         return np.asarray(np.minimum(step / steps, 1.0))

@@ -16,7 +16,7 @@ from typing import Final
 
 from ... import own_processes
 from .clock import SYSTEM, Clock
-from .lane import Question
+from .device_thread import Question
 from .messages import Kind, Message, MessageError, message, read_message
 
 SCENE_S: Final = 60.0
@@ -53,11 +53,11 @@ class RenderProcess:
         self._wake = threading.Condition(threading.RLock())
         self._process: subprocess.Popen[bytes] | None = None
         self._known: bytes | None = None  # the newest scene
-        self._scene: bytes | None = None  # if it has not been told yet
+        self._scene: bytes | None = None  # if it has not been sent yet
         self._moment: tuple[bytes, Questions] | None = None
-        self._questions: Questions = {}  # that it is busy with
-        self._lookahead: list[tuple[Kind, bytes]] = []  # a scene and what came of it
-        self._told = 0  # of those
+        self._questions: Questions = {}  # in progress
+        self._lookahead: list[tuple[Kind, bytes]] = []  # a scene and its blocks
+        self._told = 0  # number of these already sent
         self._deadline_s: float | None = None  # while it is busy
 
     def describe(self, scene: bytes) -> None:
@@ -130,7 +130,7 @@ class RenderProcess:
         """Write to the worker's pipe, which may block; only this thread waits."""
         stream = process.stdin
         assert stream is not None
-        with suppress(OSError, ValueError):  # the listener tells
+        with suppress(OSError, ValueError):  # the listener reports it
             with stream:
                 while True:
                     asked = self._next(process)

@@ -23,6 +23,7 @@ from ...engine.rendering.moment import MomentRenderer
 from ...engine.samples import SampleRun
 from ..configuration import load_device
 from .haptics import packed
+from .live_frame import LiveFrame, RenderedDevice, SceneMessage, live_frame_from, scene_from
 from .lookahead_cache import LookaheadCache
 from .messages import (
     EVERY_DEVICE,
@@ -32,7 +33,6 @@ from .messages import (
     message,
     values_to,
 )
-from .moments import Moment, SceneMessage, Worn, moment_from, scene_from
 from .playhead import latencies_ms
 from .tones import Tones, frame_of, of_partials
 from .worker_input import messages_of_owner
@@ -47,20 +47,20 @@ _KEYED: Final = (Kind.KEYED_SCENE, Kind.KEYED_BLOCK)
 class _Rendered:
     """Device with its renderer."""
 
-    worn: Worn
+    worn: RenderedDevice
     device: DeviceConfig
     renderer: MomentRenderer
     numbers: dict[str, int]  # of tones, by effect or by the modality that is substituted
     width: int  # actuators that take a waveform
 
-    def answer(self, moment: Moment, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
+    def answer(self, moment: LiveFrame, later: Mapping[float, Sequence[SampleRun]]) -> bytes:
         """Message for the device's lane, or for its script."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
         values, partials = self.renderer.ahead(moment.runs, later)
         gain = moment.gains.get(self.worn.number, 1.0)
         values = with_gain(values, self.device, gain)
-        if self.worn.has_script and gain:  # one that is muted is not asked
+        if self.worn.has_script and gain:  # a muted script is not called
             felt = self.renderer.felt(moment.runs)
             return message(Kind.HAPTICS, self.worn.number, packed(moment.time_s, felt, values))
         tones = of_partials(partials, self.numbers, self.width)
@@ -117,7 +117,7 @@ class Renderers:
         MessageError
             The body is no moment.
         """
-        moment = moment_from(body, self._streams)
+        moment = live_frame_from(body, self._streams)
         found = []
         with self.lookahead.answering(moment) as later:
             for number, each in self._rendered.items():

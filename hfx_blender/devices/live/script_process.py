@@ -23,7 +23,7 @@ from ... import own_processes
 from ...engine.arrays import F64
 from .approval import Approval
 from .clock import SYSTEM, Clock
-from .lane import PATIENCE_S, ScriptRefusedError
+from .device_thread import PATIENCE_S, ScriptRefusedError
 from .messages import Kind, MessageError, json_to, message, read_message, values_from
 
 READY_S: Final = 10.0
@@ -70,7 +70,7 @@ class ScriptProcess:
         self._is_ready = False
         self._deadline_s: float | None = None
         self._next: tuple[bytes, Answer] | None = None
-        self._number = 0  # of the question that was asked last
+        self._number = 0  # of the last request
         self._answer: Answer | None = None  # who takes its answer
         self._faults: deque[float] = deque(maxlen=FAULTS)
 
@@ -95,7 +95,7 @@ class ScriptProcess:
                 own_processes.command("devices.live.script_worker"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                start_new_session=True,  # it ends together with what it may have started
+                start_new_session=True,  # it ends together with its child processes
             )
             self._is_ready, self._next = False, None
             self._deadline_s = self._clock.now() + READY_S
@@ -162,7 +162,7 @@ class ScriptProcess:
         stream = process.stdin
 
         def write() -> None:
-            with suppress(OSError, ValueError):  # the listener tells
+            with suppress(OSError, ValueError):  # the listener reports it
                 stream.write(data)
                 stream.flush()
 

@@ -62,7 +62,7 @@ def main() -> None:
     outlet = _Outlet(os.fdopen(os.dup(1), "wb"))
     nowhere = os.open(os.devnull, os.O_RDWR)
     source = os.fdopen(os.dup(0), "rb")
-    for number in (0, 1, 2):  # what it writes there belongs to nobody
+    for number in (0, 1, 2):  # its output there is discarded
         os.dup2(nowhere, number)
     _restrain()
     first = read_message(source)

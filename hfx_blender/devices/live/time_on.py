@@ -60,7 +60,7 @@ class Account:
         self.idle_since_s = idle_since_s
         self.unknown_s = unknown_s
         self.on_begin: Callable[[], None] = _nothing
-        self.players: dict[TimeOn, Bool] = {}  # who plays, and what each has on
+        self.players: dict[TimeOn, Bool] = {}  # players, and the actuators that each has on
 
     def fit(self, count: int) -> None:
         """Resize to the number of actuators."""
@@ -101,7 +101,7 @@ class TimeOn:
         self._accounts = tuple(accounts) or (Account(),)
         self._lock = threading.Lock()  # a stop comes from a thread of its own
         self._is_on = np.zeros(self._count, np.bool_)
-        self._paid_s = np.zeros(self._count)  # ahead, for what is on now
+        self._paid_s = np.zeros(self._count)  # ahead, for the actuators that are on now
 
     def rested(self, now_s: float) -> None:
         """Record the time until ``now_s`` as rest, since the last player fell silent."""

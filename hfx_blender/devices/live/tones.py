@@ -174,7 +174,7 @@ class Sounding:
         with np.errstate(over="ignore", invalid="ignore"):
             amplitudes *= np.where(plays, given / np.where(plays, asked, 1.0), 0.0)
         amplitudes = np.minimum(np.nan_to_num(amplitudes), self._highest)
-        alone = self._lone(passed)  # what plays that no tone asked for: a test pulse
+        alone = self._lone(passed)  # output without a tone: a test pulse
         is_alone = ~amplitudes.any(axis=0)
         numbers = self._here.numbers
         if LONE not in numbers:

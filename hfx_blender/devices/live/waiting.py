@@ -51,7 +51,7 @@ class Waiting:
         return len(self._frames)
 
     def clear(self) -> None:
-        """Nothing of it is played."""
+        """Drop all waiting values."""
         self._frames.clear()
 
     def add(self, values: F64, now_s: float) -> None:
@@ -63,11 +63,11 @@ class Waiting:
             self._frames.popleft()  # nobody took it
 
     def due_s(self, offset_s: float) -> float:
-        """When the first of them is to be played; infinite: there is none."""
+        """Time at which the first of them is to be played; infinite without any."""
         return self._frames[0][0] + offset_s if self._frames else math.inf
 
     def taken(self, now_s: float, offset_s: float) -> F64 | None:
-        """What is to be played of those that are due; None: none is."""
+        """Take the newest of the values that are due; None without any."""
         due: list[tuple[float, F64]] = []
         while self._frames and self.due_s(offset_s) <= now_s:
             due.append(self._frames.popleft())

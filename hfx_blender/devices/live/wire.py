@@ -64,7 +64,7 @@ def cobs(content: bytes) -> bytes:
     """Encode content without zero bytes (COBS), at most one byte in 254 longer."""
     found = bytearray()
     for piece in content.split(b"\0"):
-        while len(piece) >= 254:  # a full block stands for no zero
+        while len(piece) >= 254:  # a full block is not followed by a zero
             found.append(255)
             found += piece[:254]
             piece = piece[254:]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ..active_rows import followed, of_read, with_pose
 from ..arrays import I64
 from ..contact import contacts
 from ..contact.block_broad_phase import BlockBroadPhase
+from ..contact.broad_phase import ReachableBounds
 from ..contact.contact_query import ContactQuery
 from ..response.answering import Answering, depths_of, with_own_sets
 from ..samples import SampleRun
@@ -26,11 +27,16 @@ from ..scene import (
 )
 from ..skin.cell_coverage import BodySkin
 from ..surface.surface_effects import SurfaceEffects
+from ..volume.fewer_faces import SHARE, of_fewer_faces
+from ..volume.mesh import MeshVolume
+from ..volume.placement import world_bounds
 from . import on_demand
 from .sample_run_builder import SampleRunBuilder
 
 if TYPE_CHECKING:
     from ..native.threads import Threads
+
+_SMALLEST_BODY: Final = 0.4  # of a model's size, posed as it is; curled up it is no smaller
 
 
 class AllocentricAreas:
@@ -65,12 +71,15 @@ class AllocentricAreas:
             return _nothing
         rows, reported, follows = followed(rows, posed, animated, block)
         skin = self._builder.skins.of(body, effect.model_id)
+        near = reach.bounds(body, effect.model_id)
+        if not (volume.falloff.is_flat or volume.response):
+            animated = _coarse(animated, rows, skin, near)
         query = ContactQuery(
             animated,
             volume.falloff,
             skin,
             pose,
-            reach.bounds(body, effect.model_id),
+            near,
             self._builder.counters,
             rows,
             follows,
@@ -81,8 +90,21 @@ class AllocentricAreas:
             threads=self._threads,
             title=f"effect '{effect.name}'",
         )
+        counters = self._builder.counters
+        before = counters.vertices_posed
         found = contacts.begin(query)
-        return lambda: self._felt(effect, animated, body, block, pose, skin, found())
+        at_once = counters.vertices_posed - before
+
+        def felt() -> SampleRun | None:
+            before = counters.vertices_posed - at_once
+            hits = found()
+            if counters.vertices_posed > before:
+                counters.reach(body.id)
+                if any(isinstance(shape, MeshVolume) for shape in animated.shapes):
+                    counters.meshes_searched += int(np.count_nonzero(reported))
+            return self._felt(effect, animated, body, block, pose, skin, hits)
+
+        return felt
 
     def _felt(
         self,
@@ -199,6 +221,36 @@ class AllocentricAreas:
         if "depth" in self._builder.record:
             felt = replace(felt, depth_m=depths_of(felt, run))
         return felt
+
+
+def _coarse(animated: EffectBlock, rows: I64, skin: BodySkin, near: ReachableBounds) -> EffectBlock:
+    """Replace a fine mesh by one of fewer faces where it may touch skin, within the tolerance.
+
+    It pays where depths are searched; that places are inside, voxels tell as soon of many faces.
+    """
+    bound_m = SHARE * skin.skin.least_edge_m
+    is_fine = any(isinstance(each, MeshVolume) and each.is_fine for each in animated.shapes)
+    if not (is_fine and 0.0 < bound_m < np.inf) or animated.matrices is None or not len(rows):
+        return animated
+    which, matrices = animated.shapes_at(rows), animated.matrices[rows]
+    boxes = np.concatenate(
+        [world_bounds(animated.shapes[k], matrices[which == k]) for k in np.unique(which)]
+    )
+    bodies = near.of_rows[np.searchsorted(near.rows, rows)]
+    if not (
+        (boxes[:, 0].min(axis=0) <= bodies[:, 1].max(axis=0)).all()
+        and (boxes[:, 1].max(axis=0) >= bodies[:, 0].min(axis=0)).all()
+    ):
+        return animated
+    # What a tolerance accepts shrinks with the body.
+    sizes = np.linalg.norm(bodies[:, 1] - bodies[:, 0], axis=1)
+    is_grown = sizes >= _SMALLEST_BODY * np.linalg.norm(np.ptp(skin.skin.model.vertices, axis=0))
+    shapes, index = of_fewer_faces(
+        animated.shapes, which, matrices, np.where(is_grown, bound_m, 0.0)
+    )
+    shape_index = np.zeros(len(animated.levels), np.int32)
+    shape_index[rows] = index
+    return replace(animated, shapes=shapes, shape_index=shape_index)
 
 
 def _nothing() -> None:

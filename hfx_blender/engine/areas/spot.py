@@ -100,7 +100,7 @@ class SpotSkin:
         weights = np.clip((inner + half - distances) / (2.0 * half), 0.0, 1.0)
         weights = weights * falloff.weight(np.clip((inner + half - distances) / inner, 0.0, 1.0))
         kept = np.flatnonzero(weights > _LEAST)
-        if not len(kept):  # between vertices that are farther apart than their cells tell
+        if not len(kept):  # between vertices that are farther apart than their cells suggest
             return place.corners[[int(np.argmax(place.weights))]].astype(np.int32), np.ones(1, "f4")
         return vertices[kept].astype(np.int32), weights[kept].astype(np.float32)
 

@@ -28,7 +28,7 @@ class Entry:
     id: str
     kind: str  # "model" or "avatar"
     folder: Path
-    facts: Mapping[str, Any]  # what the manifest says of it
+    facts: Mapping[str, Any]  # its entry in the manifest
     is_shipped: bool
 
     @property

@@ -370,7 +370,7 @@ def load_skeleton() -> Skeleton:
 
 def _loaded(kind: type[_Hashed], entry: library.Entry) -> _Hashed:
     found = load(kind, entry.path)
-    # What is shipped was tested; what a user has copied or mended by hand was not.
+    # Shipped files were tested; files that a user has copied or edited were not.
     stated = entry.content_hash
     if not entry.is_shipped and (found.id, found.content_hash) != (entry.id, stated):
         raise InputError(

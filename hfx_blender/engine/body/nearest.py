@@ -67,7 +67,7 @@ def barycentric(points: F64, corners: F64) -> F64:
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     inside = _plane_weights(points, a, b, c)
-    # A triangle without area has no inside: it is the edges that it is.
+    # A triangle without area has no inside: only its edges count.
     is_flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0.0
     best = np.where((inside >= 0.0).all(axis=1) & ~is_flat, 0.0, np.inf)
     weights = inside.copy()

@@ -183,7 +183,7 @@ def _distances(patch: _Patch, point: F64, source: I64, reach_m: float) -> F64:
     for _ in range(_FEWEST_ROUNDS + int(_ROUNDS_PER_RING * rings)):
         found = np.full(len(straight), _FAR)
         found[apexes] = np.minimum.reduceat(_through_triangles(patch, distances), starts)
-        np.maximum(found, straight, out=found)  # what is not settled yet may mislead unfolding
+        np.maximum(found, straight, out=found)  # unsettled distances may mislead the unfolding
         found[source] = straight[source]
         change = float(np.abs(found - distances).max(initial=0.0))
         distances = found

@@ -164,7 +164,7 @@ class ContactAccumulator:
         if not wide.any():
             return
         found = coverage_weights(skin, wide, self.broad.target, self.inside)
-        felt = np.flatnonzero(found)  # the others are 0 as it is
+        felt = np.flatnonzero(found)  # the others are 0 already
         self.weights[self._places(skin, felt)] = found[felt]
 
     def _follow(self, skin: PosedSkin, later: Bool) -> None:

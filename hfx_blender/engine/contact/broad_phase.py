@@ -45,7 +45,7 @@ class ReachableBounds:
     def around(cls, rows: I64, low: F64, high: F64) -> ReachableBounds:
         """Bounds of the skin's clusters, from boxes (n, C, 3) at some rows."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)
-        # Where a row's is not a number, what the cluster does at the others still counts.
+        # If one row is not a number, the cluster's other rows still count.
         lowest = np.fmin.reduce(low, axis=0, initial=np.inf)
         highest = np.fmax.reduce(high, axis=0, initial=-np.inf)
         of_clusters = np.stack([lowest, highest], axis=1)
@@ -160,7 +160,7 @@ class VolumeBroadPhase:
             & (np.maximum(self.high[later], self.high[earlier]) >= low[:, None])
         ).all(axis=2)
         if self.target.falloff.is_flat:
-            # From wholly inside nothing enters; to there it is felt anyway.
+            # From wholly inside nothing enters; on arrival there it is felt anyway.
             meets &= ~simple[earlier]
             if not always:
                 meets &= ~simple[later]
@@ -217,8 +217,8 @@ class VolumeBroadPhase:
                 yield self.target.shapes[k], self.target.which == k
 
     def _swings(self, later: I64, parts: F64) -> F64:
-        """How far turning may take anything out of the boxes of ``parts`` (n,) of the volume's
-        way, and of both ends of the skin's, metres (n,)."""
+        """Largest distance that rotation may take anything out of the boxes of ``parts`` (n,) of
+        the volume's path, and of both ends of the skin's, metres (n,)."""
         swing = np.zeros(len(later))
         own = self.matrices, self.boxes[:, None, 0], self.boxes[:, None, 1], parts
         skin = self.pose.to_world[self.rows], self.low, self.high, 1.0

@@ -87,10 +87,10 @@ class Reached:
 
     pairs: Pairs
     clusters: I64  # each of them once
-    wide: I64  # those of them whose skin is covered or followed
-    by_vertex: I64  # those of which vertices tell
+    wide: I64  # those whose skin is sampled or tracked
+    by_vertex: I64  # those whose vertices suffice
     most_steps: int  # of any pair
-    bones: PosedBones  # to shape space; only those that move anything of what is looked at
+    bones: PosedBones  # to shape space; only bones that move any of these clusters
 
 
 class CompiledBroadPhase:

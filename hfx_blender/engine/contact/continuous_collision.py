@@ -155,7 +155,7 @@ def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool)
     ways = posed.points.take(after, axis=1) - posed.points.take(before, axis=1)
     lengths = np.sqrt(np.einsum("in,in->n", ways, ways))
     may = ~(clear - lengths > 2.0 * reaches + _ROUNDING * (np.abs(clear) + lengths))
-    if len(target.shapes) > 1:  # of another shape the clearance before tells nothing
+    if len(target.shapes) > 1:  # the clearance from another shape is meaningless
         rows = posed.rows_of(slots)
         may |= target.which[rows] != target.which[rows - 1]
     return slots[may]
@@ -244,7 +244,7 @@ def _entered(posed: PosedSkin, ways: Ways, slots: I64, shares: F64, target: Targ
 
 
 def _steps_at(path: F64, share: F64) -> I64:
-    """Which steps of polylines (steps + 1, 3, N) shares (N,) of their time are in."""
+    """Step of polylines (steps + 1, 3, N) at shares (N,) of their time, (N,)."""
     steps = len(path) - 1
     found: I64 = np.clip((share * steps).astype(np.int64), 0, steps - 1)
     return found

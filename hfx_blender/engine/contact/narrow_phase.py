@@ -52,7 +52,7 @@ def coverage_weights(
     table, clear = posed.table, posed.clear
     shares = np.zeros(len(posed.units))
     gap, reach = clear[posed.at], posed.reaches
-    # What is outside with all of its skin is not looked at any further.
+    # Units with all of their skin outside are dropped.
     slots = np.flatnonzero((gap <= reach) & wanted[posed.pairs])
     unit, at, rows = posed.units[slots], posed.at[slots], posed.rows_of(slots)
     gap, reach = gap[slots], reach[slots]

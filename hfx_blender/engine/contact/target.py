@@ -51,7 +51,7 @@ class Target:
         """Largest change of weight for a distance of 1 in shape space, at some rows (k,)."""
         slopes = np.zeros(len(rows))
         which = self.which[rows]
-        for k in np.unique(which).tolist():  # of a mesh it takes a search: only of what occurs
+        for k in np.unique(which).tolist():  # a mesh needs a search: only for shapes that occur
             slopes[which == k] = steepest(self.falloff) * self.shapes[k].steepest_rise
         return slopes
 
@@ -90,7 +90,7 @@ class Target:
     def _clearance(self, shape: Shape, points: F64) -> F64:
         clear = clearance(shape, points)
         if isinstance(shape, MeshVolume) and not self.falloff.is_flat:
-            # How steeply strength rises depends on the mesh: inside samples have to tell.
+            # The slope of the strength depends on the mesh: inside samples are needed.
             np.maximum(clear, 0.0, out=clear)
         return clear
 
@@ -107,7 +107,7 @@ class Target:
         return first, last
 
     def comes_near(self, ways: Ways, reaches: F64, rows: I64) -> Bool:
-        """Which balls of radii ``reaches`` (N,) may meet the volume on their ways, or be in it.
+        """Balls of radii ``reaches`` (N,) that may meet the volume on their paths, or be in it.
 
         Every convex shape here holds the unit ball, so that within a factor 1 + r of it is all
         that is nearer than r.
@@ -171,7 +171,7 @@ class Target:
 
 
 def _meets_hull(shape: Shape, ways: Ways, reaches: F64) -> Bool:
-    """Which balls may meet a shape, or the box around one that is not convex."""
+    """Test balls against a shape, or against the box around one that is not convex."""
     middle, half = np.zeros((3, 1)), 1.0 + reaches
     if not shape.is_convex:
         low, high = shape.bounds

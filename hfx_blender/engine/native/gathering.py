@@ -86,7 +86,7 @@ def gathered(
         *[pointer(each) for each in (at, sets, offsets, vertices, values, counts)],
     )
     felt, set_count, total = counts.tolist()
-    # Copies, as what is kept must not hold the room for all that might have been felt.
+    # Copies, as a view would keep the memory of all possible contacts.
     return (
         at[:felt],
         sets[:felt],

@@ -69,7 +69,7 @@ class _Call:
 
 
 def crossings(tree: NativeTree, slack: float, middle: F64, ways: Ways) -> tuple[F64, F64]:
-    """When points on their ways first and last cross the surface, (N,) each.
+    """First and last time at which points on their paths cross the surface, (N,) each.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def crossings(tree: NativeTree, slack: float, middle: F64, ways: Ways) -> tuple[
 
 
 def comes_near(tree: NativeTree, slack: float, middle: F64, ways: Ways, reaches: F64) -> Bool:
-    """Which ways may come within ``reaches`` (N,) of the surface; see :func:`crossings`."""
+    """Paths that may come within ``reaches`` (N,) of the surface; see :func:`crossings`."""
     reaches, near = f64(reaches), np.empty(len(ways.intervals), np.uint8)
     call = _Call(tree, slack, middle, ways)
     _calls().hfx_mesh_nears(*call.addresses, pointer(reaches), pointer(near))

@@ -70,7 +70,7 @@ def evaluated(
     is_alone = processes < 2 or not _may_be_split(engine)
     begun: deque[_Begun] = deque()
     wanted, spent_s, done = 0, 0.0, 0
-    # What a block leaves to threads goes on while the next one is read and begun.
+    # Work that a block leaves to threads goes on while the next one is read and begun.
     ahead = int(engine.threads is not None)
     with short_turns() if ahead else nullcontext():
         for number, block in enumerate(blocks):
@@ -139,7 +139,7 @@ def _may_be_split(engine: Engine) -> bool:
 @dataclass(eq=False)
 class _Task:
     block: AnimationBlock
-    answer: Future[Answer | None] | None = None  # None: nobody has it yet
+    answer: Future[Answer | None] | None = None  # None: not assigned yet
 
     def result(self) -> Answer | None:
         """Answer of a helper; None where it could not evaluate the block."""
@@ -216,7 +216,7 @@ def _settled(engine: Engine, answer: Answer) -> list[SampleRun]:
 def _helpers(engine: Engine, count: int) -> list[_Helper]:
     settings = packed((engine.scene, engine.record, engine.tolerance))
     found = []
-    with suppress(OSError):  # what cannot be started does not help
+    with suppress(OSError):  # a process that cannot be started is left out
         for _ in range(count):
             found.append(_Helper(settings))
     return found
@@ -323,7 +323,7 @@ class _Helper:
                     found: Any = unpacked(body)
                     self._asked[0].set_result(found)
                     self._asked.popleft()
-        finally:  # whatever it was that came: nobody waits for ever
+        finally:  # on any error: nobody may wait for ever
             with self._lock:
                 self._is_alive = False
                 left = list(self._asked)

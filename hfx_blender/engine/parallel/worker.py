@@ -42,7 +42,7 @@ def main() -> None:
             runs = engine.evaluate(block)
             counted = engine.counters.since(before)
             answer = packed((runs, engine.responses.take_deferred(), counted))
-        except Exception:  # whoever asked tries it, and tells
+        except Exception:  # the caller tries it itself, and reports
             _log.info("a block could not be evaluated", exc_info=True)
             engine.responses.take_deferred()
             answer = packed(None)

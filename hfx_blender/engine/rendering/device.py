@@ -31,11 +31,11 @@ class Control:
     """Control parameter of an actuator, in the modality's own unit."""
 
     name: str  # of a parameter of the modality
-    minimum: float  # what the hardware takes
+    minimum: float  # range of the hardware
     maximum: float
-    lowest: float  # what it is allowed to get: the range cut by the configured limits
+    lowest: float  # allowed range: the range cut by the configured limits
     highest: float
-    neutral: float  # what it gets while nothing is rendered
+    neutral: float  # value while nothing is rendered
 
 
 @dataclass(frozen=True)

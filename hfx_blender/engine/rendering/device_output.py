@@ -51,7 +51,7 @@ class BytesEncoder:
 
     header: bytes
     number: NumberFormat
-    full_scale: int  # what the end of a control's range becomes; its beginning becomes 0
+    full_scale: int  # encoded value of the end of a control's range; its beginning becomes 0
     checksum: Checksum
     footer: bytes
     stop: bytes | None  # None: the frame of all neutral values

@@ -27,7 +27,7 @@ ModelLoader = Callable[[str], PerceptualModel]
 
 
 def shown_as(device: DeviceConfig, modality: str) -> set[str]:
-    """What a device shows a modality as: itself, and what it is substituted by."""
+    """Modalities that a device renders for a modality: itself, and its substitution."""
     substitution = device.substitutions.get(modality)
     return {modality} if substitution is None else {modality, substitution.target}
 
@@ -66,7 +66,7 @@ class ActuatorGroup:
         self.highest: F64 = np.array([each.highest for each in strengths], np.float64)
 
     def answers_to(self, modality: str) -> bool:
-        """Whether the actuators show a modality: their own, or one that they substitute."""
+        """Test that the actuators render a modality: their own, or one that they substitute."""
         return self.modality in shown_as(self._device, modality)
 
     def cells_on(self, model_id: str) -> ActuatorCells:
@@ -103,7 +103,9 @@ class ActuatorGroup:
         return gains
 
     def notes(self) -> Iterator[str]:
-        """What of the device's configuration does not count on the models that were played."""
+        """Notes on parts of the device's configuration without effect on the models that were
+        played.
+        """
         ids = [each.id for each in self._actuators]
         for model_id, cells in sorted(self._cells.items()):
             lost = [name for name, count in zip(ids, cells.counts, strict=True) if not count]

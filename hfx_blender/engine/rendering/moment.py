@@ -62,7 +62,7 @@ class MomentRenderer:
     ) -> None:
         header = scene if isinstance(scene, TrackHeader) else moment_header(scene, models)
         self.device = device
-        # Nothing comes before or after a moment: who looks ahead gives what is felt then.
+        # A moment has no rows before or after it: the lookahead provides later samples.
         self._renderer = Renderer(
             header, device, models, body_id=body_id, compensates_latency=False
         )

@@ -231,7 +231,7 @@ class Renderer:
             tally.below_threshold += int(np.count_nonzero(faint))
 
     def notes(self) -> tuple[str, ...]:
-        """What of the rendering is otherwise than the device is configured, when all is added.
+        """Notes on differences of the rendering from the device's configuration, after all blocks.
 
         Tell it before :meth:`raster`, which looks ahead.
         """
@@ -342,7 +342,7 @@ class Renderer:
                 found[:, members] = group.gains(run)
             except InputError:
                 if group.answers_to(run.stream.modality):
-                    raise  # of others' models its places need not tell
+                    raise  # its places need not fit other modalities' models
         return found
 
     def told(self) -> F64:
@@ -380,7 +380,7 @@ class Renderer:
             is_changed, is_on = self._changes(without)
             if is_changed.any():
                 felt = tuple(_decided(each, is_changed, is_on) for each in felt)
-                # How far a script has overcome limits of the actuators, nobody can tell.
+                # How far a script has compensated limits of the actuators is unknown.
                 shortfalls = tuple(
                     each for each in self._shortfalls(felt) if each.reason in _UNPLAYED
                 )

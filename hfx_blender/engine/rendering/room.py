@@ -99,7 +99,7 @@ def reaches(place: RoomPlace, points: F64) -> Bool:
         return np.ones(len(points), np.bool_)
     way = points - np.array(place.at_m)
     distance = np.linalg.norm(way, axis=1)
-    found: Bool = distance <= place.range_m  # False for what is no number
+    found: Bool = distance <= place.range_m  # False for NaN
     if place.aim is not None:
         along = way @ np.array(place.aim)
         found &= along >= np.cos(np.radians(place.cone_deg / 2.0)) * distance - 1e-12

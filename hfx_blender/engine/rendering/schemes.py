@@ -70,7 +70,7 @@ class PannedLayout:
 
     vertices: I32  # (n,) ascending; those that drive any
     gains: F64  # (n, A)
-    fade: F64  # (n,) what the gains hold of it: 1 within the layout, nothing far beyond it
+    fade: F64  # (n,) included in the gains: 1 within the layout, 0 far beyond it
     spacing_m: float  # between neighbouring actuators
     at: Callable[[F64], F64]  # places (m, 3) of rest space to gains (m, A), without the fade
 
@@ -116,7 +116,7 @@ def panned_layout(
 
 
 def unpanned(device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel) -> str:
-    """Why no scheme pans between some actuators on a model; empty: one can.
+    """Reason why no scheme pans between some actuators on a model; empty if one can.
 
     Raises
     ------
@@ -245,7 +245,7 @@ def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
         with suppress(ValueError):
             return _seen_from(middle, centres, np.eye(3))
     mount = _mount(device, centres)
-    if mount.bend_radius_m is not None:  # a plane through them is not the one that it touches
+    if mount.bend_radius_m is not None:  # a plane through the actuators is not the tangent plane
         mount = _fitted(centres)
     axes = np.array([mount.x_axis, mount.y_axis])
     ring = on_mount(mount, centres)

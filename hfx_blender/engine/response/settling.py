@@ -102,7 +102,7 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
     held = _last(touches.set_of >= 0)
     set_of = np.where(held >= 0, touches.set_of[held], -1)  # -1: the one that is remembered
     is_felt = response * touches.levels > 0.0
-    # Without an own set only what rings is felt.
+    # Without a set of its own, only ringing is felt.
     is_felt &= (touches.set_of >= 0) | rings
     is_felt &= (set_of >= 0) | (memory.vertices is not None)
     run = _run(touches, memory, np.flatnonzero(is_felt), set_of, response)

@@ -308,7 +308,7 @@ class _Segments:
         start, new_start = self._c[joint], self._t[joint]
         if len(theirs) <= 3:
             return self._rigid(parent, joint)
-        # The tip: the mean of what reaches farthest from the joint, seen from the parent.
+        # The tip: the mean of the skin farthest from the joint, seen from the parent.
         tip = tip_of(mine, start)
         new_tip = tip_of(theirs, new_start)
         return self._stretched(turn, start, tip, new_start, new_tip, self._girth(region))

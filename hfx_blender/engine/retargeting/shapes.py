@@ -96,7 +96,7 @@ def shape(
         gap = np.einsum("vi,vi->v", places.points - at, places.normals)
         weight = areas * places.found / (1.0 + (gap / _OUTLIER_M) ** 2)
         along = np.einsum("kvi,vi->kv", moves, places.normals)
-        # Not as matrix products: so large ones wake BLAS's threads, which cost more than they do.
+        # Not as matrix products: large ones wake BLAS's threads, which cost more than they save.
         weighted = along * weight
         normal = np.einsum("kv,lv->kl", weighted, along)
         slope = np.einsum("kv,v->k", weighted, gap) - _DISTRUST * shares

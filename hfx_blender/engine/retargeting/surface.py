@@ -135,15 +135,11 @@ def _cut(corners: F64) -> tuple[F64, I64, F64]:
 
 def vertex_normals(points: F64, triangles: I64) -> F64:
     """Unit normals, weighted by area, (V, 3)."""
-    corners = points[triangles]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.column_stack(
-        [
-            np.bincount(triangles.ravel(), np.repeat(across[:, axis], 3), minlength=len(points))
-            for axis in range(3)
-        ]
-    )
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    from trimesh import geometry
+    from trimesh.triangles import cross
+
+    found: F64 = geometry.mean_vertex_normals(len(points), triangles, cross(points[triangles]))
+    return found
 
 
 STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)

@@ -81,6 +81,8 @@ def check(target: TargetAvatar, name: str) -> None:
     if not np.isfinite(target.vertices).all():
         bad = int(np.flatnonzero(~np.isfinite(target.vertices).all(axis=1))[0])
         raise InputError(f"Avatar '{name}': the place of vertex {bad} is not a finite number.")
+    from trimesh import Trimesh, geometry, grouping
+
     areas = areas_of(target.vertices, target.triangles)
     if not (np.isfinite(target.metres) and target.metres > 0.0 and areas.sum() > 0.0):
         raise InputError(f"Avatar '{name}' has no size: its scale is zero, or all faces are flat.")
@@ -101,12 +103,12 @@ def check(target: TargetAvatar, name: str) -> None:
             f"{100 * shares.max():.2g} % of the surface; join or merge them to one skin (pieces "
             f"of {100 * _LARGE_PIECE:.0f} % must make {100 * _LARGE_PIECES:.0f} % at least)."
         )
-    single = np.unique(np.sort(welded, axis=1), axis=0)
+    single = welded[Trimesh(target.vertices, welded, process=False).unique_faces()]
     if len(single) < (1.0 - _DOUBLED_FACES) * len(welded):
         single = welded
-    ends = np.sort(np.concatenate([single[:, [0, 1]], single[:, [1, 2]], single[:, [2, 0]]]))
+    ends = np.sort(geometry.faces_to_edges(single))
     ends = ends[ends[:, 0] != ends[:, 1]]
-    counts = np.unique(ends, axis=0, return_counts=True)[1]
+    counts = np.bincount(grouping.unique_rows(ends)[1])
     pinched = int(np.count_nonzero(counts > 2))
     if pinched > _PINCHED_EDGES * len(counts):
         raise InputError(
@@ -117,31 +119,28 @@ def check(target: TargetAvatar, name: str) -> None:
 
 def weld(points: F64) -> I64:
     """Index of the first point at the same place (many imported meshes are split at seams)."""
+    from trimesh.grouping import unique_rows
+
     size = float(np.ptp(points, axis=0).max()) or 1.0
-    grid = np.round(points / (1e-6 * size)).astype(np.int64)
-    _, first, place = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-    found: I64 = first[place.ravel()]
+    first, place = unique_rows(points / size, digits=6)
+    found: I64 = first[place]
     return found
 
 
 def _pieces(triangles: I64) -> I64:
     """Connected piece of each triangle, numbered from 0."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from trimesh.geometry import faces_to_edges
+    from trimesh.graph import connected_component_labels
 
-    count = int(triangles.max()) + 1
-    starts, ends = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
-    graph = coo_array((np.ones(len(starts), np.int8), (starts, ends)), shape=(count, count))
-    label = connected_components(graph, directed=False)[1][triangles[:, 0]]
-    return np.unique(label, return_inverse=True)[1].ravel().astype(np.int64)
+    labels = connected_component_labels(faces_to_edges(triangles), int(triangles.max()) + 1)
+    return np.unique(labels[triangles[:, 0]], return_inverse=True)[1].ravel().astype(np.int64)
 
 
 def areas_of(points: F64, triangles: I64) -> F64:
     """Area of each triangle."""
-    corners = points[triangles]
-    found: F64 = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    from trimesh.triangles import area
+
+    found: F64 = area(points[triangles])
     return found
 
 

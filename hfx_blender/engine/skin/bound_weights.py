@@ -24,7 +24,7 @@ class BoundWeights:
     bones: I64  # (E,)
     values: F64  # (E,)
     rest: F64  # (V, 4) homogeneous
-    bone_count: int  # of the body; this number stands for what rests
+    bone_count: int  # of the body; this number is the index of the resting bone
 
     @classmethod
     def of(cls, model: PerceptualModel, bone_names: tuple[str, ...]) -> BoundWeights:
@@ -59,7 +59,7 @@ class BoundWeights:
         # of its armature would shrink towards it.
         values = weights.values.astype(np.float64)
         sums = np.bincount(owners, values, len(model))
-        # What no bone moves stays in its rest pose, as in Blender.
+        # Vertices without bones stay in the rest pose, as in Blender.
         idle = np.flatnonzero(~(sums > 0.0))
         if len(idle):
             moved_too = np.flatnonzero(sums[owners] > 0.0)

@@ -101,6 +101,8 @@ class Skin:
         Whether any cell has more than one sample; the paper's test has not.
     edge_m : float
         How far off the edge of a contact may be where that is most.
+    least_edge_m : float
+        The same where it is least.
     surface : PerceptualModel
         Whose triangles are the skin: the model itself or a finer one.
     clusters : list of (C,) int32
@@ -125,6 +127,7 @@ class Skin:
         if finer is not None:
             self.surface, owner = finer, cell_of_skin(model)[1]
         self.edge_m = tolerance.edge_m(float(spacing.max()))
+        self.least_edge_m = tolerance.edge_m(float(spacing.min()))
         self._owner = owner
         self._spacing = spacing[owner]  # (skin vertices,)
         if self.surface is model:

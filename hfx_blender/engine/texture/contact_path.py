@@ -53,7 +53,7 @@ class ContactPaths:
     moved_m: F64  # (n, 3) the way in the space of the mesh, relative to the material
     before: I64  # (n,) the same contact at the time before, by its place here; -1: new
     seams: I64  # those whose two pieces are apart
-    carried: int  # the first so many are those of the last time of the call before, at time -1
+    carried: int  # number of first entries from the last time of the call before, at time -1
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -142,7 +142,7 @@ class ContactFollower:
             ids = np.concatenate([self._last_ids, ids])
         is_still = self._still is not None and space is self._still.placed
         if not (is_still and self._places_stand) and len(space) == 1:
-            # All in one space that stands still: places tell ways at once.
+            # All in one fixed space: differences of places are the paths.
             corners = space[0][self._mesh.triangles[found.triangle[:carried]]]
             found.place[:carried] = np.einsum("nk,nkc->nc", found.weights[:carried], corners)
         paths = self._paths(space, found, time, ids, follows, carried)
@@ -324,7 +324,7 @@ class _Still:
 def _still(mesh: SurfaceMesh, local: F64, linear: F64, reach_m: float) -> _Still:
     placed = local @ linear.T
     corners = placed[mesh.triangles]
-    # A flattened object has no inverse; the one that is nearest to it is no turn, and is refused.
+    # A flattened object has no inverse; the nearest one is no rotation, and is rejected.
     return _Still(
         local.copy(),
         np.linalg.pinv(linear),

@@ -90,7 +90,7 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
     # what is done in it.
     centred = np.zeros(heights.shape, np.float32)
     heights = np.subtract(heights, heights.mean(), out=centred, casting="same_kind")
-    # Of a surface that is much smaller than the blur nothing is left, however far it goes on.
+    # A surface much smaller than the blur vanishes, even if it tiles.
     most = _MOST_SIZES * max(rows, columns)
     reach = [min(int(TRUNCATE * blur_m / t + 0.5) + 1, most) for t in field.texel_m]
     top = left = 0

@@ -23,7 +23,7 @@ from . import layout
 from .codec import Cursor, Section, decode, read_head, weights_from_bytes
 from .header_json import from_json, get
 
-# What zipfile and zlib raise for damaged containers, as found by changing bytes.
+# Exceptions of zipfile and zlib for damaged containers, as found by changing bytes.
 _DAMAGE: Final = (
     OSError,
     EOFError,

@@ -20,7 +20,7 @@ _UNIT_BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
 def _squared_norm(points: F64) -> F64:
     # Faster than np.linalg.norm and np.hypot; far points overflow to inf, which is outside, and
-    # einsum tells nobody of it.
+    # einsum does not warn of it.
     squared: F64 = np.einsum("ij,ij->j", points, points)
     return squared
 

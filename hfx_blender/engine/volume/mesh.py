@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
@@ -18,12 +19,15 @@ from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, merged
 
+MANY_FACES: Final = 50_000
+"""From here on, searching depths among all faces takes longer than finding fewer."""
+
 _CORE_TOLERANCE: Final = 0.005  # of the largest depth
 _CORE_CANDIDATES: Final = 64  # cells that are searched further in each round
 _CORE_ROUNDS: Final = 24
 _ALIKE: Final = 1e-9  # depths, as shares of the largest
 _AROUND: Final = 1 / 16  # of the extent: beyond it the distance to the box is enough
-_NEARLY: Final = 0.4  # of a distance is found ten times faster, and tells nearly as much
+_NEARLY: Final = 0.4  # a bound of a distance is found ten times faster, and is nearly as useful
 _UNSURE: Final = 1e-9  # of the extent: nearer to the boundary a point may count for either side
 _FLATTEST: Final = 1e-12  # least extent over largest
 _BOX_CORNERS: Final = np.array([[k >> 2 & 1, k >> 1 & 1, k & 1] for k in range(8)])
@@ -41,7 +45,8 @@ _SIMILAR: Final = 1e-9  # how unequal the scales of a matrix may be to count as 
 class MeshVolume:
     """Closed triangle mesh; points with a winding number other than zero are inside.
 
-    Small holes are closed (see :func:`mesh_topology.closed_surface`), and ``note`` tells so.
+    Small holes are closed and faces that face the other way are turned (see
+    :func:`mesh_topology.closed_surface`); ``note`` tells of it.
     A hollow (an inner shell facing inwards) is outside, overlapping shells are inside, and
     a mirrored or inside-out mesh is as good as any. Points nearer to the surface than rounding
     may be taken for either side.
@@ -65,7 +70,7 @@ class MeshVolume:
     vertices: F64
     triangles: I32
     name: str
-    note: str = field(init=False, default="")  # what a user should know, or nothing
+    note: str = field(init=False, default="")  # note for the user, or empty
     _vertices: F64 = field(init=False, repr=False)  # merged
     _triangles: I32 = field(init=False, repr=False)  # of merged vertices, facing one way
 
@@ -91,6 +96,12 @@ class MeshVolume:
         vertices, triangles, note = closed_surface(vertices, triangles, self.name)
         object.__setattr__(self, "_vertices", vertices)
         object.__setattr__(self, "_triangles", triangles)
+        if len(triangles) >= MANY_FACES and find_spec("fast_simplification") is None:
+            slower = (
+                f"'{self.name}' has {len(triangles)} faces, and fast-simplification, which finds "
+                f"fewer that feel the same, is not installed: it is felt more slowly"
+            )
+            note = "; ".join(filter(None, (note, slower)))
         object.__setattr__(self, "note", note)
 
     @classmethod
@@ -103,6 +114,44 @@ class MeshVolume:
         for key, value in values.items():
             object.__setattr__(made, key, value)
         return made
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether it has so many faces that it may pay to feel fewer."""
+        return len(self._triangles) >= MANY_FACES
+
+    def within(self, bound: float) -> MeshVolume:
+        """A volume of fewer faces, its surface at most ``bound`` from this one's, or this one.
+
+        Shape space; see :func:`decimation.decimated`. The same one for the same bound.
+        """
+        if bound not in self._fewer:
+            self._fewer[bound] = self._decimated(bound)
+        return self._fewer[bound]
+
+    def _decimated(self, bound: float) -> MeshVolume:
+        try:
+            from .decimation import decimated
+
+            found = decimated(
+                self._vertices,
+                self._triangles,
+                bound,
+                lambda places: self.surface_distance_m(places, np.eye(3)),
+            )
+        except ImportError:  # there is no wheel for every platform
+            return self
+        if found is None:
+            return self
+        try:
+            fewer = type(self)(*found, self.name)
+        except InputError:
+            return self
+        return self if fewer.note else fewer
+
+    @cached_property
+    def _fewer(self) -> dict[float, MeshVolume]:
+        return {}
 
     def __getstate__(self) -> dict[str, Any]:
         """State to pickle: the fields only; cached members may point into this process's memory."""
@@ -169,11 +218,11 @@ class MeshVolume:
         return clear
 
     def crossings(self, ways: Ways) -> tuple[F64, F64]:
-        """When points cross the surface on their ways, see :func:`mesh_crossing.crossings`."""
+        """First and last crossings of paths, see :func:`mesh_crossing.crossings`."""
         return crossings(self._tree, self._middle, ways)
 
     def comes_near(self, ways: Ways, reaches: F64) -> Bool | None:
-        """Which points come near the surface, see :func:`mesh_crossing.comes_near`."""
+        """Points that come near the surface, see :func:`mesh_crossing.comes_near`."""
         return comes_near(self._tree, self._middle, ways, reaches)
 
     def _placed_tree(self, linear: F64) -> TriangleTree:
@@ -230,7 +279,7 @@ class MeshVolume:
             promising = np.flatnonzero(depths + reach > best * (1.0 + _CORE_TOLERANCE))
             if not len(promising) or reach < _CORE_TOLERANCE * best:
                 break
-            # What differs only by rounding stands as it is: no machine chooses otherwise.
+            # Differences by rounding only are ignored, so that all machines choose the same.
             rank = np.rint(depths[promising] / (_ALIKE * max(best, reach)))
             order = np.argsort(-rank, kind="stable")[:_CORE_CANDIDATES]
             kept = centres[:, promising[order]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where points on their ways cross the surface of a mesh."""
+"""Crossings of paths with the surface of a mesh."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PAIRS_AT_ONCE: Final = 1 << 18
 
 
 def crossings(tree: TriangleTree, middle: F64, ways: Ways) -> tuple[F64, F64]:
-    """When points that move at an even speed first and last cross the surface.
+    """First and last time at which points in even motion cross the surface.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def crossings(tree: TriangleTree, middle: F64, ways: Ways) -> tuple[F64, F64]:
 
 
 def comes_near(tree: TriangleTree, middle: F64, ways: Ways, reaches: F64) -> Bool | None:
-    """Which points may come within ``reaches`` (N,) of the surface; None where nothing compiled
-    tells it."""
+    """Points that may come within ``reaches`` (N,) of the surface; None without the
+    compiled part."""
     if tree.compiled is None:
         return None
     return native.comes_near(tree.compiled, _slack(tree), middle, ways, reaches)

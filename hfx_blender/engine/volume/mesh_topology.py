@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Repairs a triangle mesh into a closed, consistently oriented surface: merging, turning, closing
-holes.
+"""Repairs a triangle mesh into a closed surface that faces one way.
+
+trimesh tells what is connected where a mesh has to be mended; its own ``repair`` turns faces and
+fills holes with networkx, which is not bundled. A sound mesh is judged without importing it.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Any, Final
 
 import numpy as np
@@ -20,19 +21,26 @@ Beyond it a mesh is rather a sheet, whose inside is undefined."""
 
 
 def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64, I32]:
-    """Merge coincident vertices; drop unused vertices and degenerate triangles."""
-    used, corners = np.unique(triangles, return_inverse=True)
+    """Make coincident vertices one; drop unused vertices and triangles without three corners."""
+    used, corners = _used(triangles, len(vertices))
     vertices = vertices[used]
     order = np.lexsort(vertices.T)
     new = np.ones(len(vertices), np.bool_)
     new[1:] = np.any(vertices[order[1:]] != vertices[order[:-1]], axis=1)
     group = np.zeros(len(vertices), np.int64)
     group[order] = np.cumsum(new) - 1
-    corners = group[corners.reshape(-1, 3)]
+    corners = group[corners]
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
-    used, corners = np.unique(corners, return_inverse=True)
-    return vertices[order][new][used], corners.reshape(-1, 3).astype(np.int32)
+    used, corners = _used(corners, int(np.count_nonzero(new)))
+    return vertices[order][new][used], corners.astype(np.int32)
+
+
+def _used(numbers: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
+    """Which of 0 .. ``count`` - 1 occur, ascending, and the place of each number among them."""
+    occurs = np.zeros(count, np.bool_)
+    occurs[numbers] = True
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[numbers]
 
 
 def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
@@ -48,29 +56,50 @@ def closed_surface(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, 
     triangles : (F', 3) int32
         With the caps at the end.
     note : str
-        What was closed, for the user; empty if nothing was.
+        The repairs, counted, for the user; empty without any.
 
     Raises
     ------
     InputError
-        Holes are too large to guess at, or the faces cannot all face one way.
+        Holes are too large to guess at, the faces cannot all face one way, or trimesh, which mends
+        both, is not installed.
     """
+    try:
+        return _mended(vertices, triangles, name)
+    except ImportError as error:
+        raise InputError(
+            f"'{name}' has holes, or faces that face the other way, and {error.name}, with which "
+            f"they are mended, is not installed; fill the holes and recalculate the normals."
+        ) from error
+
+
+def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
     edge, uses, up = _edges(triangles)
     is_open = uses % 2 == 1
+    notes: list[str] = []
     if _balance(edge, up)[~is_open].any():
-        turned = _turns(len(triangles), edge, uses, up)
+        turned = _turns(triangles)
         triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)
         edge, uses, up = _edges(triangles)
-    note = ""
+        number = int(np.count_nonzero(turned))
+        faces = "1 face that faces" if number == 1 else f"{number} faces that face"
+        notes += [f"'{name}' has {faces} the other way: turned for it"] * (number > 0)
     if is_open.any():
         vertices, triangles, note = _with_caps(vertices, triangles, edge, uses, name)
+        notes.append(note)
         edge, uses, up = _edges(triangles)
     if _balance(edge, up).any():
         raise InputError(
             f"'{name}' has faces whose normals cannot be made to agree, so its inside is not "
             f"defined; recalculate its normals or remove its inner faces."
         )
-    return vertices, triangles, note
+    return vertices, triangles, "; ".join(notes)
+
+
+def is_closed(triangles: I32) -> bool:
+    """Whether each edge is used as often in one direction as in the other."""
+    edge, _, up = _edges(triangles)
+    return not _balance(edge, up).any()
 
 
 def _edges(triangles: I32) -> tuple[I64, I64, Bool]:
@@ -96,15 +125,13 @@ def _balance(edge: I64, up: Bool) -> F64:
 def _with_caps(
     vertices: F64, triangles: I32, edge: I64, uses: I64, name: str
 ) -> tuple[F64, I32, str]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from trimesh.graph import connected_component_labels
 
     # Of the uses of an open edge those in both directions cancel: one is left over.
     rim = _left_over(edge, triangles, uses)
     count = len(vertices)
-    joined = coo_array((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(count, count))
-    _, hole_of = connected_components(joined, directed=False)
-    holes, hole = np.unique(hole_of[rim[:, 0]], return_inverse=True)
+    labels = connected_component_labels(rim, count)[rim[:, 0]]
+    holes, hole = np.unique(labels, return_inverse=True)
     sizes = np.bincount(hole)
     middles = np.stack(
         [np.bincount(hole, vertices[rim[:, 0], k]) / sizes for k in range(3)], axis=1
@@ -139,36 +166,32 @@ def _left_over(edge: I64, triangles: I32, uses: I64) -> I64:
 
 
 def _area(vertices: F64, triangles: I32) -> float:
-    corners = vertices[triangles]
-    corners = corners / (np.abs(vertices - vertices[0]).max() or 1.0)  # no scale underflows
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return float(np.sqrt(np.einsum("ij,ij->i", across, across)).sum())
+    from trimesh.triangles import area
+
+    size = np.abs(vertices - vertices[0]).max() or 1.0  # no scale underflows
+    return float(area(vertices[triangles] / size).sum())
 
 
-def _turns(count: int, edge: I64, uses: I64, up: Bool) -> Bool:
-    """Triangles to turn so that neighbours agree, as a mask; the fewest of each connected piece."""
-    corners = np.argsort(edge, kind="stable")
-    corners = corners[uses[edge[corners]] == 2].reshape(-1, 2)
-    disagree = up[corners[:, 0]] == up[corners[:, 1]]
-    neighbours: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
-    for (one, other), differs in zip((corners // 3).tolist(), disagree.tolist(), strict=True):
-        neighbours[one].append((other, differs))
-        neighbours[other].append((one, differs))
-    turned = np.zeros(count, np.bool_)
-    seen = np.zeros(count, np.bool_)
-    for seed in range(count):
-        if seen[seed]:
-            continue
-        seen[seed] = True
-        piece, queue = [seed], deque([seed])
-        while queue:
-            current = queue.popleft()
-            for other, differs in neighbours[current]:
-                if not seen[other]:
-                    seen[other] = True
-                    turned[other] = turned[current] ^ differs
-                    piece.append(other)
-                    queue.append(other)
-        if 2 * np.count_nonzero(turned[piece]) > len(piece):
-            turned[piece] = ~turned[piece]
-    return turned
+def _turns(triangles: I32) -> Bool:
+    """Triangles to turn so that neighbours agree, as a mask; the fewest of each connected piece.
+
+    Each triangle is there twice, as it is and turned; those that agree are connected. A piece
+    that can face one way is then there twice, too, and the one with fewer turned is taken.
+    """
+    from trimesh.graph import connected_component_labels, face_adjacency
+
+    count = len(triangles)
+    pairs, shared = face_adjacency(triangles, return_edges=True)
+    corners = triangles[pairs]  # (n, 2, 3)
+    ahead = (corners == shared[:, None, :1]) & (np.roll(corners, -1, axis=2) == shared[:, None, 1:])
+    differ = count * (ahead[:, 0].any(axis=1) == ahead[:, 1].any(axis=1))
+    one, other = pairs.T
+    links = np.stack([one, other + differ, one + count, other + count - differ]).reshape(2, 2, -1)
+    labels = connected_component_labels(links.swapaxes(1, 2).reshape(-1, 2), 2 * count)
+    as_is, turned = labels[:count], labels[count:]
+    votes = np.bincount(as_is, minlength=2 * count)
+    more = votes[turned] - votes[as_is]
+    # Of as many each way the first triangle of a piece stays.
+    first = np.full(2 * count, count)
+    np.minimum.at(first, as_is, np.arange(count))
+    return (more > 0) | ((more == 0) & (first[turned] < first[as_is]))

@@ -37,7 +37,7 @@ def _inverse(matrices: F64) -> F64:
     cofactors = crosses.transpose(0, 2, 1)
     determinants = np.einsum("ti,ti->t", matrices[:, 0], crosses[:, 0])
     inverses = cofactors / determinants[:, None, None]
-    # One step of Newton's iteration takes away what cancellation left.
+    # One step of Newton's iteration removes the errors of cancellation.
     inverses = inverses @ (2.0 * np.eye(3) - matrices @ inverses)
     return np.asarray(inverses)
 

@@ -93,9 +93,10 @@ def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
 
 
 def passage_along(shape: Shape, ways: Ways) -> tuple[F64, F64]:
-    """As :func:`passage`, of ways that may have several steps."""
+    """:func:`passage` for paths that may have several steps."""
     if isinstance(shape, MeshVolume):
-        return _unless_empty(*_through_mesh(shape, ways))
+        with np.errstate(all="ignore"):  # as in passage
+            return _unless_empty(*_through_mesh(shape, ways))
     first = np.full(len(ways.intervals), np.inf)
     last = -first
     for k, (start, end) in enumerate(pairwise(ways.path())):

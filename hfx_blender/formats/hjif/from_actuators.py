@@ -40,7 +40,7 @@ def write(
     """
     document, weak = _compose(raster, device, stem.name, tolerance)
     left_out = losses.beyond_limits(raster, device, highest_m_s2=np.inf)
-    notes = (*losses.one_frequency(raster, "MPEG HJIF"), *counted(weak, TOO_WEAK))
+    notes = (*losses.one_frequency(raster), *counted(weak, TOO_WEAK))
     return _write(document, stem, tolerance) + Written((), left_out, notes)
 
 
@@ -99,7 +99,7 @@ def write_signals(
     ]
     perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
     document = document_of(clean(stem.name), [perception], timescale)
-    left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ), "MPEG HJIF")
+    left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
     notes = counted(vanished(perception, places), TOO_WEAK)
     return _write(document, stem, tolerance) + Written((), left_out, notes)
 

@@ -140,7 +140,7 @@ def compose(
     ]
     left_out = (
         *counted(high, f"vibrations above {MAX_HZ:g} Hz are written as {MAX_HZ:g} Hz"),
-        *counted(turning, "HJIF holds one direction of a wind; of those that turn it has none"),
+        *counted(turning, "it holds one direction of a wind, and none of those that turn"),
         *counted(
             [header.effect(stream).name for stream in header.streams if found[stream].changes],
             "painted areas that change are written as they are at first",

@@ -35,7 +35,7 @@ class Envelope:
     frequency_hz: Curve | None  # None: curves have no pitch
     transients: tuple[Transient, ...]
     full_scale: float | None  # of its reference device, where that is known
-    left_out: tuple[str, ...] = ()  # what of it is not in this, one sentence each
+    left_out: tuple[str, ...] = ()  # left-out parts, one sentence each
 
 
 def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:

@@ -39,7 +39,7 @@ from ...engine.volume.shape import Falloff
 
 _MODEL: Final = "hfx-vibration-1"
 _BLOCK: Final = 32  # times
-_AWAY_M: Final = 5.0  # where what touches nothing is
+_AWAY_M: Final = 5.0  # place of everything without contact
 _SHAPES: Final = (Sphere(), Cuboid(), Cylinder(), Capsule(0.75), Sphere())
 _PLACES: Final = ((0.0, 0.0, 1.2), (0.2, 0.0, 0.9), (-0.2, 0.05, 0.5), (0.0, 0.1, 1.6), (0, 0, 0.1))
 

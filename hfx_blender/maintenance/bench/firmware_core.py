@@ -117,13 +117,13 @@ class Board:
             self._library.hfx_tick(self._core, self.now_ms & _CLOCK)
 
     def replies(self) -> list[wire.Frame]:
-        """What it has said since it was asked last."""
+        """Replies since the last call."""
         content, self.sent[:] = bytes(self.sent), b""
         return self._receiver.take(content)
 
     @property
     def levels(self) -> list[int]:
-        """What the pins get, 0..65535."""
+        """Levels at the pins, 0..65535."""
         return [self._library.level(self._core, i) for i in range(self.channels)]
 
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from ... import blender_session, resources
 from ...devices.live.client import LiveClient
-from ...devices.live.moments import Moment, moment_to
+from ...devices.live.live_frame import LiveFrame, live_frame_to
 from ...engine.body.model import load_model
 from ...engine.rendering.moment import moment_header
 from ...engine.samples import SampleRun, Stream
@@ -115,7 +115,7 @@ class _Receiver:
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.5)
         self.port = int(self._socket.getsockname()[1])
-        self.arrived: dict[int, float] = {}  # by what _level makes of a frame's number
+        self.arrived: dict[int, float] = {}  # by the level of a frame's number
         self._is_closed = False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -192,7 +192,7 @@ def _at_port(interval_ms: int, frames: int) -> list[float]:
     return found
 
 
-def _vibrating_skin() -> tuple[TrackHeader, Callable[[float], Moment]]:
+def _vibrating_skin() -> tuple[TrackHeader, Callable[[float], LiveFrame]]:
     """A scene of one effect on all skin, and its moments by amplitude."""
     model = load_model(_MODEL)
     stream = Stream("skin", "body", "vibration", model.id)
@@ -206,7 +206,7 @@ def _vibrating_skin() -> tuple[TrackHeader, Callable[[float], Moment]]:
     vertices = np.arange(len(model), dtype=np.int32)
     weights = np.ones(len(model), np.float32)
 
-    def moment(amplitude_m_s2: float) -> Moment:
+    def moment(amplitude_m_s2: float) -> LiveFrame:
         run = SampleRun(
             stream,
             np.zeros(1, np.int64),
@@ -217,7 +217,7 @@ def _vibrating_skin() -> tuple[TrackHeader, Callable[[float], Moment]]:
             vertices,
             weights,
         )
-        return Moment(0.0, [run])
+        return LiveFrame(0.0, [run])
 
     return header, moment
 
@@ -289,7 +289,7 @@ def _in_blender(
         try:
             for each in devices:
                 live.connect(each, LiveSettings())
-            live_handlers.stop_listening()  # we call what it would call
+            live_handlers.stop_listening()  # called directly, in its place
             end = time.monotonic() + _PATIENCE_S
             while sum(each.is_armed for each in live.states.values()) < len(devices):
                 live.beat()
@@ -344,5 +344,5 @@ def _packing(evaluation: Evaluation) -> float:
     places = {stream: k for k, stream in enumerate(streams)}
     runs = evaluation.runs()
     begun = time.perf_counter()
-    moment_to(Moment(0.0, runs), places)
+    live_frame_to(LiveFrame(0.0, runs), places)
     return time.perf_counter() - begun

@@ -48,7 +48,7 @@ class _Mutes(Rounds):
         return self._bpy.context.scene.hfx.devices[DEVICE]
 
     def _feed(self) -> None:
-        """What a timer of Blender's does, and a surface that is stroked."""
+        """Act as a timer of Blender's, and as a surface that is stroked."""
         from ...playback.live import live
 
         live.beat()

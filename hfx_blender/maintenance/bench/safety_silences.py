@@ -16,9 +16,9 @@ from typing import Final
 
 import numpy as np
 
+from ...devices.live.device_thread import FREEZE_S
 from ...devices.live.haptics import packed
-from ...devices.live.lane import FREEZE_S
-from ...devices.live.moments import Moment
+from ...devices.live.live_frame import LiveFrame
 from .safety_stops import (
     DEVICE,
     RATE_HZ,
@@ -193,7 +193,7 @@ class _NothingNew(_Several):
         asked_s = time.monotonic()
         self._send(playing())
         time.sleep(0.01)
-        self._client.show(Moment(0.0, []))  # of no scene: nobody answers
+        self._client.show(LiveFrame(0.0, []))  # of no scene: no answer comes
         end = asked_s + FREEZE_S + 0.3
         while time.monotonic() < end:
             self._client.events()

@@ -327,7 +327,7 @@ class OfBand(WithClient):
         self._count = 0
 
     def feed(self) -> None:
-        """What Blender does for each frame."""
+        """Act as Blender for each frame."""
         self._client.events()
         self._client.send("band", playing())
         self._client.heartbeat()

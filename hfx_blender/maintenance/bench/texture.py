@@ -183,7 +183,7 @@ def _examples(
     return found
 
 
-# What is kept of a stroke that is too fast
+# Collisions left of a stroke that is too fast
 
 
 def salience(short: bool) -> list[dict[str, Any]]:

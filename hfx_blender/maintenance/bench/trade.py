@@ -38,7 +38,7 @@ SWEEP: Final = (
 STANDARD_DEVICES: Final = (
     *("forearm_band_left", "back_pad", "pressure_vest", "insoles", "fan_heater"),
 )
-"""Worn where a scene names no devices."""
+"""Devices of a scene that names none."""
 
 REFERENCE_RATE_HZ: Final = Fraction(1000)
 

@@ -188,7 +188,7 @@ def amplitude_error(
         return AmplitudeError(0.0, 0.0, 0)
     low, high = _least(b, window), -_least(-b, window)
     beyond = np.maximum(np.maximum(low - a, a - high), 0.0)
-    # What the reference plays for a moment must be played at some moment near it as well.
+    # Short output of the reference must be played near the same time as well.
     lacking = np.maximum(np.maximum(_least(a, window) - b, b + _least(-a, window)), 0.0)
     return AmplitudeError(
         float(np.abs(a - b)[driven].mean()),

@@ -228,7 +228,7 @@ def _against_winding(
         )
         winding = igl.fast_winding_number(vertices, faces, points)
         inside = volume.contains(np.ascontiguousarray(points.T))
-        # The fast number is an approximation: where it is not plain, the exact one is asked.
+        # The fast number is an approximation: in doubt the exact one is computed.
         plain = np.abs(np.abs(winding) - np.rint(np.abs(winding))) < 0.1
         plain &= (np.rint(np.abs(winding)) > 0) == inside
         doubtful = np.flatnonzero(~plain)

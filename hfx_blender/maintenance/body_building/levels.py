@@ -55,7 +55,7 @@ def coarser(model: PerceptualModel, vertices: int) -> Level:
         points, faces, collapses
     )
     vertex_of = half[_nearest_members(points.astype(np.float64), places, coarse_of)]
-    stands_in = np.zeros(len(model), np.int64)  # fine vertex to the one that stands for it
+    stands_in = np.zeros(len(model), np.int64)  # coarse vertex of each fine one
     stands_in[half] = vertex_of[coarse_of]
     right = np.flatnonzero(model.side == RIGHT)
     stands_in[right] = model.mirror[stands_in[model.mirror[right]]]

@@ -238,7 +238,7 @@ class Remesher:
         edges = mesh_edges.edges_of(self.triangles, len(points))
         one, other = edges.ends.T
         lengths = np.linalg.norm(points[one] - points[other], axis=1)
-        # An edge beside the midline stands for two, one on it for one.
+        # An edge beside the midline counts twice, one on it once.
         copies = np.where(edges.is_border, 1.0, 2.0)
         same = self.part[one] == self.part[other]
         labels = self.part[one][same]

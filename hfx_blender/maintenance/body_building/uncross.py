@@ -31,7 +31,7 @@ _MOVE_LIMIT: Final = 0.2  # of the spacing
 _FLATTEST: Final = 0.06  # twice the area of a triangle over the square of its longest side
 _DEPTH_SAMPLES: Final = 3000  # of the skin around a patch
 
-# What a state costs: first crossings, then triangles turned over, then distance from the skin.
+# Cost of a state: first crossings, then triangles turned over, then distance from the skin.
 _PER_CROSSING: Final = 4.0
 _PER_CROSSING_M: Final = 1000.0
 _PER_TURNED: Final = 1.0

@@ -35,7 +35,7 @@ def build(particles: int = PARTICLES, duration_s: float = DURATION_S) -> bpy.typ
     scene.name = "Belt"
     scene.render.fps = FPS
     scene.frame_start, scene.frame_end = 0, round(duration_s * FPS) - 1
-    scene.gravity = (0.0, 0.0, 0.0)  # what flies does not fall
+    scene.gravity = (0.0, 0.0, 0.0)  # flying particles do not fall
     body = _add_walker()
     collection = bpy.data.collections.new("Swarm")
     scene.collection.children.link(collection)

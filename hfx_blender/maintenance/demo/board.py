@@ -134,7 +134,7 @@ def _make_felt(square: bpy.types.Object, name: str) -> None:
     surfaces.add_surface(square, "PROCEDURAL")
     square.hfx.surface.procedural = name
     surfaces.make(square)
-    if MATERIALS[name].kind == "metal":  # too smooth to be told by touch alone
+    if MATERIALS[name].kind == "metal":  # too smooth to be recognised by touch alone
         square.hfx.surface.sound = _friction(name)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.lane import Lane
+from hfx_blender.devices.live.device_thread import DeviceThread
 
 BAND = load_device("forearm_band_left")  # eight motors: amplitude and frequency in turn
 
@@ -57,7 +57,7 @@ class Port:
         return bool(self.given) and self.strengths()[-1][1] > 0.0
 
     def last_loud_s(self, since_s: float = 0.0) -> float:
-        """When something that can be felt was on last, until it was replaced; -1: never."""
+        """Time at which the last perceptible output was replaced; -1 without any."""
         found = [*self.strengths(), (self._clock.now_s, 0.0)]
         ends = [after for (t, v), (after, _) in pairwise(found) if v > 0.0]
         return max((each for each in ends if each > since_s), default=-1.0)
@@ -70,7 +70,7 @@ class Played:
         self.clock = clock or FakeClock()
         self.port = Port(self.clock)
         self.reports: list[tuple[str, str]] = []
-        self.lane = Lane(1, device, lambda: self.port, self._told, clock=self.clock, **more)
+        self.lane = DeviceThread(1, device, lambda: self.port, self._told, clock=self.clock, **more)
         self.lane._output, self.lane._is_open = self.port, True  # its threads are this one
         self.lane._silence = self.port.stop  # type: ignore[method-assign]
         self.lane.arm()

@@ -24,7 +24,7 @@ def playing(amplitude: float = 10.0) -> np.ndarray:
 
 
 def rows_of(log: Path) -> list[dict[str, Any]]:
-    """What a simulator has written down; a line in the making is left out."""
+    """Complete lines of a simulator's log."""
     lines = log.read_text().split("\n")[:-1] if log.exists() else []
     return [json.loads(line) for line in lines]
 

@@ -23,10 +23,11 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import host as host_module
 from hfx_blender.devices.live import script_process
 from hfx_blender.devices.live.client import DeviceState, LiveClient
+from hfx_blender.devices.live.device_thread import DeviceThread, Question
 from hfx_blender.devices.live.encoders import Channels
 from hfx_blender.devices.live.host import Host
 from hfx_blender.devices.live.host_pipe import HostPipe
-from hfx_blender.devices.live.lane import Lane, Question
+from hfx_blender.devices.live.live_frame import LiveFrame
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
     Kind,
@@ -35,7 +36,6 @@ from hfx_blender.devices.live.messages import (
     message,
     values_to,
 )
-from hfx_blender.devices.live.moments import Moment
 from hfx_blender.devices.live.output import OutputLostError
 from hfx_blender.devices.live.script_process import ScriptProcess
 from hfx_blender.devices.live.transports import buttplug, serial_port
@@ -61,10 +61,10 @@ class Kept:
         pass
 
 
-def lane_of(device: Any) -> tuple[Lane, Kept]:
+def lane_of(device: Any) -> tuple[DeviceThread, Kept]:
     """A lane that is open, without its threads."""
     output = Kept()
-    lane = Lane(0, device, lambda: output, lambda *_, **__: None)
+    lane = DeviceThread(0, device, lambda: output, lambda *_, **__: None)
     lane._output, lane._is_open = output, True
     return lane, output
 
@@ -164,7 +164,7 @@ def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
         return b"a moment"
 
     monkeypatch.setattr(pipe, "_as_bytes", packed)
-    client.show(Moment(0.0, []))
+    client.show(LiveFrame(0.0, []))
     pipe._write(process)
     assert process.stdin.getvalue() == message(Kind.STOP, EVERY_DEVICE, b"enough")
 
@@ -375,7 +375,9 @@ def test_an_output_that_fails_to_open_is_its_devices_fault_only() -> None:
         raise RuntimeError("of somebody's")
 
     told: list[tuple[str, str]] = []
-    lane = Lane(0, DEVICE, broken, lambda event, _, text="", **__: told.append((event, text)))
+    lane = DeviceThread(
+        0, DEVICE, broken, lambda event, _, text="", **__: told.append((event, text))
+    )
     lane._run()
     assert told == [("lost", "cannot be opened: of somebody's")]
 
@@ -501,7 +503,7 @@ def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyP
 
 def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.MonkeyPatch) -> None:
     host, lane = host_of(monkeypatch)
-    monkeypatch.setattr(host_module.Lane, "start", lambda self: None)
+    monkeypatch.setattr(host_module.DeviceThread, "start", lambda self: None)
     wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
     host.hear(Message(Kind.CONNECT, 1, wish))
     assert lane.told == ["close"] and host._lanes[1] is not lane

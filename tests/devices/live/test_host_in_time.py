@@ -13,8 +13,8 @@ from fake_time import FakeClock, Played, frame, run
 
 from hfx_blender.devices.live.client import LiveClient
 from hfx_blender.devices.live.host import HEARTBEAT_S, PAUSE_S, Host
+from hfx_blender.devices.live.live_frame import LiveFrame
 from hfx_blender.devices.live.messages import EVERY_DEVICE, Kind, Message, message, values_to
-from hfx_blender.devices.live.moments import Moment
 from hfx_blender.devices.live.script_process import FAULTS_WITHIN_S, ScriptProcess
 
 WATCH_S = 0.02
@@ -67,7 +67,7 @@ class Session:
         self.host.hear(Message(kind, device, body))
 
     def pass_time(self, seconds: float, beat: bool = False) -> None:
-        """What the process does meanwhile."""
+        """Let time pass for the process."""
         end = self.clock.now_s + seconds
         while self.clock.now_s < end - 1e-9:
             run([self.played], min(0.001, end - self.clock.now_s))
@@ -119,6 +119,24 @@ def test_many_pauses_of_a_slow_script_are_silent() -> None:
         asked_s = session.clock.now_s
         session.pass_time(0.06)
         assert session.played.port.last_loud_s() <= asked_s + 0.001, k
+
+
+@pytest.mark.parametrize("offset_s", [0.0, 0.2])
+def test_a_storm_of_mutes_leaves_the_device_as_the_last_one_says(offset_s: float) -> None:
+    """A mute is a pause of one device; values that were asked for before it come in between."""
+    session = Session(offset_s=offset_s)
+    rng = np.random.default_rng(1)
+    for _ in range(12):
+        session.stream(offset_s + 0.1)
+        assert session.played.port.is_loud()
+        for _ in range(int(rng.integers(1, 20))):  # pressed again and again
+            session.hear(Kind.VALUES, body=values_to(frame()))
+            session.pass_time(float(rng.uniform(0.0, 0.003)))
+            session.hear(Kind.PAUSE)
+        asked_s = session.clock.now_s
+        session.pass_time(0.06 + offset_s, beat=True)
+        assert session.played.port.last_loud_s() <= asked_s + 0.001
+    assert session.played.events() == ["armed"]
 
 
 @pytest.mark.parametrize("kind", [Kind.ANSWER, Kind.HAPTICS])
@@ -278,7 +296,7 @@ class Told(LiveClient):
 def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
     client = Told()
     for gains in ({}, {2: 0.5}, {2: 0.0}, {2: 0.0, 3: 1.0}, {2: 0.5}, {2: 0.0}):
-        client.show(Moment(0.0, [], gains))
+        client.show(LiveFrame(0.0, [], gains))
     muted = [("void", EVERY_DEVICE), ("void", 2), (Kind.PAUSE, 2), "show"]
     assert client.order == ["show", "show", *muted, "show", "show", *muted]
 

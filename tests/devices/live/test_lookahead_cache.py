@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What late actuators are given while it plays: known ahead, or remembered, or what is now."""
+"""Input of late actuators in playback: the look-ahead, a remembered frame, or the current one."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import pytest
 
 from hfx_blender.devices.live import lookahead_cache
 from hfx_blender.devices.live.keyed_scene import KeyedBlock, KeyedScene
+from hfx_blender.devices.live.live_frame import LiveFrame
 from hfx_blender.devices.live.lookahead_cache import LookaheadCache
 from hfx_blender.devices.live.messages import MessageError, pack
-from hfx_blender.devices.live.moments import Moment
-from hfx_blender.devices.live.plain_data import plain_from, plain_to
 from hfx_blender.devices.live.playhead import Playhead, frames_ahead, parts_between
+from hfx_blender.devices.live.serialization import from_bytes, to_bytes
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.kinematics.keyed_rig import KeyedRig
 from hfx_blender.engine.scene import (
@@ -40,7 +40,7 @@ FPS = 25.0  # 40 ms are a frame
 
 
 def scene(edition: int = 1) -> KeyedScene:
-    """One painted effect; its bones do not matter."""
+    """Scene with one painted effect; its bones do not matter."""
     area = PaintedArea("body", np.arange(3, dtype=np.int32), np.ones(3, np.float32))
     return KeyedScene(
         edition,
@@ -65,14 +65,14 @@ def block(first: int, last: int, edition: int = 1) -> KeyedBlock:
     return KeyedBlock(edition, frames, (effect,), (still,), (np.zeros((len(frames), 0)),))
 
 
-def shown(frame: float, edition: int = 1, *, is_playing: bool = True, step: int = 1) -> Moment:
+def shown(frame: float, edition: int = 1, *, is_playing: bool = True, step: int = 1) -> LiveFrame:
     """A moment whose run is the frame's number."""
     playhead = Playhead(frame, 1, 24, FPS, is_playing, step)
-    return Moment(0.0, [f"shown at {frame:g}"], edition=edition, playhead=playhead)  # type: ignore[list-item]
+    return LiveFrame(0.0, [f"shown at {frame:g}"], edition=edition, playhead=playhead)  # type: ignore[list-item]
 
 
-def later(known: LookaheadCache, moment: Moment) -> dict[float, Any]:
-    """What is later, by latency: the strength of what was evaluated, or what was shown."""
+def later(known: LookaheadCache, moment: LiveFrame) -> dict[float, Any]:
+    """Later samples by latency: the strength of what was evaluated, or what was shown."""
     with known.answering(moment) as found:
         return {
             ms: runs[0] if isinstance(runs[0], str) else runs[0].parameters[0, 0]
@@ -96,16 +96,16 @@ def known() -> Iterator[LookaheadCache]:
 
 
 def test_what_comes_is_evaluated_before_it_is_wanted(known: LookaheadCache) -> None:
-    known.take(plain_to(scene()))
-    known.take(plain_to(block(1, 24)))
+    known.take(to_bytes(scene()))
+    known.take(to_bytes(block(1, 24)))
     until(lambda: later(known, shown(3.0)) == {40.0: 4.0, 200.0: 8.0})
     until(lambda: later(known, shown(23.0)) == {40.0: 24.0, 200.0: 4.0})  # it begins again
     until(lambda: later(known, shown(3.0, step=-1)) == {40.0: 2.0, 200.0: 22.0})
 
 
 def test_it_is_known_before_play_is_pressed(known: LookaheadCache) -> None:
-    known.take(plain_to(scene()))
-    known.take(plain_to(block(1, 24)))
+    known.take(to_bytes(scene()))
+    known.take(to_bytes(block(1, 24)))
     standing = shown(3.0, is_playing=False)
     assert later(known, standing) == {}
     until(lambda: {4000, 8000} <= set(known._known))
@@ -114,26 +114,26 @@ def test_it_is_known_before_play_is_pressed(known: LookaheadCache) -> None:
 
 
 def test_after_an_edit_nothing_of_before_holds(known: LookaheadCache) -> None:
-    known.take(plain_to(scene()))
-    known.take(plain_to(block(1, 24)))
+    known.take(to_bytes(scene()))
+    known.take(to_bytes(block(1, 24)))
     until(lambda: later(known, shown(3.0)))
     assert later(known, shown(3.0, edition=2)) == {}
-    known.take(plain_to(scene()))  # they were on their way
-    known.take(plain_to(block(1, 24)))
+    known.take(to_bytes(scene()))  # they were on their way
+    known.take(to_bytes(block(1, 24)))
     until(lambda: not known._bodies)
     time.sleep(0.05)
     assert known._scene is None and not known._blocks
     later(known, shown(8.0, edition=1))
     assert later(known, shown(3.0, edition=2)) == {}
-    known.take(plain_to(scene(2)))
-    known.take(plain_to(block(1, 24)))
+    known.take(to_bytes(scene(2)))
+    known.take(to_bytes(block(1, 24)))
     until(lambda: known._scene is not None and not known._bodies)
     time.sleep(0.05)
     assert not known._blocks and later(known, shown(3.0, edition=2)) == {}
     changed = block(1, 24, edition=2)
     (effect,) = changed.effects
     known.take(
-        plain_to(replace(changed, effects=(replace(effect, parameters=effect.parameters * 2),)))
+        to_bytes(replace(changed, effects=(replace(effect, parameters=effect.parameters * 2),)))
     )
     until(lambda: later(known, shown(3.0, edition=2)) == {40.0: 8.0, 200.0: 16.0})
     assert later(known, shown(3.0, edition=1)) == {40.0: 8.0, 200.0: 16.0}  # late itself
@@ -154,8 +154,8 @@ def test_scrubbing_is_not_remembered(known: LookaheadCache) -> None:
 
 
 def test_what_is_not_known_is_what_is_felt_now(known: LookaheadCache) -> None:
-    known.take(plain_to(scene()))
-    known.take(plain_to(block(1, 5)))
+    known.take(to_bytes(scene()))
+    known.take(to_bytes(block(1, 5)))
     until(lambda: later(known, shown(3.0)) == {40.0: 4.0})  # frame 8 was never told
 
 
@@ -169,8 +169,8 @@ def test_what_cannot_be_evaluated_is_left_out_and_tried_only_once(
         raise ValueError("cannot")
 
     monkeypatch.setattr(lookahead_cache.Engine, "evaluate", broken)
-    known.take(plain_to(scene()))
-    known.take(plain_to(block(1, 24)))
+    known.take(to_bytes(scene()))
+    known.take(to_bytes(block(1, 24)))
     known.take(b"nonsense")
     later(known, shown(3.0))
     until(lambda: len(tries) == 17)  # frames 4 to 20: half a second for both latencies
@@ -189,8 +189,8 @@ def test_what_was_edited_while_it_was_evaluated_is_not_known(
         return ["of before"]
 
     monkeypatch.setattr(lookahead_cache.Engine, "evaluate", edited_meanwhile)
-    known.take(plain_to(scene()))
-    known.take(plain_to(block(1, 24)))
+    known.take(to_bytes(scene()))
+    known.take(to_bytes(block(1, 24)))
     later(known, shown(3.0))
     until(lambda: is_done)
     time.sleep(0.05)
@@ -206,7 +206,7 @@ def test_nothing_is_begun_while_a_moment_is_answered(known: LookaheadCache) -> N
 
 
 def test_who_is_not_needed_any_more_ends(known: LookaheadCache) -> None:
-    known.take(plain_to(scene()))
+    known.take(to_bytes(scene()))
     known.close()
     assert known._thread is not None
     known._thread.join(PATIENCE_S)
@@ -222,7 +222,7 @@ def test_only_so_much_is_known(known: LookaheadCache, monkeypatch: pytest.Monkey
 
 def test_without_late_actuators_nothing_is_kept() -> None:
     found = LookaheadCache(())
-    found.take(plain_to(scene()))
+    found.take(to_bytes(scene()))
     assert later(found, shown(3.0)) == {}
     assert found._thread is None and not found._known and not found._bodies
 
@@ -255,10 +255,10 @@ MESH = MeshVolume(
 
 def test_plain_data_arrives_as_it_was() -> None:
     sent = (Fraction(24000, 1001), Falloff(FalloffKind.SMOOTH, 0.5), {"a": None, "b": True}, MESH)
-    rate, falloff, words, mesh = plain_from(plain_to(sent))
+    rate, falloff, words, mesh = from_bytes(to_bytes(sent))
     assert (rate, falloff, words) == sent[:3]
     assert mesh.vertices.tolist() == MESH.vertices.tolist() and mesh.name == "a"
-    found = plain_from(plain_to(scene()))
+    found = from_bytes(to_bytes(scene()))
     assert found.description.effects[0].area.vertices.tolist() == [0, 1, 2]
     assert found.tolerance == STANDARD and found.description.time == scene().description.time
 
@@ -268,14 +268,14 @@ def test_nothing_else_is_even_imported(name: str, monkeypatch: pytest.MonkeyPatc
     imported: list[str] = []
     monkeypatch.setattr("importlib.import_module", imported.append)
     with pytest.raises(MessageError):
-        plain_from(pack({"value": ["object", name, {}]}, {}))
+        from_bytes(pack({"value": ["object", name, {}]}, {}))
     assert not imported
 
 
 @pytest.mark.parametrize("value", [object(), Playhead(1.0, 1, 2, 24.0), np.zeros(1, np.complex64)])
 def test_what_is_no_plain_data_of_the_engine_is_refused(value: object) -> None:
     with pytest.raises(TypeError):
-        plain_to(value)
+        to_bytes(value)
 
 
 @pytest.mark.parametrize(
@@ -300,4 +300,4 @@ def test_what_is_no_plain_data_of_the_engine_is_refused(value: object) -> None:
 )
 def test_nothing_but_plain_data_of_the_engine_is_made_of_bytes(value: object) -> None:
     with pytest.raises(MessageError):
-        plain_from(pack({"value": value}, {}))
+        from_bytes(pack({"value": value}, {}))

@@ -23,7 +23,16 @@ from live_process import BAND, PATIENCE_S, is_loud, rows_of, wait
 from hfx_blender import resources
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.lane import Question
+from hfx_blender.devices.live.device_thread import Question
+from hfx_blender.devices.live.live_frame import (
+    LiveFrame,
+    RenderedDevice,
+    SceneMessage,
+    live_frame_from,
+    live_frame_to,
+    scene_from,
+    scene_to,
+)
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
     Kind,
@@ -32,15 +41,6 @@ from hfx_blender.devices.live.messages import (
     json_to,
     pack,
     values_from,
-)
-from hfx_blender.devices.live.moments import (
-    Moment,
-    SceneMessage,
-    Worn,
-    moment_from,
-    moment_to,
-    scene_from,
-    scene_to,
 )
 from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.devices.live.render_process import RenderProcess
@@ -82,19 +82,21 @@ def felt(stream: Stream, amplitude: float, hz: float, **more: object) -> SampleR
     )
 
 
-def moment(low: float = 3.0, high: float = 0.0, **more: object) -> Moment:
+def moment(low: float = 3.0, high: float = 0.0, **more: object) -> LiveFrame:
     runs = [felt(STREAMS[0], low, 80.0)]
     if high:
         runs.append(felt(STREAMS[1], high, 250.0))
-    return Moment(1.0, runs, **more)  # type: ignore[arg-type]
+    return LiveFrame(1.0, runs, **more)  # type: ignore[arg-type]
 
 
 def places() -> dict[Stream, int]:
     return {stream: k for k, stream in enumerate(STREAMS)}
 
 
-def worn(name: str, number: int = 1, *, folder: Path | None = None, script: bool = False) -> Worn:
-    return Worn(number, name, None if folder is None else str(folder), script)
+def worn(
+    name: str, number: int = 1, *, folder: Path | None = None, script: bool = False
+) -> RenderedDevice:
+    return RenderedDevice(number, name, None if folder is None else str(folder), script)
 
 
 def test_a_scene_and_a_moment_arrive_as_they_were():
@@ -106,8 +108,8 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
         felt(STREAMS[1], 2.0, 250.0, focus=np.float32([[1, 2, 3, 4]]), drive=drive),
     ]
     playhead = Playhead(7.5, 1, 24, 23.98, True, -1)
-    sent = Moment(2.5, runs, {7: 0.5}, np.eye(4), 3, playhead)
-    found = moment_from(moment_to(sent, places()), STREAMS)
+    sent = LiveFrame(2.5, runs, {7: 0.5}, np.eye(4), 3, playhead)
+    found = live_frame_from(live_frame_to(sent, places()), STREAMS)
     assert (found.time_s, found.gains) == (2.5, {7: 0.5})
     assert found.play_space is not None and found.play_space.tolist() == np.eye(4).tolist()
     assert (found.edition, found.playhead) == (3, playhead)
@@ -122,7 +124,7 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
     got = found.runs[1].drive
     assert got is not None and (got.device_id, got.actuators) == ("band", ("a", "b"))
     assert got.values.tolist() == [[0.5, 0.25]]
-    empty = moment_from(moment_to(Moment(0.0, []), places()), STREAMS)
+    empty = live_frame_from(live_frame_to(LiveFrame(0.0, []), places()), STREAMS)
     assert list(empty.runs) == []
 
 
@@ -131,17 +133,17 @@ def test_a_scene_and_a_moment_arrive_as_they_were():
 )
 def test_what_is_no_moment_is_said_to_be_none(body: bytes) -> None:
     with pytest.raises(MessageError):
-        moment_from(body, STREAMS)
+        live_frame_from(body, STREAMS)
     with pytest.raises(MessageError):
         scene_from(body)
 
 
-def answered(devices: tuple[Worn, ...], shown: Moment) -> dict[int, bytes]:
-    """What the worker would say, by device."""
+def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int, bytes]:
+    """Answers of the worker, by device."""
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
     found = {}
-    for each in renderers.answers(moment_to(shown, places())):
+    for each in renderers.answers(live_frame_to(shown, places())):
         length = int.from_bytes(each[:4], "little")
         found[int.from_bytes(each[5:7], "little")] = each[7:]
         assert len(each) == 7 + length
@@ -186,11 +188,11 @@ def test_late_actuators_get_what_is_felt_later(
     later = [felt(STREAMS[1], 2.0, 250.0)]
     device = worn("late", folder=tmp_path)
     now = values_from(answered((device,), moment(3.0))[1])
-    alone = values_from(answered((device,), Moment(1.0, later))[1])
+    alone = values_from(answered((device,), LiveFrame(1.0, later))[1])
     renderers = Renderers(SceneMessage(HEADER, BODY, (device,)))
     with monkeypatch.context() as patched:
         patched.setattr(renderers.lookahead, "_later", lambda shown: {30.0: later})
-        (ahead,) = renderers.answers(moment_to(moment(3.0), places()))
+        (ahead,) = renderers.answers(live_frame_to(moment(3.0), places()))
     assert values_from(ahead[7:]).tolist() == alone.tolist() != now.tolist()
 
 
@@ -198,7 +200,7 @@ def test_one_device_that_does_not_fit_is_told_and_the_others_are_rendered(tmp_pa
     devices = worn("not_there", 1, folder=tmp_path), worn(BAND, 2)
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert len(renderers.faults) == 1 and b"not_there" in renderers.faults[0]
-    assert len(renderers.answers(moment_to(moment(), places()))) == 1
+    assert len(renderers.answers(live_frame_to(moment(), places()))) == 1
 
 
 def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
@@ -210,7 +212,7 @@ def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
         raise RuntimeError("of somebody's")
 
     monkeypatch.setattr(renderers._rendered[1].renderer, "ahead", broken)
-    one, other = renderers.answers(moment_to(moment(), places()))
+    one, other = renderers.answers(live_frame_to(moment(), places()))
     assert one[4] == Kind.FAULT and one[7:] == b"of somebody's"
     assert other[4] == Kind.ANSWER
 
@@ -372,7 +374,7 @@ def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_as
 ) -> None:
     asked.process.describe(scene_to(SceneMessage(HEADER, BODY, (worn(BAND),))))
     for k in range(50):
-        asked.process.show(moment_to(moment(), places()), {1: Question(k, 0.0, k)})
+        asked.process.show(live_frame_to(moment(), places()), {1: Question(k, 0.0, k)})
         if k % 2:
             asked.until(lambda k=k: asked.answered and asked.answered[-1][1].generation == k)
         else:
@@ -422,7 +424,7 @@ def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
     stopped: list[str] = []
     pipe = client._pipe
     pipe.stop = stopped.append  # type: ignore[method-assign, assignment]
-    assert pipe._as_bytes(Moment(0.0, [huge]), places()) == b""
+    assert pipe._as_bytes(LiveFrame(0.0, [huge]), places()) == b""
     assert "cannot be handed over" in stopped[0]
     assert pipe._as_bytes(moment(), {}) == b""  # of the scene before: no fault
     assert len(stopped) == 1

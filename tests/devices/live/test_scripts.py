@@ -47,7 +47,7 @@ HOSTILE = {
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveClient]:
-    """One output process for all of these, and one list of approvals."""
+    """Output process for all of these tests, and one list of approvals."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path_factory.mktemp("data")))
         made = LiveClient()

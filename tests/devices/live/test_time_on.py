@@ -40,7 +40,7 @@ def limited(maximum_on_s: float, rest_s: float, slew_per_s: float = math.inf) ->
 
 
 class Tally:
-    """How long a guard's first actuator was on: its values hold until the next."""
+    """Time on of a guard's first actuator: its values hold until the next."""
 
     def __init__(self, device: DeviceConfig, accounts: tuple[Account, ...] = ()) -> None:
         self.device, self.accounts = device, accounts
@@ -231,7 +231,7 @@ def used(folder: Path, seconds: float, clock: FakeClock) -> KeptAccounts:
 
 
 def left_s(folder: Path, clock: FakeClock) -> float:
-    """How long the device may be on in a new process."""
+    """Time that the device may be on in a new process."""
     tally = Tally(limited(2.0, 1.0), (KeptAccounts(folder, clock).of("it"),))
     tally.guard.rested(clock.now())
     tally.guard.reset()

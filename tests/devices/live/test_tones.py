@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where vibrations of 80 and 250 Hz meet, an actuator that is driven as sound plays both, live."""
+"""An actuator that is driven as sound plays overlapping vibrations of 80 and 250 Hz both, live."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.lane import Lane
+from hfx_blender.devices.live.device_thread import DeviceThread
 from hfx_blender.devices.live.output import SoundingOutput
 from hfx_blender.devices.live.tones import LONE, MAX_TONES, Sounding, Tones, frame_of, of_partials
 from hfx_blender.devices.live.transports.sound_card import RATE_HZ, SoundCard
@@ -51,7 +51,7 @@ def both(low: float = 3.0, high: float = 2.0) -> np.ndarray:
 
 
 def played(sounding: Sounding, frame: np.ndarray) -> Tones:
-    """What is played of a frame that the guard has let pass."""
+    """Tones of a frame that the guard has let pass."""
     columns = sounding.split(frame)
     return sounding.at(1.0, columns, columns)
 
@@ -189,7 +189,7 @@ def card(monkeypatch: pytest.MonkeyPatch) -> SoundCard:
 
 
 def through(card: Any, frame: np.ndarray) -> None:
-    """As the output process does."""
+    """Send a frame as the output process does."""
     sounding = Sounding(PAD)
     columns = sounding.split(frame)
     card.send_tones(columns, sounding.at(1.0, columns, columns))
@@ -287,7 +287,7 @@ def test_a_lane_plays_both_frequencies_within_its_guard() -> None:
     kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
-    lane = Lane(0, slow, lambda: ears, lambda *_, **__: None)
+    lane = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
     lane._output, lane._is_armed = ears, True  # its thread is this one
     lane.feed(both(3.0, 4.0))
     # 100 m/s^2 per second: of 5 m/s^2 together 1 after 10 ms, all of it after 50 ms.
@@ -304,7 +304,7 @@ def test_a_frame_that_tells_of_less_than_its_tones_passes_no_limit() -> None:
     kind = replace(PAD.actuators[0].type, slew_per_s=100.0)
     slow = replace(PAD, actuators=tuple(replace(a, type=kind) for a in PAD.actuators))
     ears = Ears()
-    lane = Lane(0, slow, lambda: ears, lambda *_, **__: None)
+    lane = DeviceThread(0, slow, lambda: ears, lambda *_, **__: None)
     lane._output, lane._is_armed = ears, True  # its thread is this one
     frame = both(3.0, 4.0)
     frame[0] = 1e-6

@@ -33,8 +33,14 @@ def test_bytes_without_an_end_take_only_so_much_memory():
     assert len(receiver._waiting) <= wire.MAX_FRAME
 
 
-@pytest.mark.parametrize("content", [b"\xc1\x00", b"\x91\x00", b"\x81\x80", b"\x81\xfe\x00\x00"])
-def test_reserved_bits_and_masks_are_no_frames_of_a_server(content: bytes) -> None:
+@pytest.mark.parametrize(
+    "content",
+    [
+        *(b"\xc1\x00", b"\x91\x00", b"\x81\x80", b"\x81\xfe\x00\x00"),
+        *(b"\x89\x7e\x00\x7e", b"\x09\x00", b"\x88\x7f"),  # long pings, pings in pieces
+    ],
+)
+def test_reserved_bits_masks_and_long_pings_are_no_frames_of_a_server(content: bytes) -> None:
     with pytest.raises(OutputLostError, match="no frame"):
         _parsed(bytearray(content))
 
@@ -70,6 +76,7 @@ def connection(server: Any, on_text: Any = lambda text: None) -> WebSocket:
     found._on_text, found._on_tick = on_text, lambda: None
     found._waiting, found._received, found._message = bytearray(), bytearray(), bytearray()
     found._is_fragmented, found._lost, found._is_closed = False, "", False
+    found._moved_s = 0.0
     return found
 
 
@@ -149,3 +156,43 @@ def test_what_a_server_says_wrongly_ends_the_connection_and_not_the_thread(
     found = connection(Server(b"\x81\x01a", b""), nonsense)
     serve(found, monkeypatch)
     assert found._lost == "the connection is lost ('a')"
+
+
+class Deaf(Server):
+    """A server that takes nothing."""
+
+    def send(self, content: bytes) -> int:
+        raise BlockingIOError
+
+
+def test_who_asks_for_answers_and_does_not_read_them_costs_no_memory() -> None:
+    found = connection(Deaf())
+    for _ in range(100):
+        found._received += (b"\x89\x7d" + b"p" * 125) * 100
+        found._take()
+    assert len(found._waiting) < 2 * websocket.MAX_WAITING
+
+
+def test_stops_that_nobody_reads_cost_no_memory() -> None:
+    found = connection(Deaf())
+    with pytest.raises(OutputLostError, match="does not read"):
+        for _ in range(10_000):
+            found.send("x" * 100, is_urgent=True)
+    assert len(found._waiting) < 3 * websocket.MAX_WAITING
+
+
+def test_a_server_that_does_not_read_is_left_so_that_it_stops_what_we_used(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(websocket.time, "monotonic", lambda: now[0])
+    found = connection(Deaf(b"\x8a\x00"))
+    found.send("x")
+
+    def ticked() -> None:
+        assert now[0] <= 100.0 + websocket.STALLED_S, "it is waited for"
+        now[0] += 0.3
+
+    found._on_tick = ticked
+    serve(found, monkeypatch)
+    assert found._lost == "the server does not read any more"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a board does and refuses to do: its C core on this computer, time moved by hand."""
+"""The firmware's C core on this computer, with simulated time: what it does and refuses."""
 
 import struct
 import zlib

@@ -232,12 +232,18 @@ def test_a_mirrored_sleeve_is_the_other_arms(serve):
     output.close()
 
 
-def intiface(ping_ms=0, version=4, name="Lovense Edge", devices=None):
-    features = {
+EDGE = {
+    "DeviceName": "Lovense Edge",
+    "DeviceIndex": 3,
+    "DeviceFeatures": {
         "0": {"FeatureIndex": 0, "Output": {"Vibrate": {"Value": [0, 20]}}},
         "1": {"FeatureIndex": 1, "Output": {"Temperature": {"Value": [-10, 10]}}},
-    }
-    there = {"3": {"DeviceName": name, "DeviceIndex": 3, "DeviceFeatures": features}}
+    },
+}
+
+
+def intiface(ping_ms=0, version=4, name="Lovense Edge", devices=None):
+    there = {"3": {**EDGE, "DeviceName": name}}
 
     def answer(messages):
         for each in messages:
@@ -316,6 +322,9 @@ def test_buttplug_pings_while_nothing_is_sent(serve):
         (intiface(name="Other"), "no device 'Lovense' that fits; it has: Other"),
         (intiface(devices={}), "it has: none"),
         (intiface(devices={"0": {"DeviceName": "Lovense"}}), "that fits"),
+        (intiface(devices={"0": [], "1": None}), "it has: none"),
+        (intiface(devices={"3": {**EDGE, "DeviceIndex": "x"}}), "that fits"),
+        (intiface(devices={"3": {**EDGE, "DeviceIndex": float("inf")}}), "that fits"),
         (lambda text: [["nonsense"]], "lost|does not answer"),
         (lambda text: [{"a": 1}], "does not answer"),
         (lambda text: [[{"Error": {"Id": 1, "ErrorMessage": "bad"}}]], "reports a fault: bad"),
@@ -325,6 +334,22 @@ def test_a_buttplug_server_that_does_not_fit_is_refused(serve, monkeypatch, answ
     monkeypatch.setattr(buttplug, "ANSWER_S", 0.3)
     with pytest.raises(OutputLostError, match=expected):
         lovense(serve(answer))
+    left = [each for each in threading.enumerate() if each.name.startswith("ws://")]
+    for each in left:
+        each.join(10.0)
+    assert not any(each.is_alive() for each in left)
+
+
+@pytest.mark.parametrize("gap", [1e9, float("inf"), float("nan"), -5, True, "x", None])
+def test_no_server_can_keep_a_device_from_falling_silent(serve, gap):
+    server = serve(intiface(devices={"3": {**EDGE, "DeviceMessageTimingGap": gap}}))
+    output = lovense(server)
+    assert 0.0 < output._interval_s <= 0.25
+    output.send(np.array([5.0, 175.0, 29.0]))
+    output.send(np.array([0.0, 175.0, 29.0]))  # at once
+    server.wait(lambda: len(told(server, "OutputCmd")) == 3)
+    assert told(server, "OutputCmd")[-1]["Command"] == {"Vibrate": {"Value": 0}}
+    output.close()
 
 
 def test_a_device_that_leaves_the_server_is_lost(serve):

@@ -50,7 +50,7 @@ class Foreign:
     known: npt.NDArray[np.bool_] | None = None  # (A,) whether it has one
 
     def truth(self, model: PerceptualModel) -> tuple[F64, npt.NDArray[np.bool_]]:
-        """Where the vertices of a perceptual model belong, and which of them is known."""
+        """True places of the vertices of a perceptual model, and a mask of the known ones."""
         assert self.places is not None and self.known is not None
         truth = Variant(self.target, self.places).truth(model)
         return truth, self.known[model.avatar_vertices].all(axis=1)

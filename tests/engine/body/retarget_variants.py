@@ -92,7 +92,7 @@ SHAPES: Mapping[str, Mapping[str, float]] = {
 
 
 def folder() -> Path:
-    """Where the MakeHuman data lies; raises ``InputError`` where it is not installed."""
+    """Folder of the MakeHuman data; raises ``InputError`` where it is not installed."""
     named = os.environ.get("HFX_MAKEHUMAN_DATA")
     return source.locate(Path(named) if named else None)
 
@@ -136,7 +136,7 @@ class Variant:
     places: F64  # (A, 3) counterpart of each vertex of the shipped avatar, target's space
 
     def truth(self, model: PerceptualModel) -> F64:
-        """Where the vertices of a perceptual model belong."""
+        """True places of the vertices of a perceptual model."""
         corners = self.places[model.avatar_vertices]
         return np.einsum("vc,vci->vi", model.avatar_weights.astype(np.float64), corners)
 
@@ -209,7 +209,7 @@ def _weights(
 
 
 def shuffled(variant: Variant, seed: int = 1) -> Variant:
-    """The same with its vertices in another order: nothing tells that it is the base mesh."""
+    """Variant with its vertices in another order, so that it is not recognised as the base mesh."""
     target = variant.target
     order = np.random.default_rng(seed).permutation(len(target.vertices))
     place = np.argsort(order)
@@ -258,7 +258,7 @@ def decimated(variant: Variant, share: float = 0.4) -> Variant:
 
 
 def moved(variant: Variant, matrix: F64) -> Variant:
-    """The same avatar in another space: turned axes, centimetres."""
+    """Avatar moved to another space: turned axes, centimetres."""
 
     def apply(points: F64) -> F64:
         return points @ matrix[:3, :3].T + matrix[:3, 3]

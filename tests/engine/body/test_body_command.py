@@ -28,7 +28,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(*words: object) -> tuple[str, str]:
-    """What is said on standard output and on standard error."""
+    """Text on standard output and on standard error."""
     parser = argparse.ArgumentParser()
     body.add_parser(parser.add_subparsers())
     options = parser.parse_args(["body", *map(str, words)])

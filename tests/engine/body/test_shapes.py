@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How people differ in shape: what is stored, and that a known shape is found again."""
+"""Shape space of people: its stored data, and that a known shape is recovered."""
 
 from __future__ import annotations
 

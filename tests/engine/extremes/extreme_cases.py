@@ -89,7 +89,7 @@ def still(times: int, bones: int = 1) -> PoseBlock:
 def volume(
     matrices: np.ndarray, shape: Shape, levels: float = 1.0, values: float = 5.0
 ) -> EffectBlock:
-    """One pressure volume at these places, (T, 4, 4)."""
+    """Block of a pressure volume at these places, (T, 4, 4)."""
     count = len(matrices)
     return EffectBlock(
         np.full(count, levels), np.full((count, 1), values), np.array(matrices), (shape,)
@@ -98,7 +98,7 @@ def volume(
 
 @dataclass
 class Felt:
-    """What the engine found: weights of every vertex at every time, and its warnings."""
+    """Results of the engine: weights of every vertex at every time, and its warnings."""
 
     weights: np.ndarray  # (effects, T, V)
     warnings: dict[str, int]
@@ -173,7 +173,8 @@ def exact_product(matrix: list[Exact], point: Exact) -> Exact:
 
 
 def exact_way(shape: Shape, point: Exact) -> Fraction:
-    """How far past the boundary a point of shape space is: below 0 inside, squared where round.
+    """Exact distance of a point of shape space past the boundary: below 0 inside, squared where
+    round.
 
     Rational for every shape: roots are avoided by comparing squares.
     """
@@ -203,5 +204,5 @@ def exact_ways(
 
 
 def moved(pose: PoseBlock, by: np.ndarray) -> PoseBlock:
-    """The same poses, carried along by a matrix (4, 4)."""
+    """Poses carried along by a matrix (4, 4)."""
     return replace(pose, to_world=by @ pose.to_world)

@@ -53,7 +53,7 @@ def test_a_body_of_200_000_vertices(rng):
 
 
 def bones_of(count: int, vertices: np.ndarray, rng: np.random.Generator) -> tuple:
-    """Every vertex moved by four of ``count`` bones."""
+    """Weights by which four of ``count`` bones move every vertex."""
     chosen = np.sort(
         np.stack([rng.choice(count, 4, replace=False) for _ in range(len(vertices))]), axis=1
     )

@@ -29,7 +29,7 @@ def without_library() -> Iterator[None]:
 
 
 def twins(vertices: np.ndarray, triangles: np.ndarray) -> tuple[MeshVolume, MeshVolume]:
-    """The same volume with the library and without; both have all that they look things up in."""
+    """Volume with the library and without; both have all that they look up."""
     compiled = MeshVolume(vertices, triangles, "compiled")
     assert compiled._grid._native is not None and compiled._tree.compiled is not None
     with without_library():

@@ -165,7 +165,7 @@ def test_rows_without_boxes_or_a_pose_are_refused():
 
 
 def _check_bones(reached, skin, placed):
-    """What moves anything that is looked at is known as where all is."""
+    """Check that all bones that matter are known."""
     whole = skin.posed_bones(placed.pose, placed.rows, placed.to_shape)
     for model in {skin.surface, skin.vertices}:
         bones = [*map(model.cluster_bones, reached.clusters.tolist()), np.zeros(0, np.int64)]

@@ -271,7 +271,7 @@ def _copied(root: Path) -> Path:
 
 
 def _small(root: Path) -> Path:
-    """The same with one source, which is compiled at once."""
+    """Library sources reduced to one, which is compiled at once."""
     for path in sources.files(_copied(root) / native_build.NATIVE / "source"):
         if path.suffix == ".c" and path.name != "interface.c":
             path.unlink()

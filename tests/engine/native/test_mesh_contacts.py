@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What skin feels of mesh volumes is the same with the compiled library and without."""
+"""Contacts with mesh volumes are the same with the compiled library and without."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_skin_feels_the_same(name: str, falloff: str, speed_m_s: float) -> None:
 
 
 def test_a_mesh_that_was_asked_is_handed_over_as_one_that_was_not() -> None:
-    """What was made for the library is of this process's memory."""
+    """Pointers prepared for the library are valid in this process only, and are not pickled."""
     shape, points = MeshVolume(*MESHES["rough"], "rough"), np.zeros((3, 2))
     untouched = packed(shape)
     assert shape.contains(points).all() and shape.rise(points).all()

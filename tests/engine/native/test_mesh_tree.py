@@ -12,7 +12,7 @@ from mesh_twins import MESHES, needs_library, probes, twins, without_library
 
 from hfx_blender.engine.native import mesh_crossing as native_crossing
 from hfx_blender.engine.volume.mesh_distance import TriangleTree, leaf_order
-from hfx_blender.engine.volume.sweep import clearance, passage
+from hfx_blender.engine.volume.sweep import clearance, passage, passage_along
 from hfx_blender.engine.ways import Ways
 
 pytestmark = needs_library
@@ -97,6 +97,27 @@ def test_ways_cross_the_surface_where_numpy_finds_it(name: str) -> None:
             met = np.isfinite(expected)
             assert 20 < np.count_nonzero(met) < met.size - 3
             np.testing.assert_allclose(found[met], expected[met], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", sorted(MESHES.keys() - {"slivers"}))  # there rounding decides
+def test_ways_that_turn_cross_the_surface_where_numpy_finds_it(name: str) -> None:
+    vertices, triangles = MESHES[name]
+    compiled, plain = twins(vertices, triangles)
+    ends = probes(vertices, triangles, 100)
+    starts, size = np.roll(ends, 111, axis=1), np.ptp(vertices, axis=0).max()
+    rng = np.random.default_rng(1)
+    drift = np.tile(np.eye(4), (2, 5, 3, 1, 1)) + 0.2 * rng.normal(size=(2, 5, 3, 4, 4))
+    intervals = rng.integers(3, size=ends.shape[1])
+    ways = Ways(starts, ends, intervals, *drift)
+    (first, last), expected = passage_along(compiled, ways), passage_along(plain, ways)
+    met = np.isfinite(expected[0])
+    np.testing.assert_array_equal(np.isfinite(first), met)
+    assert 20 < np.count_nonzero(met) < met.size - 3
+    np.testing.assert_allclose(first[met], expected[0][met], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(last[met], expected[1][met], rtol=1e-9, atol=1e-12)
+    near = compiled.comes_near(ways, np.full(met.size, 1e-3 * size))
+    assert near is not None and plain.comes_near(ways, np.zeros(met.size)) is None
+    assert (near | compiled.contains(starts))[met].all() and not near.all()
 
 
 def test_a_way_along_the_face_of_a_box_of_the_tree_is_within_it() -> None:

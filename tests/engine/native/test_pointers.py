@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the compiled library is pointed at has a name: nothing else lives until the call is over.
+"""Arrays passed by pointer to the compiled library are bound to a name until the call is over.
 
-Python frees an array that only ``pointer`` was given before the library reads it. Whether its
-memory has been used again by then is chance, and in one thread it hardly ever has.
+Python frees an array that only ``pointer`` was given before the library reads it. The memory is
+reused by then only by chance, and hardly ever in one thread.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FILES = sorted((*ENGINE.glob("native/*.py"), *ENGINE.glob("contact/compiled_*.py
 
 
 def _nameless(source: str) -> list[str]:
-    """What is pointed at in some source without being held."""
+    """Pointers in some source without an owner."""
     tree = ast.parse(source)
     found: list[str] = []
     for node in ast.walk(tree):
@@ -36,7 +36,7 @@ def _nameless(source: str) -> list[str]:
 
 
 def _points(expression: ast.expr) -> bool:
-    """Whether that is ``pointer``, or a call of it."""
+    """Test an expression for ``pointer``, or a call of it."""
     if isinstance(expression, ast.Call):
         expression = expression.func
     return isinstance(expression, ast.Name) and expression.id == "pointer"

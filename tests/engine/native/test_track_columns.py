@@ -57,7 +57,7 @@ def _section(offsets: np.ndarray, vertices: np.ndarray, weights: np.ndarray) -> 
 
 
 class _NoLibrary:
-    """Nothing of what is compiled."""
+    """Stand-in for the missing library."""
 
     def __getattr__(self, name: str) -> Any:
         return lambda *_arguments: None

@@ -125,7 +125,7 @@ def make_type(modality: str, interval_ms: float = 10.0) -> ActuatorType:
 
 
 def at(*vertices: int) -> VertexPlace:
-    """These vertices on each of the models."""
+    """Place with these vertices on each of the models."""
     return VertexPlace(tuple(VertexSet(m.id, m.content_hash, vertices) for m in MODELS.values()))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where 80 and 250 Hz meet: one frequency with hysteresis, or the sum of both waveforms."""
+"""Overlapping 80 and 250 Hz: one frequency with hysteresis, or the sum of both waveforms."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_actuators_choose_for_themselves_and_remember_from_block_to_block():
 
 @given(st.integers(0, 2**32 - 1))
 def test_it_does_not_matter_how_time_is_cut_into_blocks(seed: int):
-    """Where nobody changes places, it goes another way than one row after another."""
+    """Blocks in which no actuator changes its source take a vectorised path."""
     random = np.random.default_rng(seed)
     rows, width = 6, 5
     amplitudes = random.integers(0, 4, (2, rows, width)) * random.choice([1.0, 0.3], (2, 1, width))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of a device does not count, or not as it is configured, is told with its actuators."""
+"""Remarks on a device: settings that do not count, or not as configured, with their actuators."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How effects of one modality combine: arithmetic by hand."""
+"""Combination of the effects of one modality, against arithmetic by hand."""
 
 import numpy as np
 import pytest

@@ -173,7 +173,7 @@ def test_slow_actuators_hold_their_peak():
 
 
 def random_runs(header, random, low, high):
-    """One run for each effect over some of the samples of a range."""
+    """Random runs, one for each effect, over some of the samples of a range."""
     runs = []
     for effect, parameters in [
         ("push", [4.0]),
@@ -195,7 +195,7 @@ def random_runs(header, random, low, high):
 
 
 def pieces(runs, cuts):
-    """The same samples in blocks that end at ``cuts``."""
+    """Samples cut into blocks that end at ``cuts``."""
     for low, high in zip([0, *cuts], cuts, strict=False):
         for run in runs:
             samples = {

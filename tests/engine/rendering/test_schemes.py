@@ -23,7 +23,7 @@ def with_scheme(name: str, scheme: str, **options: object) -> DeviceConfig:
 
 
 def gains_of_single_vertices(device: DeviceConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Every vertex of the model touched alone: (n, A) of those that drive anything."""
+    """Gains with each vertex of the model touched alone: (n, A) of those that drive anything."""
     model = load_model(MODEL)
     cells = cells_of(device, device.actuators, model)
     vertices = cells.reached

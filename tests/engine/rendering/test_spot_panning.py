@@ -56,7 +56,7 @@ def _strengths(raster: Raster) -> np.ndarray:
 
 
 def _pad_places(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where a path's samples and the tactors are on the pad, metres."""
+    """Places of a path's samples and of the tactors on the pad, metres."""
     device = load_device("mango_pad")
     centres = np.array([each.place.centre_m for each in device.actuators])
     places = path[0] + np.linspace(0, 1, COUNT)[:, None] * (path[1] - path[0])

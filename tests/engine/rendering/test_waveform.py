@@ -33,7 +33,7 @@ TWO_HZ = 80.0, 250.0
 
 
 def steady(shape: Waveform, hz: float, seconds: float = 1.0) -> np.ndarray:
-    """One channel of amplitude 1, from phase 0."""
+    """Steady wave: one channel of amplitude 1, from phase 0."""
     time = np.arange(round(seconds * RATE))[:, None] / RATE
     one, same = np.ones(1), np.full(1, hz)
     return waves(kinds_of([shape]), (one, one), (same, same), 0.0 * time, hz * time, RATE)[:, 0]

@@ -80,7 +80,7 @@ def calibrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _strongest(header: TrackHeader, run: SampleRun) -> tuple[float, float]:
-    """How strongly the device's first actuator plays in an export, and live."""
+    """Strength of the device's first actuator in an export, and live."""
     device = load_device(DEVICE)
     exported = DeviceRenderer(header, device)
     exported.add([run])

@@ -11,6 +11,7 @@ from track_synthetic import header, run
 from hfx_blender.atomic_files import atomic_file, move, passing
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import OutputError
+from hfx_blender.staging import place
 
 
 def names(folder):
@@ -86,6 +87,22 @@ def test_places_that_cannot_be(tmp_path):
             pass
         assert str(path) in str(caught.value)
     assert names(tmp_path) == ["file", "folder"] and names(tmp_path / "folder") == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="has no such files")
+def test_a_device_or_a_pipe_stays_what_it_is(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "null").symlink_to("/dev/null")
+    with open(tmp_path / "kept", "wb") as kept:
+        (tmp_path / "stdout").symlink_to(f"/proc/self/fd/{kept.fileno()}")
+        before = {path: path.lstat().st_ino for path in tmp_path.iterdir()}
+        for name in ("pipe", "null", "stdout"):
+            with pytest.raises(OutputError, match="a device or a pipe"):
+                with atomic_file(tmp_path / name):
+                    pass
+            with pytest.raises(OutputError, match="a device or a pipe"):
+                place((Path("elsewhere") / name,), tmp_path)
+    assert {path: path.lstat().st_ino for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may write anywhere")

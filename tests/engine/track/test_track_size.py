@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a track costs on disk and in memory."""
+"""Size of a track on disk and in memory."""
 
 import tracemalloc
 import zipfile

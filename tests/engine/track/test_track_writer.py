@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the writer refuses, and what a header is made of."""
+"""Input that the track writer refuses, and the fields of a header."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -113,7 +113,7 @@ def test_settings_that_are_not_json(tmp_path, settings):
 
 
 class Model(SimpleNamespace):
-    """What a header needs of a perceptual model."""
+    """Stand-in for a perceptual model in a header."""
 
     def __len__(self):
         return self.size

@@ -16,7 +16,7 @@ BODIES = (TrackBody("b1", "Anna"), TrackBody("b2", "Bär\udc80"))  # names may b
 def header(
     sample_count=1000, vertex_count=2000, modalities=("vibration", "temperature"), bodies=BODIES
 ):
-    """One volume effect for each modality, each on every body; 60 samples a second."""
+    """Header with one volume effect for each modality, each on every body; 60 samples a second."""
     effects = tuple(
         TrackEffect(
             id=f"e{k}",
@@ -81,12 +81,12 @@ def cut(whole, first, last):
 
 
 def quantised(weights):
-    """What 8 bits keep of weights; written apart from the code under test."""
+    """Weights rounded to 8 bits; written independently of the code under test."""
     return np.array([np.float32(max(1, round(float(w) * 255)) / 255) for w in weights], np.float32)
 
 
 def rows(runs):
-    """Every sample of some runs as comparable plain values, keyed by stream and index."""
+    """Comparable values of every sample of some runs, keyed by stream and index."""
     found = {}
     for each in runs:
         for k, sample in enumerate(each):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a plane parts from a volume is outside of it, all of it."""
+"""Points that a separating plane parts from a volume are all outside of it."""
 
 from __future__ import annotations
 

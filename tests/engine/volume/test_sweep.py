@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When moving points are inside, against looking at many moments of their way."""
+"""Times at which moving points are inside, against dense sampling of their paths."""
 
 from __future__ import annotations
 

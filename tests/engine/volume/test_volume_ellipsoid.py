@@ -11,7 +11,7 @@ from hfx_blender.engine.volume.ellipsoid import Ellipsoid
 
 
 def all_feet(semi_axes, point):
-    """Every foot of a normal from ``point``, in the principal frame: a polynomial's roots.
+    """Feet of all normals from ``point``, in the principal frame: a polynomial's roots.
 
     sum_i (s_i y_i)^2 prod_{j != i} (t + s_j^2)^2 = prod_j (t + s_j^2)^2
     """

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh volumes against the exact winding number, and against what a mesh must not be."""
 
+import sys
+
 import igl
 import numpy as np
 import pytest
@@ -346,6 +348,41 @@ def test_holes_of_a_mesh_with_turned_faces_are_closed(rng):
     far = np.abs(np.linalg.norm(points, axis=0) - 1.0) > 0.01
     expected = np.linalg.norm(points, axis=0) < 1.0
     np.testing.assert_array_equal(volume.contains(points)[far], expected[far])
+
+
+@pytest.mark.parametrize(
+    ("turned", "note"),
+    [
+        ([7], "'Box' has 1 face that faces the other way: turned for it"),
+        ([0, 3], "'Box' has 2 faces that face the other way: turned for it"),
+        (range(12), ""),  # inside out is as good
+    ],
+)
+def test_turned_faces_are_counted(turned, note, rng):
+    triangles = CUBE[1].copy()
+    triangles[turned] = triangles[turned, ::-1]
+    volume = MeshVolume(CUBE[0], triangles, "Box")
+    assert volume.note == note
+    points = rng.uniform(-0.2, 1.2, (3, 4000))
+    inside = np.all((points > 0.0) & (points < 1.0), axis=0)
+    np.testing.assert_array_equal(volume.contains(points), inside)
+
+
+def test_what_was_mended_is_told_together():
+    triangles = np.delete(CUBE[1], 5, axis=0)
+    triangles[2] = triangles[2, ::-1]
+    told = MeshVolume(CUBE[0], triangles, "Box").note.split("; ")
+    assert [each.partition(":")[0] for each in told] == [
+        "'Box' has 1 face that faces the other way",
+        "'Box' is open at 3 edges",
+    ]
+
+
+def test_only_what_has_to_be_mended_needs_trimesh(monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh.graph", None)
+    assert MeshVolume(*CUBE, "Whole").note == ""
+    with pytest.raises(InputError, match=r"^'Box' has holes, .* trimesh.*, is not installed; fill"):
+        MeshVolume(CUBE[0], CUBE[1][1:], "Box")
 
 
 def test_an_empty_mesh_is_refused():

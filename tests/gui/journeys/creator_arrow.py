@@ -108,7 +108,7 @@ def canvas() -> bpy.types.Object | None:
 
 
 def count() -> int:
-    """How many vertices are painted."""
+    """Number of painted vertices."""
     mesh = canvas()
     group = mesh.vertex_groups["hfx"].index
     return sum(any(g.group == group and g.weight for g in v.groups) for v in mesh.data.vertices)

@@ -89,7 +89,7 @@ def enabled() -> bool:
 
 
 def older(extension: Path, folder: Path) -> Path:
-    """The same extension with a lower version and a file that is gone since."""
+    """Make the extension with a lower version and a file that no longer exists."""
     path = folder / "older.zip"
     with zipfile.ZipFile(extension) as read, zipfile.ZipFile(path, "w") as write:
         for entry in read.infolist():
@@ -102,7 +102,7 @@ def older(extension: Path, folder: Path) -> Path:
 
 
 def drop(h: Any, path: Path, shot: str) -> Iterator[float]:
-    """What dropping the file on the window does: a question, answered with OK."""
+    """Drop the file on the window: a question, answered with OK."""
     with h.context():
         bpy.ops.extensions.package_install_files("INVOKE_DEFAULT", url=str(path))
     yield 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who designs feels it: a device follows scrubbing, playback and edits; Stop All is a key."""
+"""Live device in the editor: it follows scrubbing, playback and edits; Stop All is a key."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class Patience:
         return bool(self._live.is_armed)
 
     def has_passed(self, begun: int, phases: list[str]) -> bool:
-        """Whether, since a row of the log, one phase led to the other."""
+        """Test that one phase led to the other, since a row of the log."""
         found: list[str] = []
         for row in rows(self._log)[begun:]:
             phase = "stop" if "stop" in row else "loud" if any(row["values"][::2]) else "silent"

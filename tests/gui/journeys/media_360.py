@@ -70,13 +70,13 @@ def write_room(path: Any) -> None:
 
 
 def seen(h: Any, name: str = "seen.png") -> float:
-    """How bright the surroundings are beside the body."""
+    """Brightness of the surroundings beside the body."""
     pixels = h.shot(name)
     return float(hands.tint(pixels, h.xy(h.region(), 0.15, 0.6)).max())
 
 
 def is_coloured(h: Any) -> bool:
-    """Whether a wall is seen there, and not the viewport's grey."""
+    """Test for the wall's colour there, not the viewport's grey."""
     colour = hands.tint(h.shot("seen.png"), h.xy(h.region(), 0.15, 0.6))
     return bool(colour.max() - colour.min() > 20)
 

@@ -94,7 +94,7 @@ def strip_now() -> bpy.types.NlaStrip:
 
 
 def at(h: Any, region: bpy.types.Region, frame: float) -> float:
-    """Where a frame is in the NLA editor."""
+    """Position of a frame in the NLA editor."""
     x, _ = region.view2d.view_to_region(frame, 0, clip=False)
     return float(region.x + x)
 

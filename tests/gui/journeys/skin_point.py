@@ -93,7 +93,7 @@ def point() -> bpy.types.Object:
 
 
 def seen(h: Any, place: tuple[float, float]) -> tuple[float, float]:
-    """Where a place of the back is in the window."""
+    """Position of a place of the back in the window."""
     x, z = place
     return h.xy_of((x, 0.1, z))  # type: ignore[no-any-return]
 

@@ -165,17 +165,17 @@ def keys() -> list[int]:
 
 
 def place() -> np.ndarray:
-    """Where it is, in the rest space of the canonical body."""
+    """Place of the point, in the rest space of the canonical body."""
     return np.asarray(hands.module("authoring.spot_placing").place_of(point()))
 
 
 def seen(h: Any) -> tuple[float, float]:
-    """Where the point is in the window."""
+    """Position of the point in the window."""
     return on_screen(h, place())
 
 
 def target(h: Any, goal: tuple[float, float]) -> tuple[float, float]:
-    """Where a place of the back is in the window, on the body as it leans."""
+    """Position of a place of the back in the window, on the body as it leans."""
     return on_screen(h, on_back(*goal))
 
 
@@ -206,7 +206,7 @@ def line(first: tuple[float, float], last: tuple[float, float]) -> list[tuple[fl
 
 
 def ring_pixels(h: Any) -> float:
-    """How far from the point its ring is in the window."""
+    """Distance of the ring from the point in the window."""
     radius = point().hfx.radius
     world = Vector(on_world(radius))
     x, y = h.xy_of(world)

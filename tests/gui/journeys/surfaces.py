@@ -117,7 +117,7 @@ def stroke(h: Any, way: list[tuple[float, float]], shot: str) -> Iterator[float]
 
 
 def reach(h: Any, pixels: Any, row: int) -> tuple[int, int]:
-    """Where one of the plots' curves is highest and lowest, pixels from the plot's lower edge."""
+    """Highest and lowest pixel of one of the plots' curves, from the plot's lower edge."""
     region = h.region()
     view = hands.module("operators.stroke_pad_view")
     place = view.PadPlace(region.width, region.height)

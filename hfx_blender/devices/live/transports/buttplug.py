@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 import time
 from contextlib import suppress
@@ -18,6 +19,8 @@ from .websocket import WebSocket
 
 ANSWER_S: Final = 3.0
 _LEAST_INTERVAL_S: Final = 0.02
+_LONGEST_INTERVAL_S: Final = 0.25
+"""A server cannot have a device changed less often than this; silence waits for nothing."""
 
 
 class ButtplugOutput:
@@ -52,7 +55,7 @@ class ButtplugOutput:
         try:
             self._greet()
             self._find()
-        except OutputLostError:
+        except BaseException:  # a server may say anything
             self._socket.close()
             raise
 
@@ -60,10 +63,12 @@ class ButtplugOutput:
         """Hand over values (columns,): a command for each changed one, at the device's own rate."""
         self._check()
         now = time.monotonic()
-        if now < self._given_s + self._interval_s or not self._socket.has_room:
+        if not self._socket.has_room:
             return
         shares = self._channels.fractions(self._channels.values(values))
         silent = self._channels.fractions(self._channels.neutral)
+        if now < self._given_s + self._interval_s and (shares != silent).any():
+            return
         commands = []
         for k, (share, rest, (low, high)) in enumerate(
             zip(shares, silent, self._ranges, strict=True)
@@ -93,8 +98,7 @@ class ButtplugOutput:
         info = self._answer(lambda: self._server, "a Buttplug server of version 4")
         if info.get("ProtocolVersionMajor") != 4:
             raise OutputLostError("The server does not speak version 4 of Buttplug's protocol.")
-        ping_ms = info.get("MaxPingTime", 0)
-        self._ping_s = ping_ms / 1000.0 if isinstance(ping_ms, int | float) else 0.0
+        self._ping_s = _seconds(info.get("MaxPingTime"))
 
     def _find(self) -> None:
         """Choose the first device with matching name and features."""
@@ -107,22 +111,23 @@ class ButtplugOutput:
             ):
                 self._ranges = found
                 self._index = int(each["DeviceIndex"])
-                gap_ms = each.get("DeviceMessageTimingGap", 0)
-                gap_s = gap_ms / 1000.0 if isinstance(gap_ms, int | float) else 0.0
-                self._interval_s = max(gap_s, _LEAST_INTERVAL_S)
+                gap_s = _seconds(each.get("DeviceMessageTimingGap"))
+                self._interval_s = min(max(gap_s, _LEAST_INTERVAL_S), _LONGEST_INTERVAL_S)
                 self._given = [None] * len(found)
                 return
         wanted = f"'{self._how.device_name}' " if self._how.device_name else ""
-        names = ", ".join(str(each.get("DeviceName")) for each in devices.values()) or "none"
+        named = (each.get("DeviceName") for each in devices.values() if isinstance(each, dict))
+        names = ", ".join(str(each)[:80] for each in named) or "none"
         raise OutputLostError(f"The server has no device {wanted}that fits; it has: {names}.")
 
     def _ranges_of(self, device: dict[str, Any]) -> list[tuple[int, int]] | None:
         found = []
         try:
+            int(device["DeviceIndex"])
             for feature, kind in self._how.outputs:
                 low, high = device["DeviceFeatures"][str(feature)]["Output"][kind]["Value"]
                 found.append((int(low), int(high)))
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             return None
         return found
 
@@ -172,7 +177,7 @@ class ButtplugOutput:
             self._server = dict(message["ServerInfo"])
         elif "DeviceList" in message:
             devices = dict(message["DeviceList"]["Devices"])
-            # Sent anew whenever a device comes or goes.
+            # Sent anew whenever a device appears or vanishes.
             if self._given and not any(
                 each.get("DeviceIndex") == self._index for each in devices.values()
             ):
@@ -187,6 +192,13 @@ class ButtplugOutput:
         if self._ping_s > 0.0 and now > self._pinged_s + 0.3 * self._ping_s:
             self._pinged_s = now
             self._ask("Ping")
+
+
+def _seconds(milliseconds: object) -> float:
+    """What a server tells in milliseconds; 0 where it is no number above 0."""
+    if isinstance(milliseconds, bool) or not isinstance(milliseconds, int | float):
+        return 0.0
+    return milliseconds / 1000.0 if 0.0 < milliseconds < math.inf else 0.0
 
 
 def _level(share: float, rest: float, low: int, high: int) -> int:

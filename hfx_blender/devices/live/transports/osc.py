@@ -115,7 +115,7 @@ class OscOutput:
                 self._socket.send(datagram)
             except (BlockingIOError, ConnectionRefusedError):
                 # A full queue drops a datagram as any network does. "Refused" tells of one
-                # before: whoever listens may be started later.
+                # before: the receiver may be started later.
                 continue
             except OSError as error:
                 raise OutputLostError(f"datagrams cannot be sent ({error}).") from None

@@ -109,7 +109,7 @@ class SoundCard:
         rest[1][:, self._sounding] = np.minimum(tones.frequencies_hz, MAX_FREQUENCY_HZ)
         totals = np.broadcast_to(rest[0].sum(axis=0), rest[0].shape)
         rest[0] = driven(self._curves, rest[0], rest[1], self._full_scale, totals)
-        # What is no tone has a number of its own beside theirs.
+        # Plain values have a number of their own beside the tones'.
         self._play_on(
             Tones(
                 np.append(found.numbers - 1, tones.numbers),

@@ -24,7 +24,10 @@ from ..output import OutputLostError
 OPEN_S: Final = 3.0
 MAX_MESSAGE: Final = 1 << 20
 MAX_WAITING: Final = 1 << 16
-"""Bytes that may wait to be written; stop messages are let in beyond it, nothing else."""
+"""Bytes that may wait to be written; stop messages are let in up to twice as many."""
+
+STALLED_S: Final = 1.0
+"""A server that reads nothing for so long is left: it then stops what we used."""
 
 _GUID: Final = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 _CONTINUATION, _TEXT, _CLOSE, _PING, _PONG = 0x0, 0x1, 0x8, 0x9, 0xA
@@ -64,6 +67,7 @@ class WebSocket:
         self._on_tick = on_tick
         self._lock = threading.Lock()
         self._waiting = bytearray()  # to be written
+        self._moved_s = 0.0  # when the server took something of it last, or it was empty
         self._received = bytearray()
         self._message = bytearray()  # of fragments so far
         self._is_fragmented = False
@@ -100,7 +104,7 @@ class WebSocket:
             The connection is lost, or the server has not read for long.
         """
         self._check()
-        if len(self._waiting) > MAX_WAITING and not is_urgent:
+        if len(self._waiting) > (2 if is_urgent else 1) * MAX_WAITING:
             raise OutputLostError(f"{self._name} does not read any more.")
         self._write(_frame(_TEXT, text.encode()))
 
@@ -154,6 +158,8 @@ class WebSocket:
 
     def _write(self, content: bytes) -> None:
         with self._lock:
+            if not self._waiting:
+                self._moved_s = time.monotonic()
             self._waiting += content
             self._flush()
 
@@ -166,6 +172,7 @@ class WebSocket:
             except OSError as error:
                 self._lost = self._lost or f"the connection is lost ({error})"
                 self._check()
+            self._moved_s = time.monotonic()
             del self._waiting[:sent]
 
     def _upkeep(self) -> None:
@@ -189,11 +196,13 @@ class WebSocket:
                     self._received += content
                 self._take()
                 self._on_tick()
+                if self._waiting and time.monotonic() - self._moved_s > STALLED_S:
+                    self._lost = "the server does not read any more"
             except BlockingIOError:
                 continue
             except OutputLostError as error:
                 self._lost = self._lost or str(error).rstrip(".")
-            except Exception as error:  # what a server sends must not raise in a thread
+            except Exception as error:  # data from a server must not raise in a thread
                 self._lost = self._lost or f"the connection is lost ({error})"
 
     def _take(self) -> None:
@@ -201,7 +210,8 @@ class WebSocket:
             is_last, code, payload, size = found
             del self._received[:size]
             if code == _PING:
-                self._write(_frame(_PONG, payload))
+                if len(self._waiting) <= MAX_WAITING:  # else it does not read what it asks for
+                    self._write(_frame(_PONG, payload))
             elif code == _CLOSE:
                 self._lost = "the server closed the connection"
                 with suppress(OutputLostError):
@@ -240,7 +250,8 @@ def _parsed(content: bytearray) -> tuple[bool, int, bytes, int] | None:
     if len(content) < 2:
         return None
     first, size = content[0], content[1]
-    if first & 0x70 or size & 0x80:
+    is_control = first & 0x08
+    if first & 0x70 or size & 0x80 or (is_control and (size > 125 or first < 0x80)):
         raise OutputLostError("the server sent something that is no frame.")
     at = 2
     if size >= 126:

@@ -42,23 +42,25 @@ class WireBoard:
     """
 
     def __init__(self, device: DeviceConfig, port: SerialPort, start_s: float = START_S) -> None:
-        self._name = port.name
-        self._port = port
+        self._name, self._port = port.name, port
+        try:
+            self._open(device, start_s)
+        except BaseException:
+            port.close()
+            raise
+
+    def _open(self, device: DeviceConfig, start_s: float) -> None:
         self._channels = Channels(device, strengths_only=True)
         self._time_limits_ms = _time_limits_ms(device)
         self._receiver = wire.Receiver()
         self._sequence = 0
         self._is_ready = False
         self._is_stopped = True
-        try:
-            self._begin(start_s)
-            while not self._is_ready:
-                time.sleep(0.005)
-                self._listen()
-                self._ask_again()
-        except OutputLostError:
-            port.close()
-            raise
+        self._begin(start_s)
+        while not self._is_ready:
+            time.sleep(0.005)
+            self._listen()
+            self._ask_again()
 
     def send(self, values: F64) -> None:
         """Hand over values (columns,); a stopped board is configured anew first."""

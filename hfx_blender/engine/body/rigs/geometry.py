@@ -18,7 +18,7 @@ _PAIRED: Final = ("upperleg01", "upperarm01", "lowerleg01", "lowerarm01", "foot"
 _ARM: Final = ("clavicle", "upperarm01", "lowerarm01", "wrist")
 _LEG: Final = ("pelvis", "upperleg01", "lowerleg01", "foot", "toe2-1")
 _LIKE_LENGTH: Final = 0.1  # relative difference at which two chains still count as a pair
-_FOOT_MIN: Final = 0.02  # of the body's height: shorter steps do not tell where a foot points
+_FOOT_MIN: Final = 0.02  # of the body's height: shorter steps do not show where a foot points
 
 
 def frame_from_heads(heads: Mapping[str, F64]) -> F64:

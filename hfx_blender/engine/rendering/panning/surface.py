@@ -72,7 +72,7 @@ class SurfaceGains:
     vertices: I32  # (n,) ascending
     gains: F64  # (n, A)
     simplices: I64  # (S, 3) neighbouring actuators; an edge or a point repeats its last corner
-    fade: F64  # (n,) what the gains hold of it
+    fade: F64  # (n,) included in the gains
     at: Callable[[F64], F64]  # places (m, 3) to gains (m, A), without the fade beyond the layout
 
 

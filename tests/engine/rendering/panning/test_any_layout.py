@@ -121,7 +121,7 @@ def shown(layout: PannedLayout, triangle: int) -> Callable[[np.ndarray], np.ndar
 
 
 def largest_jump(gains: Callable[[np.ndarray], np.ndarray], one: np.ndarray, other: np.ndarray):
-    """What is left of the largest change on a way when it is looked at ever more closely."""
+    """Remaining largest change on a path under ever finer sampling."""
     low, high = 0.0, 1.0
     for _ in range(6):
         way = np.linspace(low, high, 33)

@@ -127,7 +127,7 @@ def test_log_gains_are_mangos(seed: int) -> None:
 
 
 def decibels(gains: np.ndarray) -> float:
-    """How far total power goes from 1."""
+    """Deviation of the total power from 1, dB."""
     return float(np.abs(10.0 * np.log10((gains**2).sum(axis=1))).max())
 
 

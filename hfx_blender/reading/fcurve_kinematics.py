@@ -201,7 +201,7 @@ class PlainRig:
         self._relative = {bone.name for bone in bones if bone.use_relative_parent}
         modes = [bone.rotation_mode for bone in obj.pose.bones]
         still = {name: self._current(name) for name in (*_rotations(modes), *_OTHERS)}
-        # Which column of the sampled values goes to which bone and which of its numbers.
+        # Columns of the sampled values by bone and component.
         places: dict[str, list[tuple[int, int, int]]] = {name: [] for name in still}
         self._values = AnimatedValues(obj, rest_value, lambda path: path.startswith(_POSE))
         for (path, number), column in self._values.columns.items():

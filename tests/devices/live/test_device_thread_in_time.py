@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.devices.live import waiting
-from hfx_blender.devices.live.lane import FREEZE_S
+from hfx_blender.devices.live.device_thread import FREEZE_S
 from hfx_blender.devices.live.waiting import MAX_OFFSET_S
 from hfx_blender.engine.rendering.device import DeviceConfig
 

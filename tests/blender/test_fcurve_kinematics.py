@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is computed from F-curves is where Blender puts it, or is refused."""
+"""Transforms computed from F-curves equal Blender's, or the computation is refused."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hfx_blender import compat
-from hfx_blender.reading import own_kinematics
+from hfx_blender.reading import fcurve_kinematics
 from hfx_blender.reading.animation_curves import NotModelledError
-from hfx_blender.reading.own_kinematics import PlainObject, PlainRig
+from hfx_blender.reading.fcurve_kinematics import PlainObject, PlainRig
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -291,4 +291,4 @@ def test_paths_that_nobody_thought_of_are_refused(scene: Any) -> None:
     oracle.key(obj, "empty_display_size", [(1, 1.0), (9, 2.0)])
     with pytest.raises(NotModelledError, match="'empty_display_size' of 'Empty'"):
         PlainObject(obj)
-    assert own_kinematics.rest_value('pose.bones["a"].rotation_quaternion', 0) == 1.0
+    assert fcurve_kinematics.rest_value('pose.bones["a"].rotation_quaternion', 0) == 1.0

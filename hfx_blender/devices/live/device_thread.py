@@ -74,7 +74,7 @@ class Script(Protocol):
     def close(self) -> None: ...
 
 
-class Lane:
+class DeviceThread:
     """Thread that carries a device's newest values to its output.
 
     Parameters
@@ -123,8 +123,8 @@ class Lane:
         self._wake = threading.Condition()
         self._port = threading.Lock()  # held while values are handed over
         self._waiting = Waiting(device, self._tick_s, FREEZE_S)
-        self._generation = 0  # raised by whatever voids all that was asked before
-        self._sign_s = -math.inf  # when what is played, or waits, was last known to hold
+        self._generation = 0  # raised by everything that voids earlier requests
+        self._sign_s = -math.inf  # last time at which the present or waiting values were valid
         self._asked = self._answered = 0  # numbers of the newest questions
         self._is_cut = False  # silent at once, not by a ramp
         self._due_s = self._last_s = self._changed_s = -math.inf  # of turns
@@ -150,7 +150,7 @@ class Lane:
         """Test that the device plays."""
         return self._is_armed
 
-    # What the reader calls: none of these waits for hardware longer than a moment.
+    # Called by the reader: none of these waits for hardware longer than a moment.
 
     def question(self, asked_s: float) -> Question:
         """Register a request for this device; :meth:`feed` takes its answer."""
@@ -335,7 +335,7 @@ class Lane:
         except OutputLostError as error:
             self._report("lost", self.number, text=str(error))
             return
-        except Exception as error:  # an output of somebody's: its fault is its device's only
+        except Exception as error:  # a foreign output: its fault affects its own device only
             _log.exception("device '%s' cannot be opened", self.device.id)
             self._report("lost", self.number, text=f"cannot be opened: {error}")
             return
@@ -381,7 +381,7 @@ class Lane:
         if self._begins or self._is_cut:
             return -math.inf
         due = self._due_s
-        if self._waiting:  # a frame goes out as soon as the device can take it
+        if self._waiting:  # a frame is sent as soon as the device can take it
             asked_s = self._waiting.due_s(self._offset_s)
             due = min(due, max(asked_s, self._changed_s + self._tick_s))
         if self._ramp.is_going:
@@ -399,7 +399,7 @@ class Lane:
             due = self._next_s()
             if self._begins:
                 self._begins, self._last_s, self._changed_s = False, now, -math.inf
-                self._guard.fell_silent(now - self._stepped_s, now)  # if not told yet
+                self._guard.fell_silent(now - self._stepped_s, now)  # if not reported yet
                 self._guard.rested(now)
                 self._guard.reset()
                 self._ramp.reset()
@@ -430,7 +430,7 @@ class Lane:
             _log.exception("device '%s'", self.device.id)
             self.fault(f"{type(error).__name__}: {error}")
         self._last_s = now
-        if is_change:  # what repeats, for dead-men, keeps no frame waiting
+        if is_change:  # repetitions for dead-man switches delay no frame
             self._changed_s = now
         due = max(min(due, now) + self._tick_s, now + 0.5 * self._tick_s)
         self._due_s = self._ramp.next_s(due, now)
@@ -448,7 +448,7 @@ class Lane:
                 return False
             values = self._guard.passed(wanted, step_s)
             self._stepped_s = now
-            # What was worked out before a pause, or before the computer slept, is not sent.
+            # Values computed before a pause, or before the computer slept, are not sent.
             if generation != self._generation or self._clock.now() - now > FREEZE_S:
                 return False
             is_change = self._sent is None or not np.array_equal(values, self._sent)

@@ -23,7 +23,7 @@ _HOMES: Final = ("engine.", "devices.live.keyed_scene")
 _DTYPES: Final = ("f8", "f4", "i4", "i8")
 
 
-def plain_to(value: Any) -> bytes:
+def to_bytes(value: Any) -> bytes:
     """A value as a body.
 
     Raises
@@ -35,7 +35,7 @@ def plain_to(value: Any) -> bytes:
     return pack({"value": _to(value, arrays)}, arrays)
 
 
-def plain_from(body: bytes) -> Any:
+def from_bytes(body: bytes) -> Any:
     """The value of a body.
 
     Raises

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..devices.live.moments import Moment
+from ..devices.live.live_frame import LiveFrame
 from ..reading.play_space import pose_now
 from .evaluation import evaluation
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from ..devices.live.playhead import Playhead
 
 
-def moment_now(
+def current_live_frame(
     scene: bpy.types.Scene, numbers: Mapping[str, int], edition: int, playhead: Playhead
-) -> Moment:
+) -> LiveFrame:
     """Current samples of the evaluated scene, for all devices.
 
     Parameters
@@ -39,7 +39,7 @@ def moment_now(
     if evaluation.with_positions:
         objects = evaluation.scene.objects
         play_space = pose_now(scene, objects.layer, objects.unit_m)
-    return Moment(
+    return LiveFrame(
         playhead.frame / playhead.fps,
         evaluation.runs(),
         gains(scene, numbers),

@@ -37,13 +37,13 @@ def _read(scene: Any, rate_hz: int) -> tuple[SceneReader, list[Any]]:
 
 
 def _farthest(
-    scene: Any, monkeypatch: pytest.MonkeyPatch, rate_hz: int = 24, *, is_fed: bool = True
+    scene: Any, monkeypatch: pytest.MonkeyPatch, rate_hz: int = 24, *, is_presampled: bool = True
 ) -> float:
-    """How far the bones are off from those of the own scene; they do move."""
+    """Largest distance of the bones from those of the own scene; they do move."""
     before = [len(each) for each in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     reader, blocks = _read(scene, rate_hz)
     assert reader.stepping_note.startswith("stepped a scratch scene")
-    assert bool(reader._plan_now().fed) == is_fed
+    assert bool(reader._plan_now().presampled) == is_presampled
     assert before == [len(each) for each in (bpy.data.objects, bpy.data.actions, bpy.data.scenes)]
     monkeypatch.setattr(stepping, "foreign_handler", lambda: "a test wants it")
     own, truth = _read(scene, rate_hz)
@@ -101,7 +101,7 @@ def test_one_action_for_bones_and_the_rest(
 def test_a_rig_that_others_follow_is_not_fed(
     scene: Any, walker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What its constraint looks at hangs on its own hand."""
+    """The target of its constraint is parented to its own hand."""
     hand = oracle.empty(scene, "Hand", walker)
     hand.parent_type, hand.parent_bone = "BONE", "wrist.L"
     walker.pose.bones["neck01"].constraints.new("DAMPED_TRACK").target = hand
@@ -111,14 +111,14 @@ def test_a_rig_that_others_follow_is_not_fed(
 def test_a_copy_that_comes_out_otherwise_is_not_used(
     scene: Any, walker: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hfx_blender.reading import fed_rig
+    from hfx_blender.reading import presampled_rig
 
-    real = fed_rig.FedRig._sample
+    real = presampled_rig.PresampledRig._sample
 
     def askew(self: Any, chunk: int) -> None:
         real(self, chunk)
         for values in self._sampled.values():
             values += np.float32(1e-3)
 
-    monkeypatch.setattr(fed_rig.FedRig, "_sample", askew)
-    assert _farthest(scene, monkeypatch, is_fed=False) == 0.0
+    monkeypatch.setattr(presampled_rig.PresampledRig, "_sample", askew)
+    assert _farthest(scene, monkeypatch, is_presampled=False) == 0.0

@@ -13,9 +13,9 @@ import pytest
 from live_process import BAND, PATIENCE_S, playing
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live import lane as lane_module
+from hfx_blender.devices.live import device_thread
 from hfx_blender.devices.live.clock import SYSTEM
-from hfx_blender.devices.live.lane import PULSE_SHARE, Lane
+from hfx_blender.devices.live.device_thread import PULSE_SHARE, DeviceThread
 from hfx_blender.devices.live.output import OutputLostError
 
 DEVICE = load_device(BAND)
@@ -53,8 +53,8 @@ class Recorder:
 
 @pytest.fixture(autouse=True)
 def _holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is played holds for ever: deadlines are tested on a clock of their own."""
-    monkeypatch.setattr(lane_module, "FREEZE_S", 1e9)
+    """Make values valid for ever: deadlines are tested on a clock of their own."""
+    monkeypatch.setattr(device_thread, "FREEZE_S", 1e9)
 
 
 class Playing:
@@ -63,7 +63,7 @@ class Playing:
     def __init__(self) -> None:
         self.output = Recorder()
         self.reports: list[tuple[str, str]] = []
-        self.lane = Lane(0, DEVICE, lambda: self.output, self._told)
+        self.lane = DeviceThread(0, DEVICE, lambda: self.output, self._told)
         self.lane.start()
         self.lane.arm()
         self.until(lambda: "armed" in self.events())
@@ -203,7 +203,7 @@ def test_what_cannot_be_opened_is_told() -> None:
         raise OutputLostError("no such port")
 
     reports: list[tuple[str, str]] = []
-    lane = Lane(0, DEVICE, refuse, lambda event, _d, text="": reports.append((event, text)))
+    lane = DeviceThread(0, DEVICE, refuse, lambda event, _d, text="": reports.append((event, text)))
     lane.start()
     lane.arm()
     lane.wait_closed()
@@ -217,7 +217,7 @@ class Opening:
         self.opens = threading.Event()
         self.output = Recorder()
         self.events: list[str] = []
-        self.lane = Lane(0, DEVICE, self._open, self._told)
+        self.lane = DeviceThread(0, DEVICE, self._open, self._told)
         self.lane.start()
 
     def _open(self) -> Recorder:
@@ -265,7 +265,7 @@ def test_a_stop_while_a_device_is_opened_keeps_it_silent(played: Playing) -> Non
         opens.wait(PATIENCE_S)
         return output
 
-    lane = Lane(1, DEVICE, wait, lambda event, _d, **_: events.append(event))
+    lane = DeviceThread(1, DEVICE, wait, lambda event, _d, **_: events.append(event))
     lane.start()
     lane.arm()
     lane.stop("stopped by you")
@@ -309,7 +309,7 @@ def test_what_cannot_be_opened_leaves_no_thread_behind() -> None:
 
     before = threading.active_count()
     for _ in range(5):
-        Lane(0, DEVICE, refuse, lambda *_, **__: None).start()
+        DeviceThread(0, DEVICE, refuse, lambda *_, **__: None).start()
     end = time.monotonic() + PATIENCE_S
     while threading.active_count() > before:
         assert time.monotonic() < end, [each.name for each in threading.enumerate()]

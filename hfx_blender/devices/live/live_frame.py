@@ -27,7 +27,7 @@ _PARAMETERS: Final = max(len(modality.parameters) for modality in MODALITIES.val
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class LiveFrame:
     """Current samples and settings of the open scene.
 
     Attributes
@@ -55,7 +55,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Worn:
+class RenderedDevice:
     """Device that is rendered."""
 
     number: int
@@ -70,7 +70,7 @@ class SceneMessage:
 
     header: TrackHeader
     body_id: str
-    devices: tuple[Worn, ...]
+    devices: tuple[RenderedDevice, ...]
 
 
 def scene_to(scene: SceneMessage) -> bytes:
@@ -93,13 +93,13 @@ def scene_from(body: bytes) -> SceneMessage:
     content = json_from(body)
     try:
         header, _ = from_json(content["header"].encode())
-        devices = tuple(Worn(*each) for each in content["devices"])
+        devices = tuple(RenderedDevice(*each) for each in content["devices"])
         return SceneMessage(header, str(content["body"]), devices)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise MessageError(f"not a scene: {error}") from None
 
 
-def moment_to(moment: Moment, places: Mapping[Stream, int]) -> bytes:
+def live_frame_to(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
     """A moment as a body; ``places`` are those of streams in the scene's header."""
     arrays: dict[str, Array] = {}
     content: dict[str, Any] = {
@@ -149,7 +149,7 @@ def _joined(parts: Sequence[Array], dtype: npt.DTypeLike) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
-def moment_from(body: bytes, streams: Sequence[Stream]) -> Moment:
+def live_frame_from(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
     """The moment of a body.
 
     Raises
@@ -160,7 +160,7 @@ def moment_from(body: bytes, streams: Sequence[Stream]) -> Moment:
     content, arrays = unpack(body)
     try:
         playhead = content["playhead"]
-        return Moment(
+        return LiveFrame(
             float(content["time_s"]),
             _runs(content["drives"], float(content["time_s"]), streams, arrays),
             {int(number): float(gain) for number, gain in content["gains"]},

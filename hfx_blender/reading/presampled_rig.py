@@ -18,13 +18,13 @@ from .. import compat
 from ..engine.arrays import F32
 from .animation_curves import AnimatedValues, NotModelledError
 from .animation_time import animation_frames
-from .own_kinematics import BONE_PATH, WIDTHS, rest_value
+from .fcurve_kinematics import BONE_PATH, WIDTHS, rest_value
 
 _CHUNK = 128
 """Times that are sampled together, always the same ones."""
 
 
-class FedRig:
+class PresampledRig:
     """Animated bones of an armature over time, and the copy that they are set on.
 
     Parameters

@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One pass through the times of a scene, as its plan says: blocks of what is where.
+
+Effects and bodies that are stepped are read at single times; of volumes among them that are
+near no skin only the places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ..avatars import avatar_meshes
+from ..engine.arrays import F64, I64
+from ..engine.body.model import load_model
+from ..engine.scene import (
+    AnimationBlock,
+    EffectBlock,
+    HapticSurface,
+    PoseBlock,
+    SceneDescription,
+    SurfaceBinding,
+)
+from ..engine.tolerance import Tolerance
+from ..engine.volume.placement import world_bounds
+from . import response_values, stepping
+from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
+from .animation_curves import NotModelledError
+from .animation_time import animation_frames
+from .curve_reading import EffectChunks
+from .nearness import SkinBoxes
+from .reading_plan import Plan
+from .scene_description import IN_SCENE, HapticObjects, sample_frames
+from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
+from .slow_motion import is_shown_by
+from .stepped_reading import SteppedReading
+from .stepped_volumes import SteppedVolumes, is_placeable, near, swept
+
+
+class Pass:
+    """One pass through the times of a scene, or through few single ones (``spots``, ascending).
+
+    Volumes that have to be stepped are silent while they are near no skin, unless ``with_far``.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        found: HapticObjects,
+        scene: SceneDescription,
+        reading: SteppedReading,
+        *,
+        tolerance: Tolerance,
+        always_posed: bool,
+        stretch_of: Callable[[int], tuple[int, int]],
+        stack: ExitStack,
+        spots: I64 | None = None,
+        with_far: bool = False,
+    ) -> None:
+        self._plan = plan
+        self._found = found
+        self._scene = scene
+        self._reading = reading
+        self._always_posed = always_posed
+        self._effects = [k for k in found.awake if k not in plan.effects]
+        self._dormant = sorted({*range(len(found.effects))}.difference(found.awake))
+        self._bodies = [k for k in range(len(found.bodies)) if k not in plan.bodies]
+        self._volumes = [k for k in found.awake if found.effects[k].hfx.kind in IN_SCENE]
+        self._chunks = EffectChunks(plan.effects, self._frames, spots=spots)
+        goes_back = not plan.is_sequential and not with_far
+        self._is_judged = goes_back and spots is None
+        # Of meshes only boxes are read where places and values are compared.
+        reading.far = frozenset(() if spots is None else self._effects)
+        placed = [k for k in self._effects if self._is_judged and is_placeable(found.effects[k])]
+        self._placed = SteppedVolumes([found.effects[k] for k in placed])
+        self._far = dict(enumerate(placed))  # of which only the place is read, by their number
+        self._full = [k for k in self._effects if k not in placed]
+        model_ids = {scene.effects[k].model_id for k in placed}
+        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if placed]
+        self._last: Row | None = None
+        self._rows: dict[int, Row] = {}
+        self._cell = (0, -1)
+        self._near: list[Volume] = []
+        self._whole = self._light = None
+        if plan.in_own_scene:
+            self._whole = self._light = stack.enter_context(
+                stepping.own_scene(found.scene, found.layer, found.simulation)
+            )
+        elif self._effects or self._bodies:
+            stepped = [found.effects[k] for k in self._effects]
+            bodies = [found.bodies[k] for k in self._bodies]
+            surfaces = [
+                mesh
+                for k in self._bodies
+                if isinstance(scene.bodies[k].binding, SurfaceBinding)
+                for mesh in avatar_meshes.meshes_of(found.bodies[k])
+            ]
+            self._whole = self._scratch([*stepped, *bodies, *surfaces], stack)
+            self._light = self._whole
+            if stepped and bodies:
+                self._light = stack.enter_context(stepping.scratch_scene(found.scene, stepped))
+        self._adaptive = self._adaptive_poses(tolerance, stretch_of)
+
+    def _scratch(self, objects: list[bpy.types.Object], stack: ExitStack) -> stepping.Stepper:
+        """Step these objects; rigs that are presampled as copies."""
+        scene, rigs = self._found.scene, list(self._plan.presampled.values())
+        if rigs:
+            presampled = [rig.obj for rig in rigs]
+            others = [obj for obj in objects if obj not in presampled]
+            with suppress(NotModelledError):
+                return stack.enter_context(stepping.scratch_scene(scene, others, rigs))
+        return stack.enter_context(stepping.scratch_scene(scene, objects))
+
+    def _adaptive_poses(
+        self, tolerance: Tolerance, stretch_of: Callable[[int], tuple[int, int]]
+    ) -> AdaptivePoses | None:
+        """None where every sample is to be read."""
+        if any(isinstance(e.area, HapticSurface) for e in self._scene.effects):
+            return None  # a stroke is its speed: nothing of it may be interpolated
+        step = grid_step(self._scene.time.rate_hz)
+        joint = self._effects and self._plan.in_own_scene
+        if not self._bodies or self._plan.is_exact or joint or step == 1:
+            return None
+        if tolerance.time_s == 0.0:
+            return None
+        if self._scene.time.rate_hz < 2 * self._scene.time.fps:
+            return None  # frames are that far apart that looking costs more than it saves
+        apart = float(step * self._scene.time.fps / self._scene.time.rate_hz / 2)
+        if not is_shown_by(apart, [self._found.bodies[k] for k in self._bodies]):
+            return None  # what swings between two poses would be missed
+        motions: dict[tuple[int, str], VertexMotion] = {}
+        for k in self._bodies:
+            binding = self._scene.bodies[k].binding
+            if isinstance(binding, SurfaceBinding):
+                return None
+            for model_id in {self._scene.effects[each].model_id for each in self._volumes}:
+                model, fitted = load_model(model_id), binding.fitted.get(model_id)
+                placed = model if fitted is None else fitted.of(model)
+                motions[k, model_id] = VertexMotion(placed, binding, tolerance)
+        period_s = 1.0 / float(self._scene.time.rate_hz)
+
+        def allows(span: Span) -> bool:
+            volumes = self._volumes_over(span.cell)
+            return all(
+                motion.allows(
+                    span,
+                    partial(poses.bones, body=k),
+                    [volume for volume in volumes if volume.model_id == model_id],
+                    period_s,
+                )
+                for (k, model_id), motion in motions.items()
+            )
+
+        time = self._scene.time
+        offset = (time.frame_first - time.scene_start) * time.rate_hz / time.fps
+        poses = AdaptivePoses(self._read_shown, stretch_of, allows, step, int(offset // 1))
+        return poses
+
+    def _volumes_over(self, cell: tuple[int, int]) -> list[Volume]:
+        """The volumes that may be felt over a part of the grid."""
+        if self._cell != cell:
+            self._cell, self._near = cell, []
+            indices = np.arange(cell[0], cell[1] + 1)
+            placed = self._places_over(indices)
+            for k in self._volumes:
+                described = self._scene.effects[k]
+                if k not in self._plan.effects:
+                    self._near.append(Volume(described.model_id, *placed[k]))
+                    continue
+                effect = self._chunks.read(k, indices)
+                if effect.matrices is None or not (effect.levels > 0.0).any():
+                    continue
+                box = world_bounds(effect.shapes[0], effect.matrices)
+                self._near.append(
+                    Volume(
+                        described.model_id,
+                        box[:, 0].min(axis=0),
+                        box[:, 1].max(axis=0),
+                        effect.matrices,
+                    )
+                )
+        return self._near
+
+    def _places_over(self, indices: I64) -> dict[int, tuple[F64, F64, F64]]:
+        """Of volumes that are stepped: corners of the box that they are in, and matrices."""
+        found: dict[int, tuple[F64, F64, F64]] = {}
+        if self._far and self._light is not None:
+            rows = [self._effects_at(index, self._light) for index in indices.tolist()]
+            places = [row.places for row in rows if row.places is not None]
+            (low, high), matrices = swept(places, self._found.unit_m)
+            found = {k: (low[n], high[n], matrices[:, n]) for n, k in self._far.items()}
+        everywhere, still = np.full(3, np.inf), np.repeat(np.eye(4)[None], len(indices), axis=0)
+        for k in self._effects:
+            found.setdefault(k, (-everywhere, everywhere, still))
+        return found
+
+    def _effects_at(self, index: int, stepper: stepping.Stepper) -> Row:
+        """What is read of effects at one time; poses that are interpolated ask ahead for it."""
+        row = self._rows.get(index)
+        if row is not None:
+            self._complete([row], self._full)
+            return row
+        row = self._reading.read(index, stepper, self._full, ())
+        if self._far:
+            row.places = self._placed.read(stepper)
+            self._reading.counters.places_read += len(self._placed)
+        if self._adaptive is not None:
+            self._rows[index] = row
+        return row
+
+    def _frames(self, indices: I64) -> F64:
+        """Frames of the animation at samples."""
+        return animation_frames(self._found.scene, sample_frames(self._scene.time, indices))
+
+    def _read_poses(self, index: int) -> dict[int, PoseRow | None]:
+        assert self._whole is not None
+        return self._reading.read(index, self._whole, (), self._bodies).poses
+
+    def _read_shown(self, index: int) -> Poses:
+        """The same of bodies that nothing hides."""
+        return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
+
+    def block(self, indices: I64, history: int = 0) -> AnimationBlock:
+        """What is where at samples without a gap between them."""
+        frames = self._frames(indices)
+        effects: dict[int, EffectBlock] = {
+            k: self._chunks.read(k, indices) for k in self._plan.effects
+        }
+        for k, effect in effects.items():
+            if effect.response is not None:
+                effects[k] = replace(
+                    effect,
+                    response=response_values.with_even_phase(
+                        self._found.scene,
+                        self._found.effects[k],
+                        effect.response,
+                        sample_frames(self._scene.time, indices),
+                        self._scene.time,
+                    ),
+                )
+        wanted = np.full(len(indices), self._always_posed)
+        for k in self._volumes:
+            if k in effects:
+                wanted |= ~(effects[k].levels <= 0.0)
+        for k in self._far.values():
+            wanted |= self._found.activations[k].may_be_on(frames)
+        beside = int(indices[0]) - grid_step(self._scene.time.rate_hz)
+        self._rows = {k: row for k, row in self._rows.items() if k > beside}
+        rows = [self._row(int(i), w) for i, w in zip(indices, wanted.tolist(), strict=True)]
+        if self._effects:
+            self._last = rows[-1]
+        for k in self._full:
+            effects[k] = self._block_of(k, rows)
+            if k in self._volumes:
+                wanted |= ~(effects[k].levels <= 0.0)
+        effects |= {k: self._silence(k, len(indices)) for k in self._dormant}
+        poses: dict[int, PoseBlock] = {
+            k: body.read(frames, wanted) for k, body in self._plan.bodies.items()
+        }
+        poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
+        if self._far:
+            effects |= self._judged(rows, [poses[k] for k in range(len(poses))], history)
+        return AnimationBlock(
+            indices=indices,
+            effects=tuple(effects[k] for k in range(len(effects))),
+            poses=tuple(poses[k] for k in range(len(poses))),
+            history=history,
+        )
+
+    def _judged(
+        self, rows: list[Row], poses: list[PoseBlock], history: int
+    ) -> dict[int, EffectBlock]:
+        """Volumes of which only the places were read: of those that come near skin, the rest.
+
+        What has to be read again is read in full from now on, until it is far again.
+        """
+        skins = [skin.over(pose) for skin, pose in zip(self._skins, poses, strict=True)]
+        places = [row.places for row in rows if row.places is not None]
+        is_near = near(places, self._found.unit_m, skins)
+        there = np.stack([each.there for each in places])
+        matrices = np.stack([each.matrices for each in places])
+        again: list[int] = []
+        found: dict[int, EffectBlock] = {}
+        for n, k in self._far.items():
+            if not is_near[n]:
+                self._reading.count_far(k, rows[history].index, len(rows) - history)
+                if k not in self._full:
+                    found[k] = self._silence(k, len(rows))
+            elif self._reading.is_settled(k):
+                found[k] = self._reading.placed(k, matrices[:, n], there[:, n])
+            elif k not in self._full:
+                again.append(k)
+        if again:
+            self._complete(rows, again)
+            found |= {k: self._block_of(k, rows) for k in again}
+        nearby = {k for n, k in self._far.items() if is_near[n]}
+        full = {k for k in nearby if not self._reading.is_settled(k)}
+        self._full = [k for k in self._effects if k in full or k not in self._far.values()]
+        return found
+
+    def _complete(self, rows: list[Row], which: list[int]) -> None:
+        """Read effects in full at times at which they were not."""
+        for row in rows:
+            missing = [k for k in which if k not in row.effects]
+            if missing and self._light is not None:
+                row.effects |= self._reading.read(row.index, self._light, missing, ()).effects
+
+    def _block_of(self, which: int, rows: list[Row]) -> EffectBlock:
+        return effect_block([row.effects[which] for row in rows], self._modality(which))
+
+    def _silence(self, which: int, count: int) -> EffectBlock:
+        """An effect that is not felt."""
+        return silence(count, self._modality(which))
+
+    def _modality(self, which: int) -> str:
+        return self._scene.effects[which].modality
+
+    def _row(self, index: int, is_posed: bool) -> Row:
+        """What is stepped at one time."""
+        if self._last is not None and self._last.index == index:
+            return self._last
+        row = Row(index)
+        joint = self._adaptive is None and (is_posed or self._light is self._whole)
+        stepper = self._whole if joint else self._light
+        if self._effects and stepper is not None:
+            row = self._effects_at(index, stepper)
+            is_posed |= any(
+                not row.effects[k].level <= 0.0 for k in self._full if k in self._volumes
+            )
+        if not is_posed or not self._bodies:
+            return row
+        if self._adaptive is not None:
+            row.poses = dict(self._adaptive.at(index))
+        elif self._effects and joint and stepper is not None:
+            self._reading.add_poses(row, stepper, self._bodies)
+        else:
+            row.poses = self._read_poses(index)
+        return row

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What reading a scene took, so that "only what a scene requires" can be tested and reported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Final
+
+
+@dataclass
+class ReadingCounters:
+    """Work done since a scene's reader was made."""
+
+    times_stepped: int = 0  # Blender was set to a time, and evaluated what is stepped
+    frames_played: int = 0  # of simulations, before anything was read
+    effects_read: int = 0  # (effect, time) of which all was read from Blender
+    places_read: int = 0  # (volume, time) of which only the place and a box were read
+    poses_read: int = 0  # (body, time) read from Blender
+    meshes_read: int = 0  # (mesh, time) whose vertices were read
+    meshes_made: int = 0  # meshes made into closed surfaces
+    instances: int = 0  # volumes that are shown as instances
+    # Volume: number of its samples in blocks of which only its place was needed, by their first.
+    far: dict[str, dict[str, int]] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)  # effect: why nothing of it was read
+
+    def add(self, more: ReadingCounters) -> None:
+        """Count what was counted where another part of the scene was read."""
+        for name in _NUMBERS:
+            setattr(self, name, getattr(self, name) + getattr(more, name))
+        self.instances = max(self.instances, more.instances)
+        for name, blocks in more.far.items():
+            self.far.setdefault(name, {}).update(blocks)
+        self.skipped |= more.skipped
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:
+    """Of counters as plain data, what is the same however a scene is split into parts."""
+    far = {name: sum(blocks.values()) for name, blocks in sorted(counters.get("far", {}).items())}
+    return {"far": far, "skipped": counters.get("skipped", {})}
+
+
+_NUMBERS: Final = tuple(
+    each.name for each in fields(ReadingCounters) if each.type == "int" and each.name != "instances"
+)

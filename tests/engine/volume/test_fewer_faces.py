@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fine mesh volumes are felt from fewer faces, within a bound that igl measures here."""
+
+from __future__ import annotations
+
+import sys
+from fractions import Fraction
+
+import fast_simplification
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.tolerance import EXACT, PAPER, STANDARD, Tolerance, parse
+from hfx_blender.engine.volume import mesh
+from hfx_blender.engine.volume.analytic import Sphere
+from hfx_blender.engine.volume.fewer_faces import of_fewer_faces
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.shape import Falloff, FalloffKind
+
+MODEL = load_model("hfx-pressure-1")
+SMOOTH = Falloff(FalloffKind.SMOOTH, 1.0)
+LOOSE = parse("8mm,10ms,5%")
+
+
+@pytest.fixture(autouse=True)
+def few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh, "MANY_FACES", 2000)
+
+
+def arrays(ball: trimesh.Trimesh, place: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    return np.array(ball.vertices) + place, np.array(ball.faces, np.int32)
+
+
+def dented(scale: float = 1.0, place: float = 0.0) -> MeshVolume:
+    vertices, faces = arrays(trimesh.creation.icosphere(5))
+    vertices *= 1.0 + 0.1 * np.sin(4.0 * vertices[:, :1]) * np.sin(3.0 * vertices[:, 1:2])
+    return MeshVolume(scale * vertices + place, faces, "Ball")
+
+
+def farthest(one: MeshVolume, other: MeshVolume) -> float:
+    """From many places on one surface to the other."""
+    surface = trimesh.Trimesh(one._vertices, one._triangles, process=False)
+    places = np.concatenate(
+        [one._vertices, trimesh.sample.sample_surface(surface, 20_000, seed=1)[0]]
+    )
+    faces = other._triangles.astype(np.int64)
+    squared = igl.point_mesh_squared_distance(places, other._vertices, faces)[0]
+    return float(np.sqrt(squared.max()))
+
+
+@pytest.mark.parametrize(("scale", "place"), [(1.0, 0.0), (1e-4, 0.0), (1e5, 0.0), (1.0, 1e4)])
+def test_surfaces_are_within_the_bound_both_ways(scale: float, place: float) -> None:
+    fine = dented(scale, place)
+    felt = fine.within(0.01 * scale)
+    assert len(felt._triangles) <= len(fine._triangles) / 4
+    assert trimesh.Trimesh(felt._vertices, felt._triangles, process=False).is_watertight
+    assert max(farthest(fine, felt), farthest(felt, fine)) <= 0.0105 * scale
+    assert fine.within(0.01 * scale) is felt
+
+
+def test_a_smaller_bound_leaves_more_faces_and_a_tiny_one_all() -> None:
+    fine = dented()
+    counts = [len(fine.within(bound)._triangles) for bound in (0.05, 0.005)]
+    assert counts[0] < counts[1] < len(fine._triangles)
+    assert fine.within(1e-5) is fine
+
+
+_simplify = fast_simplification.simplify
+
+
+def test_a_crumb_away_from_the_surface_is_not_felt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Closed, of hardly any volume, and all of the mesh is near what else there is."""
+    vertices, faces = arrays(trimesh.creation.icosphere(5))
+    fine = MeshVolume(vertices, faces, "Ball")
+    crumb, sides = arrays(trimesh.creation.box((0.001, 0.001, 0.001)), 0.6)
+
+    def simplify(*_: object, **__: object) -> tuple[np.ndarray, np.ndarray]:
+        points, found = _simplify(0.5 * vertices, faces, target_count=5000)
+        return np.concatenate([points, crumb]), np.concatenate([found, sides + len(points)])
+
+    monkeypatch.setattr(fast_simplification, "simplify", simplify)
+    assert fine.within(0.02) is fine
+
+
+def test_a_step_that_is_open_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = MeshVolume(*arrays(trimesh.creation.icosphere(5)), "Ball")
+
+    def simplify(*arguments: object, **options: int) -> tuple[np.ndarray, np.ndarray]:
+        points, found = _simplify(*arguments, **options)
+        return points, found if len(found) > 2000 else found[1:]
+
+    monkeypatch.setattr(fast_simplification, "simplify", simplify)
+    assert len(fine.within(0.05)._triangles) == 5120
+
+
+def test_a_hollow_behind_a_thin_wall_does_not_fill(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, faces = arrays(trimesh.creation.icosphere(5))
+    hollow = np.concatenate([faces, faces[:, ::-1] + len(vertices)]).astype(np.int32)
+    fine = MeshVolume(np.concatenate([vertices, 0.99 * vertices]), hollow, "Shell")
+    assert not fine.contains(np.zeros((3, 1)))[0]
+    outer = _simplify(0.5 * vertices, faces, target_count=5000)
+    monkeypatch.setattr(fast_simplification, "simplify", lambda *_, **__: outer)
+    assert fine.within(0.05) is fine
+
+
+def test_each_row_is_chosen_by_itself() -> None:
+    fine = dented()
+    matrices = np.tile(np.eye(4), (6, 1, 1))
+    matrices[1:3, :3, :3] *= [[[2.0]], [[1000.0]]]
+    matrices[3, 0, 0] = np.nan
+    matrices[4] = [[0, -1, 0, 5], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # turned
+    which = np.array([0, 0, 0, 0, 0, 1])
+    bounds_m = np.full(6, 0.01)
+    shapes, index = of_fewer_faces((fine, Sphere()), which, matrices, bounds_m)
+    felt = [shapes[k] for k in index]
+    assert felt[0] is felt[4] is not fine and isinstance(felt[5], Sphere)
+    assert felt[2] is felt[3] is fine
+    assert isinstance(felt[0], MeshVolume) and isinstance(felt[1], MeshVolume)
+    assert farthest(fine, felt[1]) <= 0.005
+    for k in range(6):
+        alone, _ = of_fewer_faces(
+            (fine, Sphere()), which[k : k + 1], matrices[k : k + 1], bounds_m[k : k + 1]
+        )
+        assert alone == (felt[k],)
+    assert of_fewer_faces((fine,), which[:1], matrices[:1], np.zeros(1))[0] == (fine,)
+
+
+def felt_of(volume: MeshVolume, tolerance: Tolerance, falloff: Falloff) -> dict[int, float]:
+    effects = (EffectDescription("v", "v", "pressure", MODEL.id, HapticVolume(falloff)),)
+    body = BodyDescription("anna", "Anna", SkinBinding(MODEL.bone_names))
+    scene = SceneDescription(TimeBase(Fraction(100), Fraction(100), 0, 0, 1), (body,), effects)
+    bones = np.eye(4)[None, None, :3].repeat(len(MODEL.bone_names), axis=1)
+    place = np.eye(4)[None] * [0.03, 0.03, 0.03, 1.0]
+    place[0, :3, 3] = MODEL.vertices[MODEL.vertices[:, 0].argmax()]
+    animated = EffectBlock(np.ones(1), np.ones((1, 1)), place, (volume,))
+    pose = PoseBlock(np.ones(1, bool), np.eye(4)[None], bones)
+    engine = Engine(scene, models=lambda _: MODEL, tolerance=tolerance)
+    [run] = engine.evaluate(AnimationBlock(np.arange(1), (animated,), (pose,)))
+    [sample] = list(run)
+    return dict(zip(sample.vertices.tolist(), sample.weights.tolist(), strict=True))
+
+
+def test_contacts_are_those_of_all_faces(monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = dented()
+    fewer = felt_of(fine, LOOSE, SMOOTH)
+    assert [len(each._triangles) < 6000 for each in fine._fewer.values()] == [True]
+    monkeypatch.setattr(mesh, "MANY_FACES", 10**9)
+    every = felt_of(fine, LOOSE, SMOOTH)
+    assert len(every) > 20
+    ids = every.keys() | fewer.keys()
+    assert max(abs(every.get(k, 0.0) - fewer.get(k, 0.0)) for k in ids) < 0.08  # 1 of 27 mm, 1.5 x
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "falloff"), [(EXACT, SMOOTH), (PAPER, SMOOTH), (STANDARD, Falloff())]
+)
+def test_all_faces_are_felt_where_no_error_is_accepted_or_nothing_gained(
+    tolerance: Tolerance, falloff: Falloff
+) -> None:
+    fine = dented()
+    felt_of(fine, tolerance, falloff)
+    assert not fine._fewer
+
+
+def test_without_the_wheel_all_faces_are_felt_and_it_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "fast_simplification", None)
+    fine = dented()
+    assert fine.within(0.01) is fine
+    assert fine.note.startswith("'Ball' has 20480 faces, and fast-simplification")
