@@ -14,9 +14,9 @@ from functools import partial
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ..avatars import avatar_meshes
+from ..engine.arrays import F64, I64
 from ..engine.body.model import load_model
 from ..engine.scene import (
     AnimationBlock,
@@ -40,9 +40,6 @@ from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
 from .stepped_volumes import SteppedVolumes, is_placeable, near, swept
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 class Pass:

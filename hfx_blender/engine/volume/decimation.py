@@ -11,13 +11,10 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32
 from .mesh_distance import TriangleTree
 from .mesh_topology import is_closed
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
 
 _SHARE: Final = 4  # of the faces, one is left at each step
 _STEPS: Final = 3

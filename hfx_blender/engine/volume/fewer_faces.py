@@ -6,14 +6,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from ..arrays import F64, I32, I64
 from .mesh import MeshVolume
 from .shape import Shape
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
-I64 = npt.NDArray[np.int64]
 
 SHARE: Final = 1.0 / 8.0
 """Of the error of a contact's edge that a tolerance accepts, for the mesh."""
