@@ -12,7 +12,6 @@ matmul            products of matrices that start no threads
 ways              paths of points between two samples
 tolerance         the accepted error
 modality          the four modalities: parameters, units, how effects combine
-ways              paths of points between two samples
 native            the compiled loops
 kinematics        keyframe curves, bone hierarchies, motion between two samples
 volume            shapes of haptic volumes
