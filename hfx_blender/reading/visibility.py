@@ -8,11 +8,14 @@ that is current does not. Neither the eye icon nor the camera icon matters.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import bpy
 
 from .. import compat
-from ..engine.scene import SceneDescription
+
+if TYPE_CHECKING:
+    from ..engine.scene import SceneDescription  # Blender's start does not wait for it
 
 _PATH = "hide_viewport"
 

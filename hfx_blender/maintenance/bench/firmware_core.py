@@ -7,12 +7,12 @@ import ctypes
 import os
 import select
 import shutil
-import subprocess
 import threading
 import time
 from pathlib import Path
 from typing import Any, Final
 
+from ... import own_processes
 from ...devices.live import wire
 from ...errors import InputError
 
@@ -54,15 +54,15 @@ def built(folder: Path) -> ctypes.CDLL:
         raise InputError(f"The firmware's core needs a C compiler and its sources in {SOURCES}.")
     glue, library = folder / "glue.c", folder / "core.so"
     glue.write_text(_GLUE)
-    subprocess.run(
+    done = own_processes.run(
         [
             *(compile_with, "-std=c11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"),
             *("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error", f"-I{SOURCES}"),
             *(str(glue), str(SOURCES / "hfx_core.c"), "-o", str(library)),
-        ],
-        check=True,
-        env={**os.environ, "LC_ALL": "C"},
+        ]
     )
+    if done.returncode:
+        raise InputError(f"{SOURCES}: the firmware's core does not compile: {done.stderr.strip()}")
     found = ctypes.CDLL(str(library))
     found.make.restype = ctypes.c_void_p
     found.make.argtypes = [ctypes.c_uint8, _WRITE]
