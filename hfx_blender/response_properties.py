@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from .engine.response_filters.controls import CONTROLS, Kind
+from .engine.response_filters.controls import CONTROLS, FilterKind
 
 _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 
@@ -35,7 +35,7 @@ def _remark(self: HfxResponseFilter, _context: bpy.types.Context) -> None:
 
 def _control(kind: str, control: str, label: str, tip: str, **options: object) -> FloatProperty:
     """A property with the range and the default that the engine states for a control."""
-    found = {each.name: each for each in CONTROLS[Kind(kind)]}[control]
+    found = {each.name: each for each in CONTROLS[FilterKind(kind)]}[control]
     return FloatProperty(
         name=label,
         description=tip,

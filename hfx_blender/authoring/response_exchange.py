@@ -9,7 +9,7 @@ import bpy
 from mathutils import Vector
 
 from .. import compat
-from ..engine.response_filters.controls import CONTROLS, Kind
+from ..engine.response_filters.controls import CONTROLS, FilterKind
 from . import response_animation, responses
 from .response_recipes import FilterRecipe, Keys, SwarmRecipe, abouts_of
 
@@ -33,7 +33,7 @@ def _recipe(
     first: float,
     fps: float,
 ) -> FilterRecipe:
-    kind = Kind(each.kind)
+    kind = FilterKind(each.kind)
     controls = CONTROLS[kind]
     names = responses.properties_of(each)
     curves = {
@@ -54,7 +54,7 @@ def _recipe(
                 ((key.co[0] - first) / fps, held(key.co[1])) for key in curves[name].keyframe_points
             )
             keys.append((control.name, found))
-    about = each.domain if kind is Kind.SINE else each.about
+    about = each.domain if kind is FilterKind.SINE else each.about
     return FilterRecipe(
         kind.value,
         values,
@@ -74,12 +74,12 @@ def add_response(
 ) -> None:
     """Give a new volume its filters; times count from ``frame``."""
     for place, recipe in enumerate(response):
-        kind = Kind(recipe.kind)
+        kind = FilterKind(recipe.kind)
         each = responses.add_filter(effect, recipe.kind)
         each.operation, each.is_muted = recipe.operation, recipe.is_muted
-        if kind is Kind.SINE:
+        if kind is FilterKind.SINE:
             each.domain = recipe.about
-        elif kind is Kind.DISTANCE:
+        elif kind is FilterKind.DISTANCE:
             each.about = recipe.about
         properties = dict(
             zip((c.name for c in CONTROLS[kind]), responses.properties_of(each), strict=True)

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from ..devices.strict_json import Node
-from ..engine.response_filters.controls import CONTROLS, About, Kind, Operation
+from ..engine.response_filters.controls import CONTROLS, About, FilterKind, Operation
 
 MOST_FILTERS: Final = 32
 MOST_KEYS: Final = 100_000
@@ -66,13 +66,13 @@ _RANGES: Final[dict[str, tuple[float, float, str]]] = {
 }
 
 
-def abouts_of(kind: Kind) -> tuple[str, ...]:
+def abouts_of(kind: FilterKind) -> tuple[str, ...]:
     """References that distances of a kind of filter may be measured from; empty if it measures
     none.
     """
-    if kind is Kind.DISTANCE:
+    if kind is FilterKind.DISTANCE:
         return (About.CENTRE, About.AXIS)
-    return (About.TIME, About.CENTRE, About.AXIS) if kind is Kind.SINE else ()
+    return (About.TIME, About.CENTRE, About.AXIS) if kind is FilterKind.SINE else ()
 
 
 def response_of(node: Node) -> tuple[FilterRecipe, ...]:
@@ -88,8 +88,8 @@ def response_of(node: Node) -> tuple[FilterRecipe, ...]:
 
 def _filter(node: Node) -> FilterRecipe:
     entries = node.entries(allowed="an object")
-    kinds = tuple(each.value for each in Kind)
-    kind = Kind(entries["kind"].choice(kinds)) if "kind" in entries else Kind.IMPACT
+    kinds = tuple(each.value for each in FilterKind)
+    kind = FilterKind(entries["kind"].choice(kinds)) if "kind" in entries else FilterKind.IMPACT
     abouts = abouts_of(kind)
     required = ("kind", "controls", *(("about",) if abouts else ()))
     members = node.members(required=required, optional=("operation", "muted", "keys"))
@@ -129,7 +129,7 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
     found = []
     for each in response:
         document: dict[str, Any] = {"kind": each.kind, "operation": each.operation}
-        if abouts_of(Kind(each.kind)):
+        if abouts_of(FilterKind(each.kind)):
             document["about"] = each.about
         if each.is_muted:
             document["muted"] = True

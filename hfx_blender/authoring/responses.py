@@ -7,17 +7,17 @@ from typing import Final
 
 import bpy
 
-from ..engine.response_filters.controls import About, Filter, Kind, Operation
+from ..engine.response_filters.controls import About, Filter, FilterKind, Operation
 from ..errors import InputError
 from ..response_properties import KINDS
 from . import response_animation
 
 _PROPERTIES: Final = {
-    Kind.DISTANCE: ("influence", "near", "far", "near_value", "far_value"),
-    Kind.SPEED: ("influence", "still_speed", "full_speed"),
-    Kind.IMPACT: ("influence", "attack", "decay", "full_speed"),
-    Kind.PROXIMITY: ("influence", "reach", "exponent"),
-    Kind.SINE: ("influence", "frequency", "depth", "phase"),
+    FilterKind.DISTANCE: ("influence", "near", "far", "near_value", "far_value"),
+    FilterKind.SPEED: ("influence", "still_speed", "full_speed"),
+    FilterKind.IMPACT: ("influence", "attack", "decay", "full_speed"),
+    FilterKind.PROXIMITY: ("influence", "reach", "exponent"),
+    FilterKind.SINE: ("influence", "frequency", "depth", "phase"),
 }
 LENGTHS: Final = frozenset({"near", "far", "reach", "wavelength"})
 """Properties in Blender's units."""
@@ -25,7 +25,7 @@ LENGTHS: Final = frozenset({"near", "far", "reach", "wavelength"})
 
 def properties_of(each: bpy.types.PropertyGroup) -> tuple[str, ...]:
     """Names of a filter's properties, in the order of the engine's controls."""
-    names = _PROPERTIES[Kind(each.kind)]
+    names = _PROPERTIES[FilterKind(each.kind)]
     if each.kind == "sine" and each.domain != "time":
         return tuple("wavelength" if name == "frequency" else name for name in names)
     return names
@@ -40,8 +40,8 @@ def active(hfx: bpy.types.PropertyGroup) -> list[tuple[int, bpy.types.PropertyGr
 
 def described(each: bpy.types.PropertyGroup, rings_s: float = 0.0) -> Filter:
     """Engine description of a filter; ``rings_s`` see :class:`Filter`."""
-    kind = Kind(each.kind)
-    about = About(each.domain if kind is Kind.SINE else each.about)
+    kind = FilterKind(each.kind)
+    about = About(each.domain if kind is FilterKind.SINE else each.about)
     return Filter(kind, Operation(each.operation), about, rings_s)
 
 

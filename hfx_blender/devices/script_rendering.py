@@ -31,7 +31,7 @@ from ..errors import InputError, ScriptError
 from ..stepwise import finish
 from .live import approval
 from .live.haptics import packed
-from .live.messages import Kind, MessageError, json_to, message, read_message, values_from
+from .live.messages import MessageError, MessageKind, json_to, message, read_message, values_from
 from .live.script_process import end_group
 
 Felt = list[tuple[SampleRun, F64]]
@@ -144,7 +144,7 @@ def _answers(
             batch: list[bytes] = []
             size = 0
             for felt in _felt_by_row(track, renderer):
-                batch.append(message(Kind.HAPTICS, 0, packed(times_s[row], felt, told[row])))
+                batch.append(message(MessageKind.HAPTICS, 0, packed(times_s[row], felt, told[row])))
                 size += len(batch[-1])
                 row += 1
                 if len(batch) >= _BATCH_ROWS or size >= _BATCH_BYTES:
@@ -274,7 +274,7 @@ class _Worker:
         self._went_on_at = time.monotonic()
         for work in (self._write, self._listen):
             threading.Thread(target=work, args=(self._process,), daemon=True).start()
-        self._unsent.put(message(Kind.HEARTBEAT, 0, json_to(self._wish)))
+        self._unsent.put(message(MessageKind.HEARTBEAT, 0, json_to(self._wish)))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -361,18 +361,18 @@ class _Worker:
             self._fault = self._fault or text
             self._news.notify()
 
-    def _took(self, kind: Kind, body: bytes) -> str | None:
+    def _took(self, kind: MessageKind, body: bytes) -> str | None:
         """Process a message of the worker; returns its fault."""
-        if kind is Kind.FAULT:
+        if kind is MessageKind.FAULT:
             text = body.decode(errors="replace")
             return text if self._is_ready else f"cannot be started: {text}"
-        if kind is Kind.LOG:
+        if kind is MessageKind.LOG:
             _log.info("%s: %s", self._wish["path"], body.decode(errors="replace"))
             return None
         with self._news:
-            if kind is Kind.READY and not self._is_ready:
+            if kind is MessageKind.READY and not self._is_ready:
                 self._is_ready = True
-            elif kind is Kind.ANSWER and self._is_ready and self._answered < self._asked:
+            elif kind is MessageKind.ANSWER and self._is_ready and self._answered < self._asked:
                 values = values_from(body)
                 if values.shape != self._answers[0].shape:
                     return "its process sent no values"

@@ -146,18 +146,3 @@ def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) 
     found[:, :3] = np.minimum(tint / np.where(opacity > 0.0, opacity, 1.0)[:, None], 1.0)
     found[:, 3] = np.minimum(opacity, 1.0)
     return found
-
-
-def avatar_colours(
-    samples: Iterable[Sample],
-    spreads: Mapping[str, Spread],
-    vertex_counts: Mapping[str, int],
-    contact_effects: frozenset[str] = frozenset(),
-) -> F64:
-    """Colours of an avatar's vertices at one time, (A, 3) linear RGB in 0..1."""
-    shares = felt_shares(samples, spreads, vertex_counts, contact_effects)
-    colour = sum(share[:, None] * np.array(COLOURS[name]) for name, share in shares.items())
-    most = np.max(list(shares.values()), axis=0)
-    skin = (1.0 - most)[:, None] * np.array(SKIN)
-    colours: F64 = np.clip(skin + colour, 0.0, 1.0)
-    return colours

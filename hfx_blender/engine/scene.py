@@ -179,7 +179,7 @@ class ActuatorArea:
     actuators: tuple[str, ...]
 
 
-Kind = Literal["painted", "volume", "spot", "actuators"]
+EffectKind = Literal["painted", "volume", "spot", "actuators"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +195,7 @@ class EffectDescription:
     clips: tuple[Clip, ...] = ()
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> EffectKind:
         """Kind of the effect's area: on the body, in the scene (volumes and surfaces), on
         a device.
         """

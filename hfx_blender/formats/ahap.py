@@ -26,7 +26,7 @@ from .ahap_rules import (
     SHARPNESS_CONTROL,
     findings,
 )
-from .checking import clean, parse, read_bytes, refuse_errors
+from .checking import clean, parse, refuse_errors
 from .curves import Curve
 from .signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
 from .written import Written, beside, silent_note, write_json
@@ -148,7 +148,7 @@ def _curve(name: str, curve: Curve) -> Iterator[dict[str, Any]]:
         }
 
 
-def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """The signal of a pattern; audio events are left out.
 
     Raises
@@ -156,11 +156,6 @@ def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read or has errors.
     """
-    return decode(read_bytes(path), str(path))
-
-
-def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """:func:`read` from bytes."""
     found = parse(content, name)
     # Ours accepts what Apple's reader accepts; only a writer must keep the limits.
     lenient = {"AHAP-DURATION", "AHAP-CURVE-POINTS", "AHAP-ENTRY"}

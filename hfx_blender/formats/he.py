@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import losses
-from .checking import clean, encoded, parse, read_bytes, refuse_errors
+from .checking import clean, encoded, parse, refuse_errors
 from .curves import Curve, CurveTolerance
 from .he_events import HeEvent, event_entry, events_of
 from .he_rules import (
@@ -218,7 +218,7 @@ def _openharmony(
     }
 
 
-def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """Read the signals of a file of any of the three kinds: one, or a left and a right one.
 
     Raises
@@ -226,11 +226,6 @@ def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read or has errors.
     """
-    return decode(read_bytes(path), str(path))
-
-
-def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """:func:`read` from bytes."""
     found = parse(content, name)
     # Phones play longer patterns than the editor makes; the rules of length are the writer's.
     lenient = {"HE-EVENTS", "HE-CURVE-POINTS", "HE-CURVE-ENDS", "HE-ABSOLUTE-TIME", "HE-BYTES"}

@@ -25,7 +25,6 @@ from .checking import (
     check,
     clean,
     parse,
-    read_bytes,
     refuse_errors,
 )
 from .curves import Curve
@@ -193,7 +192,7 @@ def _findings(found: Any) -> list[Finding]:
     return report.findings
 
 
-def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """The signals of a file.
 
     Raises
@@ -201,11 +200,6 @@ def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read or has errors.
     """
-    return decode(read_bytes(path), str(path))
-
-
-def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """:func:`read` from bytes."""
     found = parse(content, name)
     refuse_errors(_findings(found), name)
     hertz = FrequencyRange(float(found["minFrequencyHz"]), float(found["maxFrequencyHz"]))

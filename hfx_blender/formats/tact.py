@@ -20,7 +20,7 @@ import numpy.typing as npt
 from .. import file_limits
 from ..engine.arrays import F64
 from ..sentences import counted
-from .checking import clean, parse, read_bytes, refuse_errors
+from .checking import clean, parse, refuse_errors
 from .curves import Curve
 from .signals import FrequencyRange, Piece, Signal, mixed
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
@@ -189,7 +189,7 @@ def _dots(levels: npt.NDArray[np.int64]) -> Iterator[dict[str, Any]]:
             }
 
 
-def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
+def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """Signals of a file, one for each dot that is used, named ``VestFront 0``.
 
     A point that moves on a path is played by the nearest dot.
@@ -199,11 +199,6 @@ def read(path: Path) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read or has errors.
     """
-    return decode(read_bytes(path), str(path))
-
-
-def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
-    """:func:`read` from bytes."""
     found = parse(content, name)
     refuse_errors(findings(found), name)
     pieces: dict[tuple[str, int], list[Piece]] = {}

@@ -10,7 +10,7 @@ from .. import compat
 from ..authoring import responses
 from ..authoring.response_animation import PATH
 from ..engine.arrays import F64
-from ..engine.response_filters.controls import WIDTH, Filter, Kind
+from ..engine.response_filters.controls import WIDTH, Filter, FilterKind
 from ..engine.response_filters.envelope import longest_s
 from ..engine.scene import TimeBase
 from ..stored_values import limited
@@ -30,7 +30,7 @@ def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
 
 def _longest_s(effect: bpy.types.Object, place: int, each: bpy.types.PropertyGroup) -> float:
     """Upper bound of how long an impact of a filter rings, seconds; 0 for other kinds."""
-    if each.kind != Kind.IMPACT:
+    if each.kind != FilterKind.IMPACT:
         return 0.0
     attack, decay = limited(each, "attack"), limited(each, "decay")
     data = effect.animation_data
@@ -87,7 +87,7 @@ def with_even_phase(
     the phase. Only F-curves are followed, a driver's frequency counts as it is at each time.
     """
     for f, (place, each) in enumerate(responses.active(effect.hfx)):
-        if each.kind != Kind.SINE or each.domain != "time":
+        if each.kind != FilterKind.SINE or each.domain != "time":
             continue
         path = f"hfx.response[{place}].frequency"
         curve = next((c for c in compat.fcurves(effect) if c.data_path == path), None)

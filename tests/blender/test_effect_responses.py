@@ -14,7 +14,7 @@ import pytest
 
 from hfx_blender import compat
 from hfx_blender.authoring import effect_exchange, effect_file, effects, responses
-from hfx_blender.engine.response_filters.controls import Kind
+from hfx_blender.engine.response_filters.controls import FilterKind
 from hfx_blender.errors import InputError
 
 FPS = 25
@@ -27,7 +27,7 @@ def ball(scene: Any) -> Any:
     scene.unit_settings.scale_length = 0.5  # Blender's units are half a metre
     ball = effects.add_volume(scene, "vibration", "SPHERE", "Ball")
     ball.hfx.radius = 0.08
-    for kind in Kind:
+    for kind in FilterKind:
         responses.add_filter(ball, kind)
     distance, speed, impact, near, sine = ball.hfx.response
     distance.about, distance.near, distance.far = "axis", 0.1, 0.9

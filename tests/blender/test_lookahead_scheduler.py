@@ -15,7 +15,7 @@ from hfx_blender.devices.live.messages import MessageError
 from hfx_blender.devices.live.playhead import Playhead
 from hfx_blender.devices.live.serialization import from_bytes
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response_filters.controls import Filter, Kind
+from hfx_blender.engine.response_filters.controls import Filter, FilterKind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import HapticSurface, HapticVolume
 from hfx_blender.engine.volume.shape import Falloff
@@ -195,7 +195,7 @@ def test_what_is_moved_otherwise_says_why(ball: Any) -> None:
 def area_of(kind: str) -> Any:
     if kind == "a surface":
         return HapticSurface.__new__(HapticSurface)
-    return HapticVolume(Falloff(), response=(Filter(Kind.IMPACT),))
+    return HapticVolume(Falloff(), response=(Filter(FilterKind.IMPACT),))
 
 
 @pytest.mark.parametrize("kind", ["a surface", "depends on what was before"])

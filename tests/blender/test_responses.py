@@ -12,7 +12,7 @@ import pytest
 from hfx_blender import compat
 from hfx_blender.authoring import effects
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response_filters.controls import Kind
+from hfx_blender.engine.response_filters.controls import FilterKind
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.reading.scene_reader import SceneReader
 
@@ -148,7 +148,7 @@ def test_how_long_impacts_ring_is_bounded_by_their_keys(ball: Any) -> None:
 
     def bound() -> float:
         (found,) = SceneReader(bpy.context.scene).description.effects[0].area.response
-        assert found.kind is Kind.IMPACT
+        assert found.kind is FilterKind.IMPACT
         return float(found.rings_s)
 
     each.decay = 0.2

@@ -10,6 +10,7 @@ from hfx_blender.engine import colouring
 from hfx_blender.engine.colouring import COLOURS, FULL_COLOUR, SKIN, Spread
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import Sample, Stream
+from hfx_blender.maintenance.demo.avatar_colours import avatar_colours
 
 # Two avatar vertices, each on one of the two vertices of every model.
 SPREADS = {f"hfx-{m}-1": Spread(np.array([[0], [1]]), np.ones((2, 1))) for m in MODALITIES}
@@ -33,7 +34,7 @@ def _sample(
 
 
 def _colours(*samples: Sample, contact: frozenset[str] = frozenset()) -> np.ndarray:
-    return colouring.avatar_colours(samples, SPREADS, COUNTS, contact)
+    return avatar_colours(samples, SPREADS, COUNTS, contact)
 
 
 def test_nothing_felt_is_skin() -> None:

@@ -13,7 +13,7 @@ from hfx_blender.engine.contact import contacts
 from hfx_blender.engine.contact.contact_query import ContactQuery
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding
-from hfx_blender.engine.skin.cell_coverage import BodySkin, Skin
+from hfx_blender.engine.skin.cell_coverage import BodySkin, SkinCoverage
 from hfx_blender.engine.skin.skinned_model import SkinnedModel
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
@@ -22,7 +22,7 @@ from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
 
 TIMES = 6
 BODY, POSE = model(), pose(TIMES)
-SKIN = Skin(BODY, PAPER)
+SKIN = SkinCoverage(BODY, PAPER)
 BOUND = BodySkin(SKIN, lambda body, clusters: SkinnedModel(body, SkinBinding(BONES), clusters))
 WORLD = np.stack([skinned(BODY, POSE, row) for row in range(TIMES)])
 

@@ -22,7 +22,7 @@ from hfx_blender.engine.response_filters.controls import (
     CONTROLS,
     About,
     Filter,
-    Kind,
+    FilterKind,
     Operation,
     defaults,
 )
@@ -58,7 +58,7 @@ STILL = PoseBlock(
 )
 
 
-def _filter(kind: Kind, **controls: float) -> tuple[Filter, list[float]]:
+def _filter(kind: FilterKind, **controls: float) -> tuple[Filter, list[float]]:
     static = {name: controls.pop(name) for name in ("operation", "about") if name in controls}
     values = defaults(kind)
     names = [control.name for control in CONTROLS[kind]]
@@ -155,7 +155,7 @@ def test_without_filters_a_ball_is_felt_while_it_touches() -> None:
 
 def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
     decay, full = 0.1, 4.0
-    stack = [_filter(Kind.IMPACT, decay_s=decay, full_m_s=full)]
+    stack = [_filter(FilterKind.IMPACT, decay_s=decay, full_m_s=full)]
     levels = _levels(_felt(stack))
     expected = 0.0
     for k in range(COUNT):  # y[n] = a y[n-1] + x[n]
@@ -169,15 +169,15 @@ def test_an_impact_rings_with_the_formula_of_a_leaky_integrator() -> None:
 
 
 def test_an_impact_is_felt_where_it_was_until_it_has_died_away() -> None:
-    found = dict(_each(_felt([_filter(Kind.IMPACT, decay_s=0.1)])))
+    found = dict(_each(_felt([_filter(FilterKind.IMPACT, decay_s=0.1)])))
     assert all(set(found[k]) == {0, 1} for k in found if k != CONTACT[0])
 
 
 def test_a_stiffer_object_dies_away_faster_and_an_attack_delays_the_peak() -> None:
-    soft = _levels(_felt([_filter(Kind.IMPACT, decay_s=0.2)]))
-    stiff = _levels(_felt([_filter(Kind.IMPACT, decay_s=0.05)]))
+    soft = _levels(_felt([_filter(FilterKind.IMPACT, decay_s=0.2)]))
+    stiff = _levels(_felt([_filter(FilterKind.IMPACT, decay_s=0.05)]))
     assert (stiff[8:] <= soft[8:]).all() and stiff[12] < 0.6 * soft[12]
-    slow = _levels(_felt([_filter(Kind.IMPACT, attack_s=0.05, decay_s=0.2)]))
+    slow = _levels(_felt([_filter(FilterKind.IMPACT, attack_s=0.05, decay_s=0.2)]))
     assert slow[CONTACT[0]] == 0.0
     peak = np.log(0.2 / 0.05) * 0.2 * 0.05 / 0.15  # of exp(-t / 0.2) - exp(-t / 0.05)
     assert abs(np.argmax(slow) - CONTACT[0] - peak * RATE) <= 0.5
@@ -187,7 +187,7 @@ def test_a_stiffer_object_dies_away_faster_and_an_attack_delays_the_peak() -> No
 def test_impacts_add_up_and_stay_within_full_strength() -> None:
     times = np.arange(COUNT) / RATE
     heights = np.where(times < 0.2, _there_and_back(), np.abs(0.3 - SPEED_M_S * (times - 0.1)))
-    stack = [_filter(Kind.IMPACT, decay_s=0.3, full_m_s=4.0)]
+    stack = [_filter(FilterKind.IMPACT, decay_s=0.3, full_m_s=4.0)]
     levels = _levels(_felt(stack, heights))
     once = _levels(_felt(stack))
     second = int(np.flatnonzero(np.diff(levels) > 0.1)[-1]) + 1
@@ -197,20 +197,20 @@ def test_impacts_add_up_and_stay_within_full_strength() -> None:
 
 def test_what_is_inside_when_an_effect_begins_does_not_hit() -> None:
     levels = np.where(np.arange(COUNT) < 7, 0.0, 1.0)
-    stack = [_filter(Kind.IMPACT)]
+    stack = [_filter(FilterKind.IMPACT)]
     assert not _felt(stack, levels=levels)
 
 
 def test_what_was_touched_before_a_part_of_time_begins_does_not_hit() -> None:
-    stack = [_filter(Kind.IMPACT)]
+    stack = [_filter(FilterKind.IMPACT)]
     block = _block(stack, _there_and_back(0.155))
     assert _engine(stack).evaluate(_part(block, CONTACT[0] - 1, COUNT))  # a sample more
     assert not _engine(stack).evaluate(_part(block, CONTACT[1], COUNT))
 
 
 def test_what_is_near_but_not_touched_has_no_speed() -> None:
-    near = _filter(Kind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM)
-    speed = _filter(Kind.SPEED, full_m_s=4.0, operation=Operation.ADD)
+    near = _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM)
+    speed = _filter(FilterKind.SPEED, full_m_s=4.0, operation=Operation.ADD)
     slow, fast = _levels(_felt([near])), _levels(_felt([near, speed]))
     np.testing.assert_array_equal(fast[CONTACT[1] + 1 :], slow[CONTACT[1] + 1 :])
     assert slow[CONTACT[1] + 1] > 0.0
@@ -218,7 +218,7 @@ def test_what_is_near_but_not_touched_has_no_speed() -> None:
 
 def test_nearness_rises_before_contact_and_stays_in_it() -> None:
     stack = [
-        _filter(Kind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM),
+        _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.4, operation=Operation.MAXIMUM),
     ]
     felt = dict(_each(_felt(stack, np.linspace(0.2, 0.06, COUNT))))
     heights = np.linspace(0.2, 0.06, COUNT)
@@ -232,8 +232,8 @@ def test_nearness_rises_before_contact_and_stays_in_it() -> None:
 def test_nearness_does_not_jump_where_contact_begins() -> None:
     heights = np.linspace(0.08, 0.02, COUNT)
     stack = [
-        _filter(Kind.IMPACT, decay_s=0.1, attack_s=0.1, full_m_s=1e2),
-        _filter(Kind.PROXIMITY, range_m=0.1, influence=0.5, operation=Operation.MAXIMUM),
+        _filter(FilterKind.IMPACT, decay_s=0.1, attack_s=0.1, full_m_s=1e2),
+        _filter(FilterKind.PROXIMITY, range_m=0.1, influence=0.5, operation=Operation.MAXIMUM),
     ]
     felt = dict(_each(_felt(stack, heights)))
     strengths = np.array([felt[k][0] for k in range(COUNT)])
@@ -242,12 +242,12 @@ def test_nearness_does_not_jump_where_contact_begins() -> None:
 
 
 def test_the_relative_speed_scales_a_touch() -> None:
-    stack = [_filter(Kind.SPEED, still_m_s=1.0, full_m_s=3.0)]
+    stack = [_filter(FilterKind.SPEED, still_m_s=1.0, full_m_s=3.0)]
     levels = _levels(_felt(stack))
     assert levels[CONTACT[0]] == pytest.approx((SPEED_M_S - 1.0) / 2.0)
     standing = np.full(COUNT, 0.03)
     assert not _felt(stack, standing)
-    halved = [_filter(Kind.SPEED, still_m_s=1.0, full_m_s=3.0, influence=0.5)]
+    halved = [_filter(FilterKind.SPEED, still_m_s=1.0, full_m_s=3.0, influence=0.5)]
     assert _levels(_felt(halved, standing))[5] == pytest.approx(0.5)
 
 
@@ -257,7 +257,7 @@ def test_the_relative_speed_scales_a_touch() -> None:
 def test_the_distance_from_the_centre_or_axis_weakens_each_vertex(
     about: About, expected: tuple[float, float]
 ) -> None:
-    stack = [_filter(Kind.DISTANCE, far_m=0.1, about=about)]
+    stack = [_filter(FilterKind.DISTANCE, far_m=0.1, about=about)]
     found = dict(_each(_felt(stack, np.full(COUNT, 0.03))))[10]
     for vertex, distance in enumerate(expected):
         assert found[vertex] == pytest.approx(1.0 - distance / 0.1, abs=1e-6)
@@ -265,11 +265,13 @@ def test_the_distance_from_the_centre_or_axis_weakens_each_vertex(
 
 def test_a_sine_in_time_runs_with_the_scene_and_one_in_space_with_the_place() -> None:
     still = np.full(COUNT, 0.03)
-    levels = _levels(_felt([_filter(Kind.SINE, about=About.TIME, cycles=5.0, depth=0.8)], still))
+    levels = _levels(
+        _felt([_filter(FilterKind.SINE, about=About.TIME, cycles=5.0, depth=0.8)], still)
+    )
     times = np.arange(COUNT) / RATE
     expected = 1.0 - 0.4 * (1.0 - np.sin(2.0 * np.pi * 5.0 * times))
     np.testing.assert_allclose(levels, expected, atol=1e-9)
-    stack = [_filter(Kind.SINE, about=About.AXIS, cycles=0.04, depth=1.0, phase=0.25)]
+    stack = [_filter(FilterKind.SINE, about=About.AXIS, cycles=0.04, depth=1.0, phase=0.25)]
     found = dict(_each(_felt(stack, still)))[3]
     assert found[0] == pytest.approx(1.0)
     assert found[1] == pytest.approx(0.5 + 0.5 * np.sin(2 * np.pi * (0.03 / 0.04 + 0.25)), abs=1e-6)
@@ -277,7 +279,7 @@ def test_a_sine_in_time_runs_with_the_scene_and_one_in_space_with_the_place() ->
 
 def test_filters_are_folded_from_top_to_bottom() -> None:
     stack = tuple(
-        Filter(Kind.SPEED, operation)
+        Filter(FilterKind.SPEED, operation)
         for operation in (Operation.MULTIPLY, Operation.ADD, Operation.MAXIMUM)
     )
     values, influences = np.array([[0.5, 0.25, 1.0]]), np.array([[0.5, 1.0, 0.2]])
@@ -299,10 +301,10 @@ def test_an_envelope_is_at_most_one_and_has_ended_when_it_says(attack: float, de
 
 
 STACK = [
-    _filter(Kind.IMPACT, decay_s=0.1, attack_s=0.02),
-    _filter(Kind.SPEED, full_m_s=3.0, influence=0.7),
-    _filter(Kind.PROXIMITY, range_m=0.05, influence=0.3, operation=Operation.MAXIMUM),
-    _filter(Kind.SINE, about=About.CENTRE, cycles=0.1, depth=0.5),
+    _filter(FilterKind.IMPACT, decay_s=0.1, attack_s=0.02),
+    _filter(FilterKind.SPEED, full_m_s=3.0, influence=0.7),
+    _filter(FilterKind.PROXIMITY, range_m=0.05, influence=0.3, operation=Operation.MAXIMUM),
+    _filter(FilterKind.SINE, about=About.CENTRE, cycles=0.1, depth=0.5),
 ]
 
 

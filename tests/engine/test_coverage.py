@@ -14,7 +14,12 @@ from hypothesis import strategies as st
 from hfx_blender.engine.body.cells import cell_of_skin
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.skin.cell_coverage import Skin, finer_id, sample_distance_m, spacing_m
+from hfx_blender.engine.skin.cell_coverage import (
+    SkinCoverage,
+    finer_id,
+    sample_distance_m,
+    spacing_m,
+)
 from hfx_blender.engine.skin.skin_quads import Quads
 from hfx_blender.engine.tolerance import EXACT, PAPER, PREVIEW, STANDARD, Tolerance, parse
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
@@ -32,17 +37,17 @@ def _rotation(seed: int) -> np.ndarray:
 # Samples
 
 
-def _skin(model_id: str, tolerance: Tolerance) -> Skin:
+def _skin(model_id: str, tolerance: Tolerance) -> SkinCoverage:
     model = load_model(model_id)
     fine = finer_id(model, tolerance)
-    return Skin(model, tolerance, None if fine is None else load_model(fine))
+    return SkinCoverage(model, tolerance, None if fine is None else load_model(fine))
 
 
 @dataclass
 class _Patch:
     """Part of a skin's table for one cluster, its places counted from 0."""
 
-    skin: Skin
+    skin: SkinCoverage
     cluster: int
 
     def __post_init__(self) -> None:

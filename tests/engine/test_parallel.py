@@ -23,7 +23,7 @@ from hfx_blender.engine.native.threads import Threads
 from hfx_blender.engine.parallel import evaluating
 from hfx_blender.engine.parallel.evaluating import evaluated
 from hfx_blender.engine.parallel.serialization import packed, unpacked
-from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, Kind
+from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, FilterKind
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
@@ -199,7 +199,7 @@ def test_several_processes_find_and_count_the_same(
 @pytest.mark.parametrize("tolerance", [PAPER, STANDARD], ids=lambda each: each.name)
 @pytest.mark.parametrize("threads", [2, 4])
 def test_threads_find_and_count_the_same(threads: int, tolerance: Tolerance) -> None:
-    ringing = Filter(Kind.IMPACT)
+    ringing = Filter(FilterKind.IMPACT)
     alone = _found(1, ringing, tolerance=tolerance)
     assert _found(1, ringing, tolerance=tolerance, threads=threads) == alone
 
@@ -328,14 +328,14 @@ def test_what_is_not_worth_it_gets_no_help(helpers: list[evaluating._Helper]) ->
 
 def test_responses_settle_in_the_order_of_time() -> None:
     """An impact goes on ringing in later blocks, whoever evaluates them."""
-    filters = (Filter(Kind.IMPACT), Filter(Kind.PROXIMITY))
+    filters = (Filter(FilterKind.IMPACT), Filter(FilterKind.PROXIMITY))
     (alone, counted), (helped, too) = _found(1, *filters), _found(2, *filters)
     assert helped == alone and too == counted
     assert counted["contacts"] > _found(1)[1]["contacts"]  # it rings on
 
 
 def test_what_goes_on_from_sample_to_sample_gets_no_help() -> None:
-    responding = _scene(Filter(Kind.IMPACT))
+    responding = _scene(Filter(FilterKind.IMPACT))
     assert evaluating._may_be_split(Engine(responding))
     assert not evaluating._may_be_split(Engine(responding, record=("positions",)))
     assert evaluating._may_be_split(Engine(_scene(), record=("positions",)))

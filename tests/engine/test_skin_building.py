@@ -19,7 +19,7 @@ from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 from hfx_blender.engine.native.skin_table import table_of
 from hfx_blender.engine.scene import SkinBinding
 from hfx_blender.engine.skin.bound_weights import BoneBoxes, BoundWeights
-from hfx_blender.engine.skin.cell_coverage import Skin, finer_id
+from hfx_blender.engine.skin.cell_coverage import SkinCoverage, finer_id
 from hfx_blender.engine.skin.cell_sizes import CellSizes
 from hfx_blender.engine.skin.skin_mesh import SkinMesh
 from hfx_blender.engine.skin.skin_table import SkinTable
@@ -64,7 +64,7 @@ def crumpled(seed: int, count: int = 260) -> PerceptualModel:
     )
 
 
-def _skins(name: str, tolerance: Tolerance = STANDARD) -> list[Skin]:
+def _skins(name: str, tolerance: Tolerance = STANDARD) -> list[SkinCoverage]:
     """A skin compiled, and the same without the library."""
     if name == "ball":
         model, finer = ball(0.1, 3), None
@@ -74,9 +74,9 @@ def _skins(name: str, tolerance: Tolerance = STANDARD) -> list[Skin]:
         model = load(name)
         fine = finer_id(model, tolerance)
         finer = None if fine is None else load(fine)
-    made = [Skin(model, tolerance, finer)]
+    made = [SkinCoverage(model, tolerance, finer)]
     with in_numpy():
-        made.append(Skin(model, tolerance, finer))
+        made.append(SkinCoverage(model, tolerance, finer))
     return made
 
 
@@ -231,7 +231,7 @@ def test_filling_leaves_what_others_look_at_where_it_is():
     assert known.arrays[-1] is samples and known.samples == samples.ctypes.data
 
 
-def _grown(skin: Skin) -> tuple[SkinTable, list[SkinnedModel]]:
+def _grown(skin: SkinCoverage) -> tuple[SkinTable, list[SkinnedModel]]:
     """The skin on a body that is not quite the model: its bones are, its vertices are moved."""
     bound = []
     for model, clusters in ((skin.surface, skin.outlines), (skin.model, skin.clusters)):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -118,7 +117,7 @@ def test_names_that_are_no_file_names_get_files(tmp_path):
     written = haptic.write(contents, RANGE, tmp_path / "scene")
     assert sorted(tmp_path.iterdir()) == sorted(written.files)
     assert len(set(written.files)) == len(names)
-    titles = [haptic.read(path)[0][0].name for path in written.files]
+    titles = [haptic.decode(path.read_bytes(), path.name)[0][0].name for path in written.files]
     assert titles == [name or path.stem for name, path in zip(names, written.files, strict=True)]
 
 
@@ -373,14 +372,12 @@ def test_an_ahap_of_defaults_is_read():
     assert found.amplitude.at([0.9, 1.5, 2.5]).tolist() == [0.0, 1.0, 0.25]
 
 
-def test_overlapping_he_events_add(tmp_path: Path):
+def test_overlapping_he_events_add():
     loud = json.loads(json.dumps(EVENT))
     loud["Parameters"] = {"Intensity": 40, "Frequency": 50}
     entries = [{"Event": loud}, {"Event": {**loud, "RelativeTime": 50}}]
     found = {"Metadata": {"Version": 2}, "PatternList": [{"AbsoluteTime": 0, "Pattern": entries}]}
-    path = tmp_path / "two.he"
-    path.write_bytes(encoded(found))
-    ((both,), _) = he.read(path)
+    ((both,), _) = he.decode(encoded(found), "two.he")
     assert both.amplitude.at([0.02, 0.07, 0.12]) == pytest.approx([0.4, 0.8, 0.4])
 
 

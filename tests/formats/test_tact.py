@@ -73,7 +73,7 @@ def test_a_device_is_written_and_read_back(tmp_path):
     device = load_device("back_pad")
     written = registry.write("tact", raster_for(device), device, tmp_path / "scene.back_pad")
     assert [path.name for path in written.files] == ["scene.back_pad.tact"]
-    found, _ = tact.read(written.files[0])
+    found, _ = tact.decode(written.files[0].read_bytes(), "scene.tact")
     assert {each.name for each in found} == {f"VestBack {k}" for k in range(20)}
 
 

@@ -15,7 +15,7 @@ from .device_state import DeviceState as DeviceState
 from .device_state import Event as Event
 from .host_pipe import HostPipe
 from .live_frame import LiveFrame, RenderedDevice, SceneMessage, scene_to
-from .messages import EVERY_DEVICE, Kind, json_to, message, values_to
+from .messages import EVERY_DEVICE, MessageKind, json_to, message, values_to
 
 
 class LiveClient:
@@ -103,23 +103,23 @@ class LiveClient:
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
         }
-        self._pipe.tell(Kind.CONNECT, known.number, json_to(wish))
+        self._pipe.tell(MessageKind.CONNECT, known.number, json_to(wish))
         if is_armed:
-            self._pipe.tell(Kind.ARM, known.number)
+            self._pipe.tell(MessageKind.ARM, known.number)
         return known
 
     def disconnect(self, name: str) -> None:
         known = self.devices.pop(name, None)
         if known is not None:
-            self._pipe.tell(Kind.DISCONNECT, known.number)
+            self._pipe.tell(MessageKind.DISCONNECT, known.number)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
         """Send a device's values (columns,); replaces unsent ones."""
-        self._feed(name, Kind.VALUES, values_to(values))
+        self._feed(name, MessageKind.VALUES, values_to(values))
 
     def send_haptics(self, name: str, haptics: bytes) -> None:
         """Send the haptic data for a device's script."""
-        self._feed(name, Kind.HAPTICS, haptics)
+        self._feed(name, MessageKind.HAPTICS, haptics)
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
         """Set the scene and the body of later moments; silent until one comes.
@@ -134,7 +134,7 @@ class LiveClient:
         body = scene_to(SceneMessage(header, body_id, worn))
         self._pipe.void(EVERY_DEVICE)
         self._pipe.places = {stream: k for k, stream in enumerate(header.streams)}
-        self._pipe.tell(Kind.SCENE, body=body)
+        self._pipe.tell(MessageKind.SCENE, body=body)
 
     def show(self, moment: LiveFrame) -> None:
         """Send the current samples for every device; replaces what was not sent yet.
@@ -153,7 +153,7 @@ class LiveClient:
             if not gain and self._gains.get(number, 1.0):
                 self._pipe.void(EVERY_DEVICE)
                 self._pipe.void(number)
-                self._pipe.tell(Kind.PAUSE, number)
+                self._pipe.tell(MessageKind.PAUSE, number)
         self._gains = gains
 
     def send_lookahead(self, body: bytes, *, is_scene: bool) -> None:
@@ -166,21 +166,23 @@ class LiveClient:
             before and all that came with it, or a ``KeyedBlock`` of it; as ``to_bytes`` makes it.
         is_scene : bool
         """
-        self._pipe.tell(Kind.KEYED_SCENE if is_scene else Kind.KEYED_BLOCK, body=body)
+        self._pipe.tell(MessageKind.KEYED_SCENE if is_scene else MessageKind.KEYED_BLOCK, body=body)
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play one actuator for a moment, softly."""
         if name in self.devices:
-            self._pipe.tell(Kind.PULSE, self.devices[name].number, json_to({"actuator": actuator}))
+            self._pipe.tell(
+                MessageKind.PULSE, self.devices[name].number, json_to({"actuator": actuator})
+            )
 
     def set_offset(self, name: str, offset_ms: float) -> None:
         if name in self.devices:
             number = self.devices[name].number
-            self._pipe.tell(Kind.SETTINGS, number, json_to({"offset_ms": offset_ms}))
+            self._pipe.tell(MessageKind.SETTINGS, number, json_to({"offset_ms": offset_ms}))
 
     def heartbeat(self) -> None:
         """A sign of life."""
-        self._pipe.tell(Kind.HEARTBEAT)
+        self._pipe.tell(MessageKind.HEARTBEAT)
         self._pipe.watch()
 
     def pause(self) -> None:
@@ -188,17 +190,17 @@ class LiveClient:
         heartbeat is missed.
         """
         self._pipe.void()
-        self._pipe.tell(Kind.PAUSE)
+        self._pipe.tell(MessageKind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
         """Resume playing, from silence; all devices, or one."""
-        self._command(Kind.ARM, name)
+        self._command(MessageKind.ARM, name)
 
     def stop(self, name: str) -> None:
         """Silence one device."""
         if name in self.devices:
             self._pipe.void(self.devices[name].number)
-        self._command(Kind.STOP, name)
+        self._command(MessageKind.STOP, name)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence all devices now, before anything that waits. If it is not confirmed,
@@ -219,13 +221,13 @@ class LiveClient:
                 state.hear(event)
         return found
 
-    def _command(self, kind: Kind, name: str | None) -> None:
+    def _command(self, kind: MessageKind, name: str | None) -> None:
         if name is None:
             self._pipe.tell(kind)
         elif name in self.devices:
             self._pipe.tell(kind, self.devices[name].number)
 
-    def _feed(self, name: str, kind: Kind, body: bytes) -> None:
+    def _feed(self, name: str, kind: MessageKind, body: bytes) -> None:
         state = self.devices.get(name)
         if state is not None and self._pipe.is_open:
             self._pipe.replace(state.number, message(kind, state.number, body))

@@ -34,9 +34,9 @@ from .device_thread import FREEZE_S, DeviceThread
 from .kept_accounts import KeptAccounts, identities
 from .messages import (
     EVERY_DEVICE,
-    Kind,
     Message,
     MessageError,
+    MessageKind,
     json_from,
     read_message,
     values_from,
@@ -129,7 +129,7 @@ class Host:
         """Take a message that was read just now, which is also a sign of life."""
         now = self._clock.now()
         self._stop_after_standstill(now)
-        is_work = message.kind is Kind.PAUSE and message.device == EVERY_DEVICE
+        is_work = message.kind is MessageKind.PAUSE and message.device == EVERY_DEVICE
         self._patience_s = PAUSE_S if is_work else HEARTBEAT_S
         self._last_sign_s = now
         self.take(message, now)
@@ -139,47 +139,47 @@ class Host:
     def take(self, message: Message, read_s: float) -> None:
         """Execute a message that was read at a given time."""
         kind = message.kind
-        if kind is Kind.CONNECT:
+        if kind is MessageKind.CONNECT:
             self._connect(message.device, json_from(message.body))
             return
-        if kind is Kind.MOMENT:
+        if kind is MessageKind.MOMENT:
             playing = [(n, lane) for n, lane in self._lanes.items() if lane.is_armed]
             questions = {number: lane.question(read_s) for number, lane in playing}
             self._rendering.show(message.body, questions)
             return
-        if kind in (Kind.KEYED_SCENE, Kind.KEYED_BLOCK):
+        if kind in (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK):
             self._rendering.add_lookahead(kind, message.body)
             return
         if message.device == EVERY_DEVICE:
-            if kind in (Kind.STOP, Kind.PAUSE, Kind.SCENE):
+            if kind in (MessageKind.STOP, MessageKind.PAUSE, MessageKind.SCENE):
                 self._rendering.forget()
             lanes = list(self._lanes.values())
         else:
             lanes = [x for x in (self._lanes.get(message.device),) if x is not None]
         for lane in lanes:
-            if kind is Kind.STOP:
+            if kind is MessageKind.STOP:
                 lane.stop(message.body.decode(errors="replace") or "stopped by you")
-            elif kind is Kind.ARM:
+            elif kind is MessageKind.ARM:
                 lane.arm()
-            elif kind in (Kind.PAUSE, Kind.SCENE):
+            elif kind in (MessageKind.PAUSE, MessageKind.SCENE):
                 lane.pause()
-            elif kind is Kind.VALUES:
+            elif kind is MessageKind.VALUES:
                 lane.feed(values_from(message.body), lane.question(read_s))
-            elif kind is Kind.HAPTICS and lane.script is not None:
+            elif kind is MessageKind.HAPTICS and lane.script is not None:
                 question = lane.question(read_s)
                 lane.script.ask(message.body, partial(lane.feed, question=question))
-            elif kind is Kind.PULSE:
+            elif kind is MessageKind.PULSE:
                 lane.pulse(int(json_from(message.body).get("actuator", -1)))
-            elif kind is Kind.SETTINGS:
+            elif kind is MessageKind.SETTINGS:
                 lane.set_offset(_offset_s(json_from(message.body)))
-            elif kind is Kind.DISCONNECT:
+            elif kind is MessageKind.DISCONNECT:
                 self._lanes.pop(lane.number, None)
                 lane.close("disconnected")
-        if kind is Kind.STOP:
+        if kind is MessageKind.STOP:
             self._report("silent")
-        elif kind is Kind.SCENE:
+        elif kind is MessageKind.SCENE:
             self._rendering.describe(message.body)
-        elif kind is Kind.ARM:
+        elif kind is MessageKind.ARM:
             self._rendering.revive()
 
     def _rendered(self, answer: Message, questions: Questions) -> None:
@@ -190,15 +190,15 @@ class Host:
         lane = self._lanes.get(answer.device)
         if lane is None or not lane.is_armed:
             return
-        if answer.kind is Kind.FAULT:
+        if answer.kind is MessageKind.FAULT:
             lane.fault(answer.body.decode(errors="replace"))
             return
         question = questions.get(answer.device)
         if question is None:  # it did not exist, or did not play, at the time of the request
             return
-        if answer.kind is Kind.ANSWER:
+        if answer.kind is MessageKind.ANSWER:
             lane.feed(values_from(answer.body), question)
-        elif answer.kind is Kind.HAPTICS and lane.script is not None:
+        elif answer.kind is MessageKind.HAPTICS and lane.script is not None:
             lane.script.ask(answer.body, partial(lane.feed, question=question))
 
     def _cannot_render(self, text: str) -> None:

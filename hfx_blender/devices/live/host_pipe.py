@@ -18,7 +18,7 @@ from ...engine.samples import Stream
 from ...errors import DeviceError
 from .device_state import Event, event_of
 from .live_frame import LiveFrame, live_frame_to
-from .messages import EVERY_DEVICE, Kind, message
+from .messages import EVERY_DEVICE, MessageKind, message
 
 _MAX_EVENTS: Final = 1000
 _Taken = TypeVar("_Taken")
@@ -80,11 +80,11 @@ class HostPipe:
         for target in (self._write, self._listen):
             threading.Thread(target=target, args=(process,), daemon=True).start()
 
-    def tell(self, kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
+    def tell(self, kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> None:
         """A message; they arrive in their order."""
         if not self.is_running:
             return
-        if kind is Kind.HEARTBEAT and (self._urgent or self._newest):
+        if kind is MessageKind.HEARTBEAT and (self._urgent or self._newest):
             return  # whatever waits is one
         self._urgent.append(message(kind, device, body))
         self._nudge()
@@ -109,7 +109,7 @@ class HostPipe:
         if not self.is_running:
             return
         self.void()
-        self._urgent.appendleft(message(Kind.STOP, EVERY_DEVICE, reason.encode()))
+        self._urgent.appendleft(message(MessageKind.STOP, EVERY_DEVICE, reason.encode()))
         if self._asked_silence_s is None:
             self._asked_silence_s = time.monotonic()
         self._nudge()
@@ -131,7 +131,7 @@ class HostPipe:
             return False
         self.void()
         self._urgent.clear()
-        self._urgent.append(message(Kind.STOP))
+        self._urgent.append(message(MessageKind.STOP))
         self._is_closing = True
         self._nudge()
         try:
@@ -182,7 +182,7 @@ class HostPipe:
         if not isinstance(newest, LiveFrame):
             return newest
         try:
-            return message(Kind.MOMENT, EVERY_DEVICE, live_frame_to(newest, places))
+            return message(MessageKind.MOMENT, EVERY_DEVICE, live_frame_to(newest, places))
         except KeyError:
             return b""  # of the scene before
         except Exception as error:

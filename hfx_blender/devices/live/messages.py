@@ -32,7 +32,7 @@ _LENGTH: Final = struct.Struct("<I")
 _DTYPES: Final = ("<f8", "<f4", "<i4", "<i8")
 
 
-class Kind(IntEnum):
+class MessageKind(IntEnum):
     """Kind of a message."""
 
     # Blender to the output process
@@ -60,7 +60,7 @@ class Kind(IntEnum):
 class Message(NamedTuple):
     """Message as it was read."""
 
-    kind: Kind
+    kind: MessageKind
     device: int
     body: bytes
 
@@ -69,7 +69,7 @@ class MessageError(Exception):
     """Raised for input that breaks the protocol."""
 
 
-def message(kind: Kind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
+def message(kind: MessageKind, device: int = EVERY_DEVICE, body: bytes = b"") -> bytes:
     """The bytes of a message.
 
     Raises
@@ -97,7 +97,7 @@ def read_message(stream: IO[bytes]) -> Message | None:
     if length > MAX_BODY:
         raise MessageError(f"a message of {length} bytes, allowed are {MAX_BODY}")
     try:
-        known = Kind(kind)
+        known = MessageKind(kind)
     except ValueError:
         raise MessageError(f"a message of the unknown kind {kind}") from None
     body = read_exactly(stream, length)

@@ -17,7 +17,7 @@ from typing import Final
 from ... import own_processes
 from .clock import SYSTEM, Clock
 from .device_thread import Question
-from .messages import Kind, Message, MessageError, message, read_message
+from .messages import Message, MessageError, MessageKind, message, read_message
 
 SCENE_S: Final = 60.0
 """Time limit of preparing a scene, seconds: body models are loaded, and distances on skin are
@@ -56,7 +56,7 @@ class RenderProcess:
         self._scene: bytes | None = None  # if it has not been sent yet
         self._moment: tuple[bytes, Questions] | None = None
         self._questions: Questions = {}  # in progress
-        self._lookahead: list[tuple[Kind, bytes]] = []  # a scene and its blocks
+        self._lookahead: list[tuple[MessageKind, bytes]] = []  # a scene and its blocks
         self._told = 0  # number of these already sent
         self._deadline_s: float | None = None  # while it is busy
 
@@ -75,10 +75,10 @@ class RenderProcess:
             self._moment = moment, questions
             self._wake.notify()
 
-    def add_lookahead(self, kind: Kind, body: bytes) -> None:
+    def add_lookahead(self, kind: MessageKind, body: bytes) -> None:
         """Add upcoming state of the last scene: a new beginning, or more of it."""
         with self._wake:
-            if kind is Kind.KEYED_SCENE:
+            if kind is MessageKind.KEYED_SCENE:
                 self._lookahead, self._told = [], 0
             self._lookahead.append((kind, body))
             self._wake.notify()
@@ -145,11 +145,11 @@ class RenderProcess:
                 if self._deadline_s is None and self._scene is not None:
                     body, self._scene, self._questions = self._scene, None, {}
                     self._deadline_s = self._clock.now() + SCENE_S
-                    return message(Kind.SCENE, body=body)
+                    return message(MessageKind.SCENE, body=body)
                 if self._deadline_s is None and self._moment is not None:
                     (body, self._questions), self._moment = self._moment, None
                     self._deadline_s = self._clock.now() + MOMENT_S
-                    return message(Kind.MOMENT, body=body)
+                    return message(MessageKind.MOMENT, body=body)
                 if self._deadline_s is None and self._told < len(self._lookahead):
                     kind, body = self._lookahead[self._told]
                     self._questions = {}
@@ -169,7 +169,7 @@ class RenderProcess:
                     with self._wake:
                         if process is not self._process:
                             return
-                        if found.kind is Kind.READY:
+                        if found.kind is MessageKind.READY:
                             self._deadline_s = None
                             self._wake.notify()
                         else:

@@ -27,9 +27,9 @@ from .live_frame import LiveFrame, RenderedDevice, SceneMessage, live_frame_from
 from .lookahead_cache import LookaheadCache
 from .messages import (
     EVERY_DEVICE,
-    Kind,
     Message,
     MessageError,
+    MessageKind,
     message,
     values_to,
 )
@@ -40,7 +40,7 @@ from .worker_input import messages_of_owner
 _log = logging.getLogger(__name__)
 
 _LONGEST_TEXT: Final = 500
-_KEYED: Final = (Kind.KEYED_SCENE, Kind.KEYED_BLOCK)
+_KEYED: Final = (MessageKind.KEYED_SCENE, MessageKind.KEYED_BLOCK)
 
 
 @dataclass(eq=False)
@@ -62,10 +62,12 @@ class _Rendered:
         values = with_gain(values, self.device, gain)
         if self.worn.has_script and gain:  # a muted script is not called
             felt = self.renderer.felt(moment.runs)
-            return message(Kind.HAPTICS, self.worn.number, packed(moment.time_s, felt, values))
+            return message(
+                MessageKind.HAPTICS, self.worn.number, packed(moment.time_s, felt, values)
+            )
         tones = of_partials(partials, self.numbers, self.width)
         louder = Tones(tones.numbers, gain * tones.amplitudes, tones.frequencies_hz)
-        return message(Kind.ANSWER, self.worn.number, values_to(frame_of(values, louder)))
+        return message(MessageKind.ANSWER, self.worn.number, values_to(frame_of(values, louder)))
 
 
 def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
@@ -130,7 +132,7 @@ class Renderers:
 
 def _fault(number: int, error: Exception) -> bytes:
     _log.info("device %d", number, exc_info=error)
-    return message(Kind.FAULT, number, str(error)[:_LONGEST_TEXT].encode(errors="replace"))
+    return message(MessageKind.FAULT, number, str(error)[:_LONGEST_TEXT].encode(errors="replace"))
 
 
 def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None, list[bytes]]:
@@ -141,14 +143,14 @@ def taken(asked: Message, renderers: Renderers | None) -> tuple[Renderers | None
     MessageError
         It is not what it should be.
     """
-    if asked.kind is Kind.SCENE:
+    if asked.kind is MessageKind.SCENE:
         if renderers is not None:
             renderers.lookahead.close()
         renderers = Renderers(scene_from(asked.body))
         return renderers, renderers.faults
     if renderers is None:
         return None, []
-    if asked.kind is Kind.MOMENT:
+    if asked.kind is MessageKind.MOMENT:
         return renderers, renderers.answers(asked.body)
     if asked.kind in _KEYED:
         renderers.lookahead.take(asked.body)
@@ -169,7 +171,7 @@ def main() -> None:
             renderers, answers = taken(asked, renderers)
         except MessageError as error:
             answers = [_fault(EVERY_DEVICE, error)]
-        out.write(b"".join((*answers, message(Kind.READY))))
+        out.write(b"".join((*answers, message(MessageKind.READY))))
         out.flush()
 
 

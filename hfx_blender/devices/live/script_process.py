@@ -24,7 +24,7 @@ from ...engine.arrays import F64
 from .approval import Approval
 from .clock import SYSTEM, Clock
 from .device_thread import PATIENCE_S, ScriptRefusedError
-from .messages import Kind, MessageError, json_to, message, read_message, values_from
+from .messages import MessageError, MessageKind, json_to, message, read_message, values_from
 
 READY_S: Final = 10.0
 """Time limit of a script's start, seconds: it may import what it needs."""
@@ -104,7 +104,7 @@ class ScriptProcess:
                 threading.Thread(
                     target=self._watch_approval, args=(self._process,), daemon=True
                 ).start()
-            self._send(message(Kind.HEARTBEAT, 0, json_to(self._wish)))
+            self._send(message(MessageKind.HEARTBEAT, 0, json_to(self._wish)))
 
     def ask(self, haptics: bytes, answer: Answer) -> None:
         """Send the newest haptic data, as soon as the last have been answered.
@@ -152,7 +152,7 @@ class ScriptProcess:
             (body, self._answer), self._next = self._next, None
             self._number = (self._number + 1) % _NUMBERS
             self._deadline_s = self._clock.now() + PATIENCE_S
-            self._send(message(Kind.HAPTICS, self._number, body))
+            self._send(message(MessageKind.HAPTICS, self._number, body))
 
     def _send(self, data: bytes) -> None:
         """Send data in a thread: a worker that does not read must not block the reader."""
@@ -184,15 +184,15 @@ class ScriptProcess:
                     with self._lock:
                         if process is not self._process:
                             return
-                        if found.kind is Kind.FAULT:
+                        if found.kind is MessageKind.FAULT:
                             text = f"its script failed: {found.body.decode(errors='replace')}"
                             break
-                        if found.kind is Kind.LOG:
+                        if found.kind is MessageKind.LOG:
                             self._log(found.body.decode(errors="replace"))
                             continue
-                        is_ready = found.kind is Kind.READY and not self._is_ready
+                        is_ready = found.kind is MessageKind.READY and not self._is_ready
                         is_answer = (
-                            found.kind is Kind.ANSWER
+                            found.kind is MessageKind.ANSWER
                             and self._is_ready
                             and found.device == self._number
                         )

@@ -22,7 +22,7 @@ from ...engine.rendering.device import DeviceConfig
 from ..configuration import load_device
 from .approval import fingerprint_of, how_to_approve, may_run
 from .haptics import as_values, unpacked
-from .messages import Kind, Message, json_from, message, read_message, values_to
+from .messages import Message, MessageKind, json_from, message, read_message, values_to
 from .worker_input import messages_of_owner
 
 MAX_MEMORY: Final = 4 << 30
@@ -38,13 +38,13 @@ class _Outlet:
         self._lock = threading.Lock()
         self._since, self._count = 0.0, 0
 
-    def tell(self, kind: Kind, body: bytes = b"", number: int = 0) -> None:
+    def tell(self, kind: MessageKind, body: bytes = b"", number: int = 0) -> None:
         with self._lock:
             self._stream.write(message(kind, number, body))
             self._stream.flush()
 
     def fault(self, text: str) -> None:
-        self.tell(Kind.FAULT, text[:_LONGEST_TEXT].encode(errors="replace"))
+        self.tell(MessageKind.FAULT, text[:_LONGEST_TEXT].encode(errors="replace"))
 
     def printed(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
         """Takes the place of ``print``."""
@@ -54,7 +54,7 @@ class _Outlet:
         self._count += 1
         if self._count <= _LOGS_PER_S:
             text = (" " if sep is None else sep).join(map(str, parts))
-            self.tell(Kind.LOG, text[:_LONGEST_TEXT].encode(errors="replace"))
+            self.tell(MessageKind.LOG, text[:_LONGEST_TEXT].encode(errors="replace"))
 
 
 def main() -> None:
@@ -74,7 +74,7 @@ def main() -> None:
         outlet.fault(_told(error))
         os._exit(1)
     waiting = messages_of_owner(source)
-    outlet.tell(Kind.READY)
+    outlet.tell(MessageKind.READY)
     while True:
         asked = waiting.get()
         try:
@@ -83,7 +83,7 @@ def main() -> None:
         except BaseException as error:
             outlet.fault(_told(error))
             os._exit(1)
-        outlet.tell(Kind.ANSWER, values_to(values), asked.device)  # the question's number
+        outlet.tell(MessageKind.ANSWER, values_to(values), asked.device)  # the question's number
 
 
 def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:

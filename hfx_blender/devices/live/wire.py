@@ -33,7 +33,7 @@ _READY: Final = struct.Struct("<IB")  # CRC of the configuration, channels
 _STOPPED: Final = struct.Struct("<B")
 
 
-class Kind(IntEnum):
+class FrameKind(IntEnum):
     """Kind of a frame; replies have the highest bit."""
 
     CONFIGURE = 0x01

@@ -16,7 +16,7 @@ _TRIES: Final = 4
 
 
 class SurfaceLocator:
-    """Prepared search of :func:`~hfx_blender.engine.body.nearest.locate` on one mesh.
+    """Prepared search for the nearest places on one mesh.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..arrays import I64
 from ..contact.broad_phase import ReachableBounds
 from ..modality import MODALITIES
-from ..response_filters.controls import Kind
+from ..response_filters.controls import FilterKind
 from ..samples import SampleRun, Stream
 from ..scene import (
     AnimationBlock,
@@ -133,7 +133,7 @@ class Answering:
         reaches = [
             float(animated.response[rows, f, 1].max())
             for f, each in enumerate(effect.area.response)
-            if each.kind is Kind.PROXIMITY
+            if each.kind is FilterKind.PROXIMITY
         ]
         if not reaches:
             return True

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64, Bool
-from ..response_filters.controls import Kind, Operation
+from ..response_filters.controls import FilterKind, Operation
 from ..response_filters.envelope import Impact, envelope
 from ..response_filters.filters import folded
 from ..samples import SampleRun, Stream
@@ -93,7 +93,7 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
     values = _held_values(touches, memory, rings)
     multiplies = False
     for f, each in enumerate(filters):
-        if each.kind is Kind.IMPACT:
+        if each.kind is FilterKind.IMPACT:
             values[:, f] = envelope(times, impacts[f])
             multiplies |= each.operation is Operation.MULTIPLY
     start = touches.is_touched | (rings & multiplies)
@@ -128,7 +128,7 @@ def _with_new_impacts(touches: Touches, memory: Memory) -> list[list[Impact]]:
     known = memory.impacts or ((),) * len(touches.filters)
     impacts = [list(each) for each in known]
     for f, each in enumerate(touches.filters):
-        if each.kind is not Kind.IMPACT:
+        if each.kind is not FilterKind.IMPACT:
             continue
         for k in np.flatnonzero(begins & (touches.speeds_m_s > 0.0)).tolist():
             _, attack, decay, full = touches.controls[k, f, :4].tolist()
@@ -143,7 +143,7 @@ def _held_values(touches: Touches, memory: Memory, rings: Bool) -> F64:
     Only ringing samples may look back, so the memory ends with the last impact.
     """
     values = touches.values.copy()
-    columns = [f for f, each in enumerate(touches.filters) if each.kind is Kind.SPEED]
+    columns = [f for f, each in enumerate(touches.filters) if each.kind is FilterKind.SPEED]
     if columns and not touches.is_touched.all():
         last = _last(touches.is_touched)
         kept = np.zeros(len(touches.filters)) if memory.values is None else memory.values

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import F32, F64, I32, I64, Bool
 from ..contact.broad_phase import ReachableBounds
-from ..response_filters.controls import About, Filter, Kind
+from ..response_filters.controls import About, Filter, FilterKind
 from ..response_filters.filters import (
     distance_value,
     mixed,
@@ -113,21 +113,21 @@ class Moments:
         speeds = self._speeds(sets, len(rows))
         values = np.ones((len(rows), len(filters)))
         for f, each in enumerate(filters):
-            if each.kind is Kind.SPEED:
+            if each.kind is FilterKind.SPEED:
                 values[:, f] = speed_value(speeds, controls[:, f])
-            elif each.kind is Kind.IMPACT:
+            elif each.kind is FilterKind.IMPACT:
                 values[:, f] = 0.0
-            elif each.kind is Kind.SINE and each.about is About.TIME:
+            elif each.kind is FilterKind.SINE and each.about is About.TIME:
                 turns = self.times_s[rows] * controls[:, f, 1]
                 values[:, f] = sine_value(turns, controls[:, f])
-            elif each.kind is Kind.PROXIMITY:
+            elif each.kind is FilterKind.PROXIMITY:
                 values[:, f] = self._add_near(sets, controls[:, f], is_touched)
         if any(each.is_in_space for each in filters):
             sets = {k: self._in_space(k, *found, controls[k]) for k, found in sets.items()}
             sets = {k: found for k, found in sets.items() if len(found[0])}
             is_touched &= np.isin(np.arange(len(rows)), list(sets))
         kept = np.arange(len(rows))
-        if not any(each.kind is Kind.IMPACT for each in filters):
+        if not any(each.kind is FilterKind.IMPACT for each in filters):
             kept = np.array(sorted(sets), np.int64)
         if not len(kept):
             return None
@@ -152,7 +152,9 @@ class Moments:
     def _speeds(self, sets: dict[int, tuple[I32, F64]], count: int) -> F64:
         """Mean speed of touched skin against the volume since the sample before, (n,) m/s."""
         speeds = np.zeros(count)
-        if not sets or all(each.kind not in (Kind.SPEED, Kind.IMPACT) for each in self.filters):
+        if not sets or all(
+            each.kind not in (FilterKind.SPEED, FilterKind.IMPACT) for each in self.filters
+        ):
             return speeds
         assert self.effect.matrices is not None
         posed = frozenset(self.posed.tolist())
@@ -244,7 +246,7 @@ class Moments:
             if not each.is_in_space:
                 continue
             distances = _distances(offsets, matrix[:3, 2] if each.about is About.AXIS else None)
-            if each.kind is Kind.DISTANCE:
+            if each.kind is FilterKind.DISTANCE:
                 value = distance_value(distances, controls[f])
             else:
                 value = sine_value(distances / max(float(controls[f, 1]), 1e-6), controls[f])

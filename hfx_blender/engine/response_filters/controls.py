@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Final
 
 
-class Kind(StrEnum):
+class FilterKind(StrEnum):
     """Input of a filter."""
 
     DISTANCE = "distance"  # from the volume's centre or axis
@@ -47,31 +47,31 @@ class Control:
 
 _INFLUENCE: Final = Control("influence", "1", 1.0, 0.0, 1.0)
 
-CONTROLS: Final[dict[Kind, tuple[Control, ...]]] = {
-    Kind.DISTANCE: (
+CONTROLS: Final[dict[FilterKind, tuple[Control, ...]]] = {
+    FilterKind.DISTANCE: (
         _INFLUENCE,
         Control("near_m", "m", 0.0, 0.0, 1000.0),
         Control("far_m", "m", 0.5, 0.0, 1000.0),
         Control("near_value", "1", 1.0, 0.0, 1.0),
         Control("far_value", "1", 0.0, 0.0, 1.0),
     ),
-    Kind.SPEED: (
+    FilterKind.SPEED: (
         _INFLUENCE,
         Control("still_m_s", "m/s", 0.0, 0.0, 100.0),
         Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
     ),
-    Kind.IMPACT: (
+    FilterKind.IMPACT: (
         _INFLUENCE,
         Control("attack_s", "s", 0.0, 0.0, 10.0),
         Control("decay_s", "s", 0.15, 1e-3, 10.0),
         Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
     ),
-    Kind.PROXIMITY: (
+    FilterKind.PROXIMITY: (
         _INFLUENCE,
         Control("range_m", "m", 0.1, 0.0, 10.0),
         Control("exponent", "1", 1.0, 0.1, 10.0),
     ),
-    Kind.SINE: (
+    FilterKind.SINE: (
         _INFLUENCE,
         Control("cycles", "1/s or m", 2.0, 0.0, 1000.0),  # frequency, or wavelength in space
         Control("depth", "1", 1.0, 0.0, 1.0),
@@ -88,7 +88,7 @@ WIDTH: Final = max(len(controls) for controls in CONTROLS.values())
 class Filter:
     """Constant settings of one filter of a stack."""
 
-    kind: Kind
+    kind: FilterKind
     operation: Operation = Operation.MULTIPLY
     about: About = About.CENTRE
     rings_s: float = 0.0  # an impact has ended after this time, whatever its controls become
@@ -96,11 +96,11 @@ class Filter:
     @property
     def is_in_space(self) -> bool:
         """Test that the filter has a value for each vertex."""
-        in_space = self.kind is Kind.SINE and self.about is not About.TIME
-        return in_space or self.kind is Kind.DISTANCE
+        in_space = self.kind is FilterKind.SINE and self.about is not About.TIME
+        return in_space or self.kind is FilterKind.DISTANCE
 
 
-def defaults(kind: Kind) -> list[float]:
+def defaults(kind: FilterKind) -> list[float]:
     """Default controls of a filter, padded to :data:`WIDTH`."""
     values = [control.default for control in CONTROLS[kind]]
     return values + [0.0] * (WIDTH - len(values))

@@ -29,17 +29,6 @@ _SKULL_M: Final = 0.13
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
-def pose(avatar: Avatar, bodies: Skeletons) -> F64:
-    """Vertices of the canonical avatar in the target's rest pose, (V, 3), normalised space.
-
-    Raises
-    ------
-    InputError
-        Joints that need a direction between them lie at one place.
-    """
-    return posed(avatar, matrices(avatar, bodies))
-
-
 def posed(avatar: Avatar, matrices: F64) -> F64:
     """Vertices moved by a matrix each, (V, 3)."""
     found: F64 = (

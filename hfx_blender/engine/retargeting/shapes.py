@@ -21,7 +21,6 @@ from typing import Final
 import numpy as np
 
 from ... import resources
-from ...atomic_files import atomic_file
 from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import Avatar
@@ -30,8 +29,8 @@ from .surface import TargetSurface, vertex_normals
 from .target import areas_of
 
 SHAPES_FILE: Final = "shapes.npz"
-_FORMAT: Final = "hfx shapes"
-_VERSION: Final = 1
+FORMAT: Final = "hfx shapes"
+VERSION: Final = 1
 
 _ROUNDS: Final = 6
 _REACH_M: Final = 0.12
@@ -123,31 +122,8 @@ def fields_for(avatar: Avatar) -> ShapeFields | None:
     return fields if fields.fields.shape[1] == len(avatar.vertices) else None
 
 
-def save(fields: ShapeFields, mirror: I64, path: Path) -> None:
-    """Write fields as 8-bit numbers of one half of the body.
-
-    Parameters
-    ----------
-    mirror : (V,) int64
-        The vertex at (-x, y, z); the fields must be symmetric.
-    """
-    half = np.flatnonzero(np.arange(len(mirror)) <= mirror)
-    scale = np.abs(fields.fields).max(axis=(1, 2)) / 127.0
-    steps = np.round(fields.fields[:, half] / scale[:, None, None]).astype(np.int8)
-    meta = json.dumps({"format": _FORMAT, "version": _VERSION}, sort_keys=True).encode()
-    with atomic_file(path) as file:
-        np.savez_compressed(
-            file,
-            meta=np.frombuffer(meta, np.uint8),
-            steps=steps.transpose(0, 2, 1),
-            scale_m=scale.astype(np.float32),
-            half=half.astype(np.int32),
-            mirror=mirror.astype(np.int32),
-        )
-
-
 def read(path: Path) -> ShapeFields:
-    """Read what :func:`save` wrote.
+    """Read fields from a file.
 
     Raises
     ------
@@ -157,7 +133,7 @@ def read(path: Path) -> ShapeFields:
     try:
         with np.load(path, allow_pickle=False) as stored:
             meta = json.loads(stored["meta"].tobytes())
-            if meta["format"] != _FORMAT or meta["version"] > _VERSION:
+            if meta["format"] != FORMAT or meta["version"] > VERSION:
                 raise ValueError(f"format {meta['format']!r}, version {meta['version']}")
             steps, scale = stored["steps"].astype(np.float64), stored["scale_m"].astype(np.float64)
             half, mirror = stored["half"], stored["mirror"]

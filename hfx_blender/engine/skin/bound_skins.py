@@ -10,7 +10,7 @@ from ..body.model import PerceptualModel
 from ..counters import Counters
 from ..scene import BodyDescription, SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
-from .cell_coverage import BodySkin, Skin, finer_id
+from .cell_coverage import BodySkin, SkinCoverage, finer_id
 from .posing import PosableModel
 from .skinned_model import SkinnedModel
 from .surface_posing import SurfaceModel
@@ -38,7 +38,7 @@ class BoundSkins:
         self._tolerance = tolerance
         self._counters = counters
         self._models: dict[str, PerceptualModel] = {}
-        self._skins: dict[tuple[str, str | None], Skin] = {}
+        self._skins: dict[tuple[str, str | None], SkinCoverage] = {}
         self._bound: dict[tuple[str, str], BodySkin] = {}
 
     def of(self, body: BodyDescription, model_id: str) -> BodySkin:
@@ -57,7 +57,7 @@ class BoundSkins:
             self._bound[key] = BodySkin(self._skin_of(model_id, binding), bind)
         return self._bound[key]
 
-    def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> Skin:
+    def _skin_of(self, model_id: str, binding: SkinBinding | SurfaceBinding) -> SkinCoverage:
         """Skin shared by all bodies whose binding can pose the same models."""
         model = self.model(model_id)
         fine = finer_id(model, self._tolerance)
@@ -67,7 +67,7 @@ class BoundSkins:
             fine = fine if fine in binding.fitted else None
         if (model_id, fine) not in self._skins:
             finer = None if fine is None else self.model(fine)
-            self._skins[model_id, fine] = Skin(model, self._tolerance, finer)
+            self._skins[model_id, fine] = SkinCoverage(model, self._tolerance, finer)
         return self._skins[model_id, fine]
 
     def model(self, model_id: str) -> PerceptualModel:

@@ -85,7 +85,7 @@ def finer_id(model: PerceptualModel, tolerance: Tolerance) -> str | None:
     return cell_of_skin(model)[0]
 
 
-class Skin:
+class SkinCoverage:
     """Sampling of one perceptual model's cells; shared by all bodies that have the model.
 
     Parameters
@@ -209,7 +209,7 @@ class BodySkin:
     """
 
     def __init__(
-        self, skin: Skin, bind: Callable[[PerceptualModel, list[I32]], PosableModel]
+        self, skin: SkinCoverage, bind: Callable[[PerceptualModel, list[I32]], PosableModel]
     ) -> None:
         self.skin = skin
         self._bind = bind

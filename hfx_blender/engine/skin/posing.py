@@ -64,7 +64,7 @@ class PosedClusters(Protocol):
     def all_points(self, clusters: I64, at: I64) -> F64:
         """Positions of several clusters' vertices, one after the other, (3, N)."""
 
-    def skin(self, clusters: I64, at: I64, table: Skin) -> tuple[F64, F64]:
+    def skin(self, clusters: I64, at: I64, table: LinkTable) -> tuple[F64, F64]:
         """Positions of clusters' vertices, and how far from the first their neighbours can be.
 
         The positions are those of :meth:`all_points`, the distances one for each unit of each
@@ -72,7 +72,7 @@ class PosedClusters(Protocol):
         """
 
 
-class Skin(Protocol):
+class LinkTable(Protocol):
     """Vertices of clusters that take part in a search, and their neighbours."""
 
     unit_counts: I64

@@ -14,7 +14,7 @@ from ..arrays import F64, I32, I64
 from ..indexing import ramp
 from ..kinematics.motion import largest_stretch
 from ..matmul import stacked_product
-from .posing import Skin, joined, runs
+from .posing import LinkTable, joined, runs
 
 _SMALL = 96
 """Vertices in a cluster, on average: where fewer, weights are looked at one by one."""
@@ -38,7 +38,7 @@ class BoneWeighted(Protocol):
     def cluster_factors(self, cluster: int) -> tuple[I64, F64]: ...
     def cluster_entries(self, cluster: int) -> tuple[I64, F64, I64]: ...
     def posed_by(self, cluster: int, matrices: F64) -> F64: ...
-    def links(self, cluster: int, table: Skin) -> Links: ...
+    def links(self, cluster: int, table: LinkTable) -> Links: ...
 
 
 class SkinnedClusters:
@@ -84,7 +84,7 @@ class SkinnedClusters:
         """The rows of all matrices, (3, n B, 4)."""
         return np.ascontiguousarray(self._matrices.transpose(2, 0, 1, 3)).reshape(3, -1, 4)
 
-    def skin(self, clusters: I64, at: I64, table: Skin) -> tuple[F64, F64]:
+    def skin(self, clusters: I64, at: I64, table: LinkTable) -> tuple[F64, F64]:
         """The distances are upper bounds; see :meth:`PosedClusters.skin`.
 
         With weights u, v and rest places x, y of two neighbours, and any matrix R,

@@ -19,7 +19,7 @@ from ..native.skin import PosedBones, UsedBones
 from ..native.skin_table import Table
 from ..scene import PoseBlock, SkinBinding
 from .bound_weights import BoneBoxes, BoundWeights
-from .posing import PosedClusters, Skin
+from .posing import LinkTable, PosedClusters
 from .skinned_clusters import Links, SkinnedClusters
 
 
@@ -197,7 +197,7 @@ class SkinnedModel:
         before, after = rows
         return bones.cluster_moves(before, after, linear, clusters, *self.pairs)
 
-    def links(self, cluster: int, table: Skin) -> Links:
+    def links(self, cluster: int, table: LinkTable) -> Links:
         """Links of a cluster's vertices to their neighbours; cached. See :class:`PosedClusters`."""
         if cluster not in self._links:
             units = int(table.unit_counts[cluster])

@@ -14,7 +14,7 @@ from ..body.model import PerceptualModel
 from ..indexing import largest
 from ..kinematics.motion import longest_axis
 from ..scene import PoseBlock, SurfaceAnchors
-from .posing import PosedClusters, Skin, joined, runs
+from .posing import LinkTable, PosedClusters, joined, runs
 
 
 class SurfaceModel:
@@ -110,7 +110,7 @@ class _SurfaceClusters:
     def all_points(self, clusters: I64, at: I64) -> F64:
         return joined(self, clusters, at)
 
-    def skin(self, clusters: I64, at: I64, table: Skin) -> tuple[F64, F64]:
+    def skin(self, clusters: I64, at: I64, table: LinkTable) -> tuple[F64, F64]:
         """The distances are exact."""
         points, gaps = [], []
         for first, last in runs(clusters):

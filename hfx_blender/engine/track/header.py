@@ -11,7 +11,15 @@ from typing import Any, Final
 from ..body.model import PerceptualModel
 from ..modality import MODALITIES
 from ..samples import Stream
-from ..scene import ActuatorArea, Clip, Kind, PaintedArea, SceneDescription, SpotArea, TimeBase
+from ..scene import (
+    ActuatorArea,
+    Clip,
+    EffectKind,
+    PaintedArea,
+    SceneDescription,
+    SpotArea,
+    TimeBase,
+)
 from ..surface.surface_drive import with_drives
 
 MAX_VERTEX_COUNT: Final = 2**31 - 1
@@ -46,7 +54,7 @@ class TrackEffect:
     id: str
     name: str
     modality: str
-    kind: Kind
+    kind: EffectKind
     model_id: str
     is_contact: bool = False
     clips: tuple[Clip, ...] = ()

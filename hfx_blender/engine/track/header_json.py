@@ -12,14 +12,14 @@ from typing import Any, Final, TypeVar
 
 from ..modality import AMBIENT_NEUTRAL_C, CONTACT_NEUTRAL_C, MODALITIES
 from ..samples import Stream
-from ..scene import Clip, Kind, TimeBase
+from ..scene import Clip, EffectKind, TimeBase
 from .header import TrackBody, TrackEffect, TrackHeader, TrackModel
 
 FORMAT: Final = "hfxtrack"
 VERSION: Final = 2
 """The newest. What holds no spot and no vector sensation is written as version 1, as before."""
 
-_KINDS: Final[dict[int, tuple[Kind, ...]]] = {
+_KINDS: Final[dict[int, tuple[EffectKind, ...]]] = {
     1: ("painted", "volume"),
     2: ("painted", "volume", "spot", "actuators"),
 }
@@ -189,7 +189,7 @@ def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
     return content
 
 
-def _effect_from_json(item: Any, kinds: tuple[Kind, ...]) -> TrackEffect:
+def _effect_from_json(item: Any, kinds: tuple[EffectKind, ...]) -> TrackEffect:
     found = get(item, "kind", str)
     kind = next((each for each in kinds if each == found), None)
     if kind is None:

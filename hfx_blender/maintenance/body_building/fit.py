@@ -14,9 +14,9 @@ import numpy as np
 
 from ...engine.arrays import F64, I64, Bool
 from ...engine.body import mesh_edges
-from ...engine.body.nearest import locate
 from . import mesh_edit
 from .crossings import crossings
+from .nearest_places import locate
 from .remesher import Remesher
 from .uncross import COARSE_M, uncross
 

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64, I64
-from ...engine.body.nearest import locate
 from ...engine.body.parts import PARTS
 from .left_skin import Samples
+from .nearest_places import locate
 
 ERROR_STRIDE: Final = 41
 """Stride of the samples at which the distance of the skin from the mesh is measured."""

@@ -21,12 +21,13 @@ from ...engine.body.model import Avatar
 from ...engine.body.rigs.mapping import BoneMapping, RigBone, map_bones
 from ...engine.retargeting.joints import skeletons_of
 from ...engine.retargeting.pose import matrices, posed
-from ...engine.retargeting.shapes import SHAPES_FILE, ShapeFields, save
+from ...engine.retargeting.shapes import SHAPES_FILE, ShapeFields
 from ...engine.retargeting.target import TargetAvatar
 from ...engine.retargeting.turns import apply
 from ...errors import InputError
 from . import skeleton
 from . import source as source_data
+from .shape_file import save
 from .source import Source
 from .variant import _MACRO, _ORIGINS, Variant, target_shares
 

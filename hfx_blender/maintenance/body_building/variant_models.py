@@ -16,11 +16,11 @@ import numpy as np
 from ...engine.arrays import F64, U8
 from ...engine.body.mesh_edges import triangle_normals
 from ...engine.body.model import Avatar, PerceptualModel, load_avatar, load_model, manifest, save
-from ...engine.body.nearest import locate
 from ...engine.body.parts import CENTRE, PARTS, RIGHT
 from . import assemble, left_skin, measure, model_set, segmentation, skeleton, skin, stats
 from . import source as source_data
 from .left_skin import LeftSkin
+from .nearest_places import locate
 from .progress import Progress, quiet
 from .skin import Skins
 from .variant import Variant, target_shares

@@ -21,9 +21,10 @@ from mathutils.kdtree import KDTree
 from ... import blender_session
 from ...authoring import effects
 from ...engine.body.model import load_avatar, load_model
-from ...engine.colouring import COLOURS, Spread, avatar_colours
+from ...engine.colouring import COLOURS, Spread
 from ...engine.samples import Sample
 from ...engine.track import TrackHeader, TrackReader
+from .avatar_colours import avatar_colours
 from .garage import FPS, TASKS, Task
 
 SIZE = (480, 600)

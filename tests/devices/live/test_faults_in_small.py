@@ -30,8 +30,8 @@ from hfx_blender.devices.live.host_pipe import HostPipe
 from hfx_blender.devices.live.live_frame import LiveFrame
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
-    Kind,
     Message,
+    MessageKind,
     json_to,
     message,
     values_to,
@@ -145,7 +145,7 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     client.send("band", playing())
     client.stop_all("enough")
     assert not client._pipe._newest
-    assert client._pipe._urgent[0] == message(Kind.STOP, EVERY_DEVICE, b"enough")
+    assert client._pipe._urgent[0] == message(MessageKind.STOP, EVERY_DEVICE, b"enough")
 
 
 def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
@@ -166,7 +166,7 @@ def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
     monkeypatch.setattr(pipe, "_as_bytes", packed)
     client.show(LiveFrame(0.0, []))
     pipe._write(process)
-    assert process.stdin.getvalue() == message(Kind.STOP, EVERY_DEVICE, b"enough")
+    assert process.stdin.getvalue() == message(MessageKind.STOP, EVERY_DEVICE, b"enough")
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_an_output_process_that_does_not_end_is_ended(client: LiveClient) -> Non
     process = client._pipe._process
     client.close()
     assert process.is_killed  # type: ignore[union-attr]
-    assert client._pipe._urgent[-1] == message(Kind.STOP)
+    assert client._pipe._urgent[-1] == message(MessageKind.STOP)
 
 
 def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,7 +208,7 @@ def test_there_are_only_so_many_devices(monkeypatch: pytest.MonkeyPatch) -> None
     host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
     wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
     for number in (1, 2, 3):
-        host.hear(Message(Kind.CONNECT, number, wish))
+        host.hear(Message(MessageKind.CONNECT, number, wish))
     host.silence("the test is over")
     assert ("lost", 3, "more than 2 devices") in told
     assert not any(event == "lost" for event, number, _ in told if number < 3)
@@ -262,7 +262,9 @@ def test_what_goes_first_does_not_wait_for_a_frame_that_was_begun() -> None:
 
 def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
     class Worker:
-        stdout = io.BytesIO(message(Kind.READY, 0) + message(Kind.ANSWER, 0, values_to(playing())))
+        stdout = io.BytesIO(
+            message(MessageKind.READY, 0) + message(MessageKind.ANSWER, 0, values_to(playing()))
+        )
 
     answers: list[Any] = []
     faults: list[str] = []
@@ -473,8 +475,8 @@ def test_the_end_of_messages_stops_every_lane_at_once(monkeypatch: pytest.Monkey
     ("content", "told"),
     [
         (b"\xff" * 7, "Blender sent a message of"),
-        (message(Kind.PULSE, 1, json_to({"actuator": "x"})), "ValueError"),
-        (message(Kind.CONNECT, 1, b"[]"), "Blender sent not a JSON object"),
+        (message(MessageKind.PULSE, 1, json_to({"actuator": "x"})), "ValueError"),
+        (message(MessageKind.CONNECT, 1, b"[]"), "Blender sent not a JSON object"),
     ],
 )
 def test_messages_that_are_none_stop_every_lane(
@@ -490,8 +492,8 @@ def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyP
     host, _ = host_of(monkeypatch)
     seen: list[float] = []
     monkeypatch.setattr(host, "take", lambda *_: seen.append(host._patience_s))
-    kinds = Kind.PAUSE, Kind.HEARTBEAT, Kind.PAUSE
-    host.read(io.BytesIO(b"".join(map(message, kinds)) + message(Kind.PAUSE, 1)))
+    kinds = MessageKind.PAUSE, MessageKind.HEARTBEAT, MessageKind.PAUSE
+    host.read(io.BytesIO(b"".join(map(message, kinds)) + message(MessageKind.PAUSE, 1)))
     assert seen == [
         host_module.PAUSE_S,
         host_module.HEARTBEAT_S,
@@ -505,7 +507,7 @@ def test_a_lane_that_is_connected_anew_is_closed_first(monkeypatch: pytest.Monke
     host, lane = host_of(monkeypatch)
     monkeypatch.setattr(host_module.DeviceThread, "start", lambda self: None)
     wish = json_to({"configuration": BAND, "output": {"kind": "simulator"}})
-    host.hear(Message(Kind.CONNECT, 1, wish))
+    host.hear(Message(MessageKind.CONNECT, 1, wish))
     assert lane.told == ["close"] and host._lanes[1] is not lane
 
 
@@ -514,20 +516,20 @@ def test_a_device_whose_configuration_is_wrong_is_lost_and_told(
 ) -> None:
     told: list[tuple[str, int, str]] = []
     host = Host(lambda event, number, text="", **_: told.append((event, number, text)))  # type: ignore[arg-type]
-    host.hear(Message(Kind.CONNECT, 5, json_to({"configuration": "none_such"})))
+    host.hear(Message(MessageKind.CONNECT, 5, json_to({"configuration": "none_such"})))
     assert told[0][:2] == ("lost", 5) and "none_such" in told[0][2] and not host._lanes
 
 
 def test_nobody_gets_what_is_rendered_who_does_not_play(monkeypatch: pytest.MonkeyPatch) -> None:
     host, lane = host_of(monkeypatch)
     asked = {1: Question(0, 0.0, 1), 2: Question(0, 0.0, 1)}
-    for kind in (Kind.ANSWER, Kind.FAULT):
+    for kind in (MessageKind.ANSWER, MessageKind.FAULT):
         host._rendered(Message(kind, 1, values_to(playing())), asked)
         host._rendered(Message(kind, 2, values_to(playing())), asked)
     assert [each.split(":")[0] for each in lane.told] == ["feed", "fault"]
     lane.told.clear()
     lane.is_armed = False
-    for kind in (Kind.ANSWER, Kind.FAULT):
+    for kind in (MessageKind.ANSWER, MessageKind.FAULT):
         host._rendered(Message(kind, 1, values_to(playing())), asked)
     host._cannot_render("it has ended")
     assert not lane.told
@@ -541,11 +543,11 @@ def test_a_new_scene_is_silence_until_a_moment_of_it_comes(monkeypatch: pytest.M
     done: list[str] = []
     for name in ("describe", "forget", "show", "revive"):
         monkeypatch.setattr(host._rendering, name, lambda *_, name=name: done.append(name))
-    host.hear(Message(Kind.SCENE, EVERY_DEVICE, b"{}"))
+    host.hear(Message(MessageKind.SCENE, EVERY_DEVICE, b"{}"))
     assert lane.told == ["pause"] and done == ["forget", "describe"]
-    host.hear(Message(Kind.MOMENT, EVERY_DEVICE, b""))
-    host.hear(Message(Kind.STOP, EVERY_DEVICE, b"enough"))
-    host.hear(Message(Kind.PAUSE, EVERY_DEVICE, b""))
+    host.hear(Message(MessageKind.MOMENT, EVERY_DEVICE, b""))
+    host.hear(Message(MessageKind.STOP, EVERY_DEVICE, b"enough"))
+    host.hear(Message(MessageKind.PAUSE, EVERY_DEVICE, b""))
     assert done[2:] == ["show", "forget", "forget"]
     assert lane.told == ["pause", "stop: enough", "pause"]
 

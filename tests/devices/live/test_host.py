@@ -18,7 +18,7 @@ from live_process import BAND, PATIENCE_S, is_loud, play, playing, rows_of, wait
 
 from hfx_blender.devices.live import host
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.messages import Kind, json_to, message, values_to
+from hfx_blender.devices.live.messages import MessageKind, json_to, message, values_to
 
 SENDER = """
 import sys, time
@@ -136,14 +136,14 @@ def test_garbage_instead_of_messages_is_silence(client: LiveClient, log: Path) -
 @pytest.mark.parametrize(
     ("kind", "body"),
     [
-        (Kind.CONNECT, b"{"),
-        (Kind.PULSE, b'{"actuator": null}'),
-        (Kind.SETTINGS, b"[]"),
-        (Kind.HAPTICS, b"nonsense"),
+        (MessageKind.CONNECT, b"{"),
+        (MessageKind.PULSE, b'{"actuator": null}'),
+        (MessageKind.SETTINGS, b"[]"),
+        (MessageKind.HAPTICS, b"nonsense"),
     ],
 )
 def test_nonsense_inside_a_message_does_not_leave_anything_on(
-    client: LiveClient, log: Path, kind: Kind, body: bytes
+    client: LiveClient, log: Path, kind: MessageKind, body: bytes
 ) -> None:
     play(client, "band", log)
     client._pipe._process.stdin.write(message(kind, client.devices["band"].number, body))
@@ -207,9 +207,9 @@ def test_a_port_that_stalls_stops_its_device_only(
         while not is_true():
             assert time.monotonic() < end, told
             for number in (1, 2):
-                os.write(writing, message(Kind.VALUES, number, values_to(playing())))
+                os.write(writing, message(MessageKind.VALUES, number, values_to(playing())))
             if any(event == "stopped" and number == 1 for event, number, _ in told):
-                os.write(writing, message(Kind.ARM, 1))  # this process was late itself
+                os.write(writing, message(MessageKind.ARM, 1))  # this process was late itself
                 told[:] = [each for each in told if each[0] != "stopped"]
             time.sleep(0.005)
 
@@ -217,7 +217,10 @@ def test_a_port_that_stalls_stops_its_device_only(
         wishes = {1: {"kind": "simulator", "path": str(log)}, 2: {"kind": "stalling"}}
         for number, output in wishes.items():
             wish = json_to({"configuration": BAND, "output": output})
-            os.write(writing, message(Kind.CONNECT, number, wish) + message(Kind.ARM, number))
+            os.write(
+                writing,
+                message(MessageKind.CONNECT, number, wish) + message(MessageKind.ARM, number),
+            )
         live_until(lambda: any(event == "fault" and number == 2 for event, number, _ in told))
         assert any(number == 2 and "does not answer" in text for _, number, text in told)
         count = len(rows_of(log))

@@ -14,7 +14,7 @@ from fake_time import FakeClock, Played, frame, run
 from hfx_blender.devices.live.client import LiveClient
 from hfx_blender.devices.live.host import HEARTBEAT_S, PAUSE_S, Host
 from hfx_blender.devices.live.live_frame import LiveFrame
-from hfx_blender.devices.live.messages import EVERY_DEVICE, Kind, Message, message, values_to
+from hfx_blender.devices.live.messages import EVERY_DEVICE, Message, MessageKind, message, values_to
 from hfx_blender.devices.live.script_process import FAULTS_WITHIN_S, ScriptProcess
 
 WATCH_S = 0.02
@@ -63,7 +63,7 @@ class Session:
         self.shown: list[Any] = []
         self.host._rendering.show = lambda body, questions: self.shown.append(questions)  # type: ignore[method-assign]
 
-    def hear(self, kind: Kind, device: int = 1, body: bytes = b"") -> None:
+    def hear(self, kind: MessageKind, device: int = 1, body: bytes = b"") -> None:
         self.host.hear(Message(kind, device, body))
 
     def pass_time(self, seconds: float, beat: bool = False) -> None:
@@ -76,23 +76,25 @@ class Session:
             if round(self.clock.now_s * 1000) % 20 == 0:
                 self.host.look()
             if beat and round(self.clock.now_s * 1000) % 50 == 0:
-                self.hear(Kind.HEARTBEAT, EVERY_DEVICE)
+                self.hear(MessageKind.HEARTBEAT, EVERY_DEVICE)
 
     def stream(self, seconds: float) -> None:
         """Frames at 62.5 Hz."""
         for _ in range(round(seconds / 0.016)):
             if self.script is None:
-                self.hear(Kind.VALUES, body=values_to(frame()))
+                self.hear(MessageKind.VALUES, body=values_to(frame()))
             else:
-                self.hear(Kind.HAPTICS)
+                self.hear(MessageKind.HAPTICS)
             self.pass_time(0.016)
 
 
 @pytest.mark.parametrize("script_s", [0.003, 0.006, 0.03, 0.07, 0.2])
-@pytest.mark.parametrize("kind", [Kind.PAUSE, Kind.SCENE, Kind.STOP, Kind.DISCONNECT])
+@pytest.mark.parametrize(
+    "kind", [MessageKind.PAUSE, MessageKind.SCENE, MessageKind.STOP, MessageKind.DISCONNECT]
+)
 @pytest.mark.parametrize("device", [1, EVERY_DEVICE])
 def test_no_late_answer_of_a_script_is_played_after(
-    script_s: float, kind: Kind, device: int, monkeypatch: pytest.MonkeyPatch
+    script_s: float, kind: MessageKind, device: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = Session(script_s)
     monkeypatch.setattr(session.host._rendering, "describe", lambda body: None)
@@ -104,7 +106,7 @@ def test_no_late_answer_of_a_script_is_played_after(
         asked_s = session.clock.now_s
         session.pass_time(0.4, beat=True)
         assert session.played.port.last_loud_s() <= asked_s + 0.001
-        if kind in (Kind.STOP, Kind.DISCONNECT):
+        if kind in (MessageKind.STOP, MessageKind.DISCONNECT):
             return
         session.stream(0.5)
         assert session.played.port.last_loud_s() > asked_s + 0.4
@@ -115,7 +117,7 @@ def test_many_pauses_of_a_slow_script_are_silent() -> None:
     for k in range(48):
         session.stream(0.08 + 0.016 * (k % 3))
         session.pass_time(0.001 * (k % 16))
-        session.hear(Kind.PAUSE, EVERY_DEVICE)
+        session.hear(MessageKind.PAUSE, EVERY_DEVICE)
         asked_s = session.clock.now_s
         session.pass_time(0.06)
         assert session.played.port.last_loud_s() <= asked_s + 0.001, k
@@ -130,30 +132,30 @@ def test_a_storm_of_mutes_leaves_the_device_as_the_last_one_says(offset_s: float
         session.stream(offset_s + 0.1)
         assert session.played.port.is_loud()
         for _ in range(int(rng.integers(1, 20))):  # pressed again and again
-            session.hear(Kind.VALUES, body=values_to(frame()))
+            session.hear(MessageKind.VALUES, body=values_to(frame()))
             session.pass_time(float(rng.uniform(0.0, 0.003)))
-            session.hear(Kind.PAUSE)
+            session.hear(MessageKind.PAUSE)
         asked_s = session.clock.now_s
         session.pass_time(0.06 + offset_s, beat=True)
         assert session.played.port.last_loud_s() <= asked_s + 0.001
     assert session.played.events() == ["armed"]
 
 
-@pytest.mark.parametrize("kind", [Kind.ANSWER, Kind.HAPTICS])
-@pytest.mark.parametrize("void", [Kind.PAUSE, Kind.SCENE, Kind.STOP])
+@pytest.mark.parametrize("kind", [MessageKind.ANSWER, MessageKind.HAPTICS])
+@pytest.mark.parametrize("void", [MessageKind.PAUSE, MessageKind.SCENE, MessageKind.STOP])
 def test_no_late_answer_of_what_renders_is_played_after(
-    kind: Kind, void: Kind, monkeypatch: pytest.MonkeyPatch
+    kind: MessageKind, void: MessageKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = Session(0.0)
     monkeypatch.setattr(session.host._rendering, "describe", lambda body: None)
-    session.hear(Kind.MOMENT, EVERY_DEVICE)
+    session.hear(MessageKind.MOMENT, EVERY_DEVICE)
     session.hear(void, EVERY_DEVICE)
-    if void is Kind.STOP:
+    if void is MessageKind.STOP:
         session.played.lane.arm()
     session.host._rendered(Message(kind, 1, values_to(frame())), session.shown[0])
     session.pass_time(0.2, beat=True)
     assert session.played.port.last_loud_s() == -1.0
-    session.hear(Kind.MOMENT, EVERY_DEVICE)
+    session.hear(MessageKind.MOMENT, EVERY_DEVICE)
     session.host._rendered(Message(kind, 1, values_to(frame())), session.shown[1])
     session.pass_time(0.1, beat=True)
     assert session.played.port.is_loud()
@@ -161,11 +163,11 @@ def test_no_late_answer_of_what_renders_is_played_after(
 
 def test_no_answer_for_a_device_that_was_connected_anew_is_played() -> None:
     session = Session()
-    session.hear(Kind.MOMENT, EVERY_DEVICE)
+    session.hear(MessageKind.MOMENT, EVERY_DEVICE)
     other = Played(session.clock)
     other.lane.arm()
     session.host._lanes[1] = other.lane
-    session.host._rendered(Message(Kind.ANSWER, 1, values_to(frame())), {})
+    session.host._rendered(Message(MessageKind.ANSWER, 1, values_to(frame())), {})
     other.run(0.1)
     assert other.port.last_loud_s() == -1.0
 
@@ -179,7 +181,7 @@ def test_without_signs_of_life_devices_stop_until_the_operator_plays() -> None:
     assert session.played.reports[-1] == ("stopped", "Blender did not answer for 250 ms")
     session.stream(0.2)
     assert not session.played.port.is_loud()
-    session.hear(Kind.ARM)
+    session.hear(MessageKind.ARM)
     session.stream(0.2)
     assert session.played.port.is_loud()
 
@@ -194,7 +196,7 @@ def test_signs_of_life_keep_what_stands_still_on() -> None:
 def test_a_pause_buys_ten_seconds_of_silence_and_no_more() -> None:
     session = Session()
     session.stream(0.1)
-    session.hear(Kind.PAUSE, EVERY_DEVICE)
+    session.hear(MessageKind.PAUSE, EVERY_DEVICE)
     session.pass_time(PAUSE_S - 0.1)
     assert session.played.lane.is_armed and not session.played.port.is_loud()
     session.pass_time(0.2)
@@ -204,7 +206,7 @@ def test_a_pause_buys_ten_seconds_of_silence_and_no_more() -> None:
 FIRST: dict[str, Callable[[Session], None]] = {
     "the lane": lambda session: session.played.run(0.0),
     "the watch": lambda session: session.host.look(),
-    "the reader": lambda session: session.hear(Kind.VALUES, body=values_to(frame())),
+    "the reader": lambda session: session.hear(MessageKind.VALUES, body=values_to(frame())),
     "an answer": lambda session: session.script.work(),  # type: ignore[union-attr]
 }
 
@@ -220,7 +222,7 @@ def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
     session = Session(script_s)
     session.stream(0.5)
     if script_s is not None:
-        session.hear(Kind.HAPTICS)
+        session.hear(MessageKind.HAPTICS)
     count = len(session.played.port.given)
     session.clock.now_s += asleep_s
     FIRST[first](session)
@@ -244,7 +246,7 @@ class Worker:
 
 
 def asked(*said: bytes) -> tuple[ScriptProcess, Worker, list[str], FakeClock]:
-    clock, faults, worker = FakeClock(), [], Worker(message(Kind.READY, 0), *said)
+    clock, faults, worker = FakeClock(), [], Worker(message(MessageKind.READY, 0), *said)
     script = ScriptProcess({}, faults.append, lambda text: None, clock)
     script._process = worker  # type: ignore[assignment]
     script._deadline_s = clock.now() + 1.0
@@ -253,13 +255,13 @@ def asked(*said: bytes) -> tuple[ScriptProcess, Worker, list[str], FakeClock]:
 
 def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault() -> None:
     found: list[str] = []
-    answer = message(Kind.ANSWER, 1, values_to(frame()))
+    answer = message(MessageKind.ANSWER, 1, values_to(frame()))
     script, worker, faults, _ = asked(answer)
     script.ask(b"first", lambda values: found.append("first"))
     script.ask(b"second", lambda values: found.append("second"))  # the first was not told yet
     script._listen(worker)  # type: ignore[arg-type]
     assert found == ["second"] and faults == ["its script has ended"]
-    script, worker, faults, _ = asked(message(Kind.ANSWER, 7, values_to(frame())))
+    script, worker, faults, _ = asked(message(MessageKind.ANSWER, 7, values_to(frame())))
     script.ask(b"first", lambda values: found.append("wrong"))
     script._listen(worker)  # type: ignore[arg-type]
     assert found == ["second"] and faults == ["its script spoke without being asked"]
@@ -273,7 +275,7 @@ def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once() -> None:
     assert not script.is_overdue(clock.now())
     clock.now_s += 0.002
     assert script.is_overdue(clock.now()) and not script.is_overdue(clock.now())
-    assert worker.stdin.getvalue()[4:7] == bytes([Kind.HAPTICS, 1, 0])
+    assert worker.stdin.getvalue()[4:7] == bytes([MessageKind.HAPTICS, 1, 0])
     assert FAULTS_WITHIN_S == 60.0
 
 
@@ -297,7 +299,7 @@ def test_a_device_that_is_muted_is_silent_at_once_and_only_it() -> None:
     client = Told()
     for gains in ({}, {2: 0.5}, {2: 0.0}, {2: 0.0, 3: 1.0}, {2: 0.5}, {2: 0.0}):
         client.show(LiveFrame(0.0, [], gains))
-    muted = [("void", EVERY_DEVICE), ("void", 2), (Kind.PAUSE, 2), "show"]
+    muted = [("void", EVERY_DEVICE), ("void", 2), (MessageKind.PAUSE, 2), "show"]
     assert client.order == ["show", "show", *muted, "show", "show", *muted]
 
 
@@ -307,7 +309,7 @@ def test_a_pause_of_one_device_leaves_the_others_and_buys_no_time() -> None:
     session.host._lanes[2] = other.lane
     session.stream(0.1)
     other.lane.feed(frame())
-    session.hear(Kind.PAUSE, 1)
+    session.hear(MessageKind.PAUSE, 1)
     run([session.played, other], 0.1)
     assert not session.played.port.is_loud() and other.port.is_loud()
     assert session.host._patience_s == HEARTBEAT_S

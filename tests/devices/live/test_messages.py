@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from hfx_blender.devices.live.messages import (
     MAX_BODY,
-    Kind,
     Message,
     MessageError,
+    MessageKind,
     json_from,
     json_to,
     message,
@@ -28,7 +28,7 @@ from hfx_blender.devices.live.messages import (
 
 @given(
     st.lists(
-        st.tuples(st.sampled_from(Kind), st.integers(0, 65535), st.binary(max_size=300)),
+        st.tuples(st.sampled_from(MessageKind), st.integers(0, 65535), st.binary(max_size=300)),
         max_size=5,
     )
 )
@@ -50,7 +50,7 @@ def test_any_bytes_are_messages_or_refused(data):
 
 
 def test_a_message_that_breaks_off_is_the_end():
-    whole = message(Kind.VALUES, 1, b"12345678")
+    whole = message(MessageKind.VALUES, 1, b"12345678")
     for length in range(len(whole)):
         assert read_message(io.BytesIO(whole[:length])) is None
 
@@ -60,11 +60,11 @@ def test_a_length_beyond_the_bound_is_refused_before_anything_is_read():
     with pytest.raises(MessageError, match="allowed are"):
         read_message(io.BytesIO(head))
     with pytest.raises(MessageError):
-        message(Kind.VALUES, 0, bytes(MAX_BODY + 1))
+        message(MessageKind.VALUES, 0, bytes(MAX_BODY + 1))
 
 
 def test_a_kind_that_nobody_knows_is_refused():
-    assert 200 not in list(Kind)
+    assert 200 not in list(MessageKind)
     with pytest.raises(MessageError, match="unknown kind 200"):
         read_message(io.BytesIO(b"\0\0\0\0\xc8\0\0"))
 

@@ -35,9 +35,9 @@ from hfx_blender.devices.live.live_frame import (
 )
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
-    Kind,
     Message,
     MessageError,
+    MessageKind,
     json_to,
     pack,
     values_from,
@@ -213,8 +213,8 @@ def test_one_device_that_cannot_be_rendered_now_is_told_and_the_others_are(
 
     monkeypatch.setattr(renderers._rendered[1].renderer, "ahead", broken)
     one, other = renderers.answers(live_frame_to(moment(), places()))
-    assert one[4] == Kind.FAULT and one[7:] == b"of somebody's"
-    assert other[4] == Kind.ANSWER
+    assert one[4] == MessageKind.FAULT and one[7:] == b"of somebody's"
+    assert other[4] == MessageKind.ANSWER
 
 
 def test_what_renders_ends_with_the_output_process():
@@ -236,44 +236,48 @@ def test_what_comes_is_told_after_its_scene_and_again_to_who_is_started_anew(
     worker: Any = object()
     monkeypatch.setattr(asked, "_start", lambda: setattr(asked, "_process", worker))
 
-    def told() -> list[tuple[Kind, bytes]]:
+    def told() -> list[tuple[MessageKind, bytes]]:
         """All that is told until there is nothing left."""
         found = []
         while asked._scene or asked._moment or asked._told < len(asked._lookahead):
             asked._deadline_s = None
             content = asked._next(worker)
             assert content is not None
-            found.append((Kind(content[4]), content[7:]))
+            found.append((MessageKind(content[4]), content[7:]))
         return found
 
-    keyed = [(Kind.KEYED_SCENE, b"scene"), (Kind.KEYED_BLOCK, b"1"), (Kind.KEYED_BLOCK, b"2")]
+    keyed = [
+        (MessageKind.KEYED_SCENE, b"scene"),
+        (MessageKind.KEYED_BLOCK, b"1"),
+        (MessageKind.KEYED_BLOCK, b"2"),
+    ]
     asked.describe(b"first")
     for each in keyed[:2]:
         asked.add_lookahead(*each)
-    assert told() == [(Kind.SCENE, b"first"), *keyed[:2]]
+    assert told() == [(MessageKind.SCENE, b"first"), *keyed[:2]]
     asked.add_lookahead(*keyed[2])
     asked.show(b"now", {})
-    assert told() == [(Kind.MOMENT, b"now"), keyed[2]]  # who plays does not wait
+    assert told() == [(MessageKind.MOMENT, b"now"), keyed[2]]  # who plays does not wait
     asked._process = None
     asked.revive()
-    assert told() == [(Kind.SCENE, b"first"), *keyed]
-    asked.add_lookahead(Kind.KEYED_SCENE, b"edited")
+    assert told() == [(MessageKind.SCENE, b"first"), *keyed]
+    asked.add_lookahead(MessageKind.KEYED_SCENE, b"edited")
     asked._process = None
     asked.revive()
-    assert told() == [(Kind.SCENE, b"first"), (Kind.KEYED_SCENE, b"edited")]
+    assert told() == [(MessageKind.SCENE, b"first"), (MessageKind.KEYED_SCENE, b"edited")]
     asked.describe(b"second")
-    assert told() == [(Kind.SCENE, b"second")]
+    assert told() == [(MessageKind.SCENE, b"second")]
 
 
 def test_another_scene_ends_the_lookahead_of_the_one_before() -> None:
     body = scene_to(SceneMessage(HEADER, BODY, (worn(BAND),)))
-    first, _ = taken(Message(Kind.SCENE, EVERY_DEVICE, body), None)
+    first, _ = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), None)
     assert first is not None
-    assert taken(Message(Kind.KEYED_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
-    second, faults = taken(Message(Kind.SCENE, EVERY_DEVICE, body), first)
+    assert taken(Message(MessageKind.KEYED_BLOCK, EVERY_DEVICE, b"nonsense"), first) == (first, [])
+    second, faults = taken(Message(MessageKind.SCENE, EVERY_DEVICE, body), first)
     assert second is not first and not faults
     assert first.lookahead._is_closed
-    assert taken(Message(Kind.MOMENT, EVERY_DEVICE, b""), None) == (None, [])
+    assert taken(Message(MessageKind.MOMENT, EVERY_DEVICE, b""), None) == (None, [])
 
 
 def loud(log: Path) -> bool:
@@ -391,11 +395,13 @@ def test_each_answer_brings_back_what_was_asked_and_what_was_forgotten_is_not_as
 def test_a_scene_that_is_none_is_everybodys_fault(asked: Asked) -> None:
     asked.process.describe(b"nonsense")
     asked.until(lambda: asked.told)
-    assert asked.told[0].kind is Kind.FAULT and asked.told[0].device == EVERY_DEVICE
+    assert asked.told[0].kind is MessageKind.FAULT and asked.told[0].device == EVERY_DEVICE
 
 
-@pytest.mark.parametrize(("kind", "after_s"), [(Kind.SCENE, 60.0), (Kind.MOMENT, 0.25)])
-def test_one_that_does_not_answer_in_time_is_ended(kind: Kind, after_s: float) -> None:
+@pytest.mark.parametrize(
+    ("kind", "after_s"), [(MessageKind.SCENE, 60.0), (MessageKind.MOMENT, 0.25)]
+)
+def test_one_that_does_not_answer_in_time_is_ended(kind: MessageKind, after_s: float) -> None:
     class Worker:
         is_killed = False
 
@@ -407,7 +413,7 @@ def test_one_that_does_not_answer_in_time_is_ended(kind: Kind, after_s: float) -
     clock, worker = FakeClock(), Worker()
     process = RenderProcess(lambda *_: None, lambda text: None, clock)
     process._process = worker  # type: ignore[assignment]
-    if kind is Kind.SCENE:
+    if kind is MessageKind.SCENE:
         process.describe(b"scene")
     else:
         process.show(b"moment", {})

@@ -20,10 +20,10 @@ from hfx_blender.devices.live.transports.websocket import WebSocket, _parsed
 
 def test_a_frame_of_another_version_is_dropped_however_intact():
     def framed(version: int) -> bytes:
-        content = struct.pack("<BBH", version, wire.Kind.STOP, 3)
+        content = struct.pack("<BBH", version, wire.FrameKind.STOP, 3)
         return wire.cobs(content + struct.pack("<I", zlib.crc32(content)))
 
-    assert wire.parsed(framed(wire.VERSION)) == wire.Frame(wire.Kind.STOP, 3, b"")
+    assert wire.parsed(framed(wire.VERSION)) == wire.Frame(wire.FrameKind.STOP, 3, b"")
     assert wire.parsed(framed(wire.VERSION + 1)) is None
 
 

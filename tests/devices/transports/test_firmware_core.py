@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.devices.live import wire
-from hfx_blender.devices.live.wire import Kind, Reason
+from hfx_blender.devices.live.wire import FrameKind, Reason
 from hfx_blender.maintenance.bench.firmware_core import Board, built, compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -30,18 +30,18 @@ def board(library):
 
 def configured(board, session=1, maximum_on_ms=0, channels=6, rest_ms=0):
     payload = wire.configuration(session, channels, maximum_on_ms, rest_ms)
-    board.take(wire.frame(Kind.CONFIGURE, 0, payload))
+    board.take(wire.frame(FrameKind.CONFIGURE, 0, payload))
     return zlib.crc32(payload)
 
 
 def play(board, crc, levels=LOUD, sequence=1, live_ms=250):
-    board.take(wire.frame(Kind.VALUES, sequence, wire.values(crc, levels, live_ms)))
+    board.take(wire.frame(FrameKind.VALUES, sequence, wire.values(crc, levels, live_ms)))
 
 
 def test_a_board_answers_its_configuration_and_plays(board):
     crc = configured(board)
     (answer,) = board.replies()
-    assert answer.kind == Kind.READY and wire.ready(answer.payload) == (crc, 6)
+    assert answer.kind == FrameKind.READY and wire.ready(answer.payload) == (crc, 6)
     assert board.levels == SILENT
     play(board, crc)
     assert board.levels == LOUD and board.replies() == []
@@ -79,7 +79,7 @@ def test_the_dead_man_silences_after_250_ms_and_only_a_new_configuration_wakes(b
 def test_no_host_can_lengthen_the_dead_man(board):
     payload = struct.pack("<IBHI", 1, 6, 5000, 0)
     assert len(payload) == len(wire.configuration(1, 6, 0))
-    board.take(wire.frame(Kind.CONFIGURE, 0, payload))
+    board.take(wire.frame(FrameKind.CONFIGURE, 0, payload))
     play(board, zlib.crc32(payload), live_ms=65535)
     board.wait(249)
     assert board.levels == LOUD
@@ -103,7 +103,7 @@ def test_stop_is_always_taken_and_disarms(board):
     crc = configured(board)
     play(board, crc, sequence=500)
     board.replies()
-    board.take(wire.frame(Kind.STOP, 3))  # an old number does not matter
+    board.take(wire.frame(FrameKind.STOP, 3))  # an old number does not matter
     assert board.levels == SILENT
     assert [wire.stopped(each.payload) for each in board.replies()] == [Reason.ASKED]
     play(board, crc, sequence=501)
@@ -113,14 +113,14 @@ def test_stop_is_always_taken_and_disarms(board):
 def test_stop_passes_a_frame_that_was_cut_off(board):
     crc = configured(board)
     play(board, crc)
-    half = wire.frame(Kind.VALUES, 2, wire.values(crc, LOUD))[:11]
-    board.take(half + wire.frame(Kind.STOP, 3))
+    half = wire.frame(FrameKind.VALUES, 2, wire.values(crc, LOUD))[:11]
+    board.take(half + wire.frame(FrameKind.STOP, 3))
     assert board.levels == SILENT
 
 
 def test_a_frame_of_another_version_is_not_taken(board):
     crc = configured(board)
-    content = struct.pack("<BBH", wire.VERSION + 1, Kind.VALUES, 1) + wire.values(crc, LOUD)
+    content = struct.pack("<BBH", wire.VERSION + 1, FrameKind.VALUES, 1) + wire.values(crc, LOUD)
     board.take(wire.cobs(content + struct.pack("<I", zlib.crc32(content))) + b"\0")
     assert board.levels == SILENT
 
@@ -205,7 +205,7 @@ def test_nothing_but_time_empties_the_account_of_time_on(board, between):
         if between == "silence":
             player.play(SILENT, 10)
         elif between == "stop":
-            board.take(wire.frame(Kind.STOP, 0))
+            board.take(wire.frame(FrameKind.STOP, 0))
             assert board.levels == SILENT
             player.configure()
         elif between == "configure":
@@ -226,7 +226,7 @@ def test_a_stop_buys_no_time(board):
     player = Player(board, maximum_on_ms=1000, rest_ms=500)
     for _ in range(60):
         player.play(ON, 90)
-        board.take(wire.frame(Kind.STOP, 0))
+        board.take(wire.frame(FrameKind.STOP, 0))
         player.configure()
     assert player.longest_ms <= 1000
     assert player.on_ms <= 1000 + 2 * (player.all_ms - player.on_ms)
@@ -286,7 +286,7 @@ def test_no_order_of_things_is_on_for_more_than_its_share(library, told, maximum
     for levels, ms, then in told:
         player.play(levels, ms)
         if then == "stop":
-            board.take(wire.frame(Kind.STOP, 0))
+            board.take(wire.frame(FrameKind.STOP, 0))
         if then == "restart":
             board.begin_again()
         if then or levels is None:
@@ -340,7 +340,7 @@ def test_any_stuffed_bytes_are_understood_as_python_does(library, content):
     board = Board(library)
     board.take(content + b"\0")
     found = wire.parsed(content)
-    if found is None or found.kind not in (Kind.STOP, Kind.VALUES, Kind.CONFIGURE):
+    if found is None or found.kind not in (FrameKind.STOP, FrameKind.VALUES, FrameKind.CONFIGURE):
         assert board.replies() == []
 
 
@@ -358,7 +358,7 @@ def test_any_intact_frame_is_taken_without_a_crash(library, kind, sequence, payl
 def test_values_with_one_changed_bit_are_not_played(library):
     board = Board(library)
     crc = configured(board)
-    sent = wire.frame(Kind.VALUES, 1, wire.values(crc, LOUD))
+    sent = wire.frame(FrameKind.VALUES, 1, wire.values(crc, LOUD))
     for bit in range(8, 8 * len(sent) - 8):  # not of the zeros at both ends
         changed = bytearray(sent)
         changed[bit // 8] ^= 1 << bit % 8

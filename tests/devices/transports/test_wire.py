@@ -42,7 +42,7 @@ def test_a_frame_is_found_behind_any_garbage(kind, sequence, payload, garbage):
 
 @given(st.binary(min_size=1, max_size=70), st.data())
 def test_one_changed_bit_is_a_lost_frame(payload, data):
-    sent = bytearray(wire.frame(wire.Kind.VALUES, 7, payload))
+    sent = bytearray(wire.frame(wire.FrameKind.VALUES, 7, payload))
     bit = data.draw(st.integers(8, 8 * len(sent) - 9))  # not of the zeros at both ends
     sent[bit // 8] ^= 1 << bit % 8
     assert wire.Receiver().take(bytes(sent) + b"\0") == []
@@ -50,8 +50,8 @@ def test_one_changed_bit_is_a_lost_frame(payload, data):
 
 def test_what_is_too_long_is_skipped_up_to_the_next_zero():
     receiver = wire.Receiver()
-    stop = wire.frame(wire.Kind.STOP, 1)
-    assert receiver.take(b"\x01" * 10_000 + stop)[0].kind == wire.Kind.STOP
+    stop = wire.frame(wire.FrameKind.STOP, 1)
+    assert receiver.take(b"\x01" * 10_000 + stop)[0].kind == wire.FrameKind.STOP
     assert len(receiver._waiting) == 0
 
 
@@ -62,4 +62,4 @@ def test_payloads_are_these_bytes():
 
 def test_the_largest_frame_fits():
     payload = wire.values(0xFFFFFFFF, [0xFFFF] * wire.MAX_CHANNELS)
-    assert len(wire.frame(wire.Kind.VALUES, 1, payload)) - 2 <= wire.MAX_FRAME
+    assert len(wire.frame(wire.FrameKind.VALUES, 1, payload)) - 2 <= wire.MAX_FRAME

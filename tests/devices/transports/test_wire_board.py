@@ -148,5 +148,5 @@ def test_a_stalled_port_is_stopped_as_soon_as_it_is_read_again(board, terminal):
         output.send(HALF)
     output.stop()
     found = wire.Receiver().take(terminal.read(wait_s=0.1, least=1 << 20))
-    assert [each.kind for each in found[-3:]] == [wire.Kind.STOP] * 3
+    assert [each.kind for each in found[-3:]] == [wire.FrameKind.STOP] * 3
     output.close()

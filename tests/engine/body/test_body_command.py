@@ -15,9 +15,8 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.console import Console
-from hfx_blender.engine.body import levels
 from hfx_blender.errors import HfxError, InputError, UsageError
-from hfx_blender.maintenance.body_building import build, variant_models
+from hfx_blender.maintenance.body_building import build, level_files, variant_models
 from hfx_blender.maintenance.commands import body
 
 
@@ -127,7 +126,7 @@ def test_levels_are_made_for_the_models_of_a_folder(own: Path, tmp_path: Path) -
         "vibration: 2 levels",
         "temperature: no levels",
     ]
-    stored, made = levels.read_levels(tmp_path / "pressure-levels.npz")
+    stored, made = level_files.read_levels(tmp_path / "pressure-levels.npz")
     assert stored[0] == "hfx-pressure-1" and len(made) == 2
     with pytest.raises(InputError, match=r"manifest\.json: there is no such file"):
         run("build", "--levels", "-o", tmp_path / "nowhere")

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from hfx_blender import resources
-from hfx_blender.engine.body import levels, model
-from hfx_blender.engine.body.nearest import locate
+from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import RIGHT
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.body_building import level_files
 from hfx_blender.maintenance.body_building import levels as making
+from hfx_blender.maintenance.body_building.nearest_places import locate
 
 FINE = ("hfx-pressure-1", "hfx-vibration-1")
 FLIP = np.array((-1.0, 1.0, 1.0), np.float32)
@@ -29,7 +30,7 @@ def pair(
     request: pytest.FixtureRequest,
 ) -> tuple[model.PerceptualModel, model.PerceptualModel, np.ndarray, int]:
     identity, level = request.param
-    return model.load_model(identity), *levels.load_level(identity, level), level
+    return model.load_model(identity), *level_files.load_level(identity, level), level
 
 
 Pair = tuple[model.PerceptualModel, model.PerceptualModel, np.ndarray, int]
@@ -100,27 +101,27 @@ def test_a_level_says_that_its_ids_are_its_own(pair: Pair) -> None:
 
 
 def test_level_0_is_the_model_and_temperature_has_no_other() -> None:
-    same, coarse_of = levels.load_level("hfx-temperature-1", 0)
+    same, coarse_of = level_files.load_level("hfx-temperature-1", 0)
     assert same is model.load_model("hfx-temperature-1")
     assert np.array_equal(coarse_of, np.arange(len(same)))
-    assert levels.level_count(same) == 0
-    assert levels.level_count(model.load_model("hfx-pressure-1")) == 2
+    assert level_files.level_count(same) == 0
+    assert level_files.level_count(model.load_model("hfx-pressure-1")) == 2
     for identity, level, there in (("hfx-temperature-1", 1, 0), ("hfx-pressure-1", 3, 2)):
         with pytest.raises(InputError, match=f"has levels 0 to {there}, not {level}"):
-            levels.load_level(identity, level)
+            level_files.load_level(identity, level)
 
 
 def test_a_level_of_a_model_on_an_avatar_is_on_that_avatar() -> None:
     fine = model.load_model("hfx-pressure-1")
     tall = replace(fine, vertices=2.0 * fine.vertices)
-    coarse, _ = levels.at_level(tall, 2)
-    assert np.array_equal(coarse.vertices, 2.0 * levels.load_level(fine.id, 2)[0].vertices)
+    coarse, _ = level_files.at_level(tall, 2)
+    assert np.array_equal(coarse.vertices, 2.0 * level_files.load_level(fine.id, 2)[0].vertices)
 
 
 def test_levels_load_without_scipy() -> None:
     script = (
         "import sys; sys.modules['scipy'] = None\n"
-        "from hfx_blender.engine.body.levels import load_level\n"
+        "from hfx_blender.maintenance.body_building.level_files import load_level\n"
         "from hfx_blender.engine.body.cells import cell_of_skin\n"
         "from hfx_blender.engine.body.model import load_model\n"
         "print(len(load_level('hfx-pressure-1', 1)[0]))\n"
@@ -144,7 +145,7 @@ def test_levels_are_made_the_same_twice_and_only_where_they_help(tmp_path: Path)
     first = path.read_bytes()
     making.save(fine, tmp_path)
     assert path.read_bytes() == first
-    owner, made = levels.read_levels(path)
+    owner, made = level_files.read_levels(path)
     assert owner == (fine.id, fine.content_hash)
     assert [len(each.vertices) for each in made] == pytest.approx([19210 / 4, 19210 / 16], rel=0.02)
     assert making.save(model.load_model("hfx-temperature-1"), tmp_path) == 0
@@ -171,4 +172,4 @@ def test_missing_or_broken_levels_are_told(
     change(tmp_path / "pressure-levels.npz")
     monkeypatch.setattr("hfx_blender.resources.body_models", lambda: tmp_path)
     with pytest.raises(InputError, match=message):
-        levels.at_level(fine, 1)
+        level_files.at_level(fine, 1)

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body import mesh_edges, nearest
+from hfx_blender.engine.body import mesh_edges
 from hfx_blender.maintenance.body_building import mesh_edit
+from hfx_blender.maintenance.body_building.nearest_places import locate
 
 
 def cloud(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +112,7 @@ def test_the_nearest_place_is_found_as_by_trying_everything() -> None:
     points, triangles = cloud(3, 40)
     surface = points + np.random.default_rng(4).normal(scale=0.02, size=points.shape)
     asked = np.random.default_rng(5).uniform(-0.8, 0.8, (200, 3)) * (1, 1, 0.05)
-    triangle, weights, _ = nearest.locate(asked, surface, triangles)
+    triangle, weights, _ = locate(asked, surface, triangles)
     found = np.einsum("ij,ijk->ik", weights, surface[triangles[triangle]])
     assert weights.min() >= 0.0 and weights.sum(axis=1) == pytest.approx(1.0)
     shares = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12.0

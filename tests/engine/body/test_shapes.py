@@ -19,6 +19,7 @@ from hfx_blender.engine.retargeting.pose import matrices, posed
 from hfx_blender.engine.retargeting.shapes import ShapeFields
 from hfx_blender.engine.retargeting.surface import TargetSurface
 from hfx_blender.errors import InputError
+from hfx_blender.maintenance.body_building.shape_file import save
 
 
 def test_the_shipped_fields_are_the_avatars_symmetric_and_largest_first() -> None:
@@ -76,7 +77,7 @@ def test_saved_fields_are_read_again_within_their_eight_bits(tmp_path: Path) -> 
     mirror = np.array([1, 0, 2, 4, 3])
     half = rng.normal(size=(3, 5, 3))
     fields = half + half[:, mirror] * (-1.0, 1.0, 1.0)
-    shapes.save(ShapeFields(fields), mirror, tmp_path / "shapes.npz")
+    save(ShapeFields(fields), mirror, tmp_path / "shapes.npz")
     again = shapes.read(tmp_path / "shapes.npz").fields
     step = np.abs(fields).max(axis=(1, 2), keepdims=True) / 127.0
     assert (np.abs(again - fields) <= 0.5 * step + 1e-6).all()

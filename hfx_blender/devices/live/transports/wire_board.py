@@ -72,13 +72,13 @@ class WireBoard:
             return
         levels = self._channels.whole(self._channels.values(values), wire.FULL_SCALE)
         payload = wire.values(self._crc, [int(each) for each in levels])
-        self._port.write_newest(self._frame(wire.Kind.VALUES, payload))
+        self._port.write_newest(self._frame(wire.FrameKind.VALUES, payload))
 
     def stop(self) -> None:
         """Stop the board, before anything that waits; it then takes no values."""
         self._is_stopped, self._is_ready = True, False
         with suppress(OutputLostError):
-            frames = [self._frame(wire.Kind.STOP) for _ in range(STOPS)]
+            frames = [self._frame(wire.FrameKind.STOP) for _ in range(STOPS)]
             self._port.write_first(b"".join(frames))
 
     def close(self) -> None:
@@ -102,13 +102,13 @@ class WireBoard:
             raise OutputLostError(f"The board at {self._name} does not answer; is it ours?")
         if now >= self._asked_s + _RETRY_S:
             self._asked_s = now
-            self._port.write_newest(self._frame(wire.Kind.CONFIGURE, self._configuration))
+            self._port.write_newest(self._frame(wire.FrameKind.CONFIGURE, self._configuration))
 
     def _listen(self) -> None:
         for each in self._receiver.take(self._port.read()):
-            if each.kind == wire.Kind.READY:
+            if each.kind == wire.FrameKind.READY:
                 self._understand_ready(each.payload)
-            elif each.kind == wire.Kind.STOPPED and self._is_ready:
+            elif each.kind == wire.FrameKind.STOPPED and self._is_ready:
                 if wire.stopped(each.payload) == wire.Reason.NO_VALUES:
                     told = f"it got no values for {wire.DEAD_MAN_MS} ms"
                 else:
@@ -126,7 +126,7 @@ class WireBoard:
             )
         self._is_ready = True
 
-    def _frame(self, kind: wire.Kind, payload: bytes = b"") -> bytes:
+    def _frame(self, kind: wire.FrameKind, payload: bytes = b"") -> bytes:
         self._sequence = (self._sequence + 1) & 0xFFFF
         return wire.frame(kind, self._sequence, payload)
 

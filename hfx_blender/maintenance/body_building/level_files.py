@@ -12,11 +12,11 @@ from typing import Final
 
 import numpy as np
 
+from ...engine.arrays import I32
+from ...engine.body import library
+from ...engine.body.mesh_edges import expand
+from ...engine.body.model import PerceptualModel, SkinWeights, load_model
 from ...errors import InputError
-from ..arrays import I32
-from . import library
-from .mesh_edges import expand
-from .model import PerceptualModel, SkinWeights, load_model
 
 LEVELS_FILE: Final = "{modality}-levels.npz"
 
