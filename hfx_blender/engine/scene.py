@@ -51,12 +51,16 @@ class TimeBase:
 
     def frame(self, index: int) -> Fraction:
         """Exact frame of a sample; not a whole number at a sub-frame."""
-        return self.frame_first + Fraction(index) * self.fps / self.rate_hz
+        return self.frame_first + Fraction(index) * self._frames_per_sample
 
     def times_s(self, indices: I64) -> F64:
         """Seconds since ``scene_start`` of the samples with these indices."""
         start_s, rate_hz = self._in_floats
         return start_s + np.asarray(indices, np.float64) / rate_hz
+
+    @cached_property
+    def _frames_per_sample(self) -> Fraction:
+        return self.fps / self.rate_hz
 
     @cached_property
     def _in_floats(self) -> tuple[float, float]:
