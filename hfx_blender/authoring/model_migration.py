@@ -10,6 +10,7 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,6 +87,13 @@ def carried_over(
     painted = np.zeros(len(earlier.vertices))
     painted[ids] = values
     return areas.transferred(earlier, painted, load_model(model_id))
+
+
+def hindrance(model_id: str, content_hash: str) -> str:
+    """State why an area on an earlier edition was not carried over, as the end of a sentence."""
+    if f"{model_id}.{content_hash}" not in known() or find_spec("scipy") is not None:
+        return ""
+    return "; carrying it over needs the Python package scipy, which this Blender lacks"
 
 
 def update_all() -> list[str]:

@@ -64,7 +64,8 @@ def _list(options: argparse.Namespace, console: Console) -> int:
         found[name] = facts
         instead = "".join(f", {a} as {b}" for a, b in facts["instead"].items())
         plays = ", ".join(facts["plays"])
-        console.say(f"{name:<{width}} {facts['actuators']:>4} actuators  {plays}{instead}")
+        unit = "actuator " if facts["actuators"] == 1 else "actuators"
+        console.say(f"{name:<{width}} {facts['actuators']:>4} {unit}  {plays}{instead}")
     console.result(found)
     return 0
 

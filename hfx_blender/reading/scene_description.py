@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import __version__, compat
-from ..authoring import effect_values, effects
+from ..authoring import effect_values, effects, model_migration
 from ..authoring.effect_values import Shapes
 from ..avatars import avatar_meshes, body_binding
 from ..engine.body.model import load_model
@@ -411,7 +411,8 @@ def _painted_area(
     if hfx.model_hash != model.content_hash:
         raise InputError(
             f"Effect '{effect.name}' was painted on another edition of '{wanted}' "
-            f"({hfx.model_hash[:12]}, this is {model.content_hash[:12]})."
+            f"({hfx.model_hash[:12]}, this is {model.content_hash[:12]})"
+            f"{model_migration.hindrance(wanted, hfx.model_hash)}."
         )
     checked = effects.checked_area(effect.name, vertices, weights, len(model))
     if not len(checked[0]):

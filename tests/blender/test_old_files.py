@@ -8,6 +8,7 @@ heartbeat painted on the left palm, a capsule of fire with a clip, a box that vi
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,19 @@ def test_it_is_exported(first: Any, tmp_path: Path) -> None:
     felt = {each["effect"]: each["seconds"] for each in report["felt"]}
     assert all(felt[name] > 0.0 for name in ("Touch", "Fire", "Buzz")), felt
     assert not report["warnings"]
+
+
+def test_without_scipy_the_report_says_what_is_missing(
+    registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("scipy", "scipy.spatial"):
+        monkeypatch.setitem(sys.modules, name, None)
+    bpy.ops.wm.open_mainfile(filepath=str(FIRST))
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end, scene.hfx.rate = 12, 13, 25.0
+    bpy.ops.hfx.export(filepath=str(tmp_path / "old.hfxtrack"), formats={"track"})
+    (warning,) = json.loads((tmp_path / "old.report.json").read_text())["warnings"]
+    assert "'Touch'" in warning and "scipy, which this Blender lacks" in warning
 
 
 def test_only_editions_that_were_are_known() -> None:

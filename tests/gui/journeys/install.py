@@ -145,8 +145,10 @@ def steps(h: Any) -> Iterator[float]:
     bpy.ops.preferences.addon_enable(module=MODULE)
     yield 0.5
     again = traces()
-    different = {key for key in on if key != "files" and sorted(on[key]) != sorted(again[key])}
+    different = {key for key in on if key not in kept and sorted(on[key]) != sorted(again[key])}
     h.check(not different, f"switched on again, all is as before: {different}")
+    lost = set(on["modules"]) - set(again["modules"])  # more may come: some are imported late
+    h.check(not lost, f"with its modules: {lost}")
 
     yield from drop(h, extension, "4_upgrade.png")
     yield from h.until(lambda: version() not in ("", "0.0.1"), "upgraded", 90)
