@@ -293,7 +293,8 @@ def _check_accessor(
     report: Report,
 ) -> None:
     """Check an accessor's numbers, where they lie, and those that a sparse one replaces."""
-    kind, count = accessor.get("componentType"), accessor.get("count")
+    kind: Any = accessor.get("componentType")
+    count: Any = accessor.get("count")
     width = _COMPONENTS.get(kind, 0) if type(kind) is int else 0
     item = width * _TYPES.get(str(accessor.get("type")), 0)
     if not item or not _is_count(count) or count < 1:
@@ -304,8 +305,9 @@ def _check_accessor(
         if not refers(of.get("bufferView"), "bufferViews", place):
             return
         view = lists["bufferViews"][of["bufferView"]]
-        start, stride = of.get("byteOffset", 0), view.get("byteStride", size)
-        length = view.get("byteLength")
+        start: Any = of.get("byteOffset", 0)
+        stride: Any = view.get("byteStride", size)
+        length: Any = view.get("byteLength")
         if not _is_count(start) or not _is_count(stride) or not _is_count(length):
             report.error("ACCESSOR", place, "its offset is no whole number")
         elif start + (items - 1) * stride + size > length:
@@ -317,8 +319,10 @@ def _check_accessor(
         report.error("ACCESSOR", place, f"{count} items of {item} bytes, none in the file")
     if "sparse" in accessor:
         sparse = accessor["sparse"] if isinstance(accessor["sparse"], dict) else {}
-        replaced, indices, values = (sparse.get(key) for key in ("count", "indices", "values"))
-        index_kind = indices.get("componentType") if isinstance(indices, dict) else None
+        replaced: Any = sparse.get("count")
+        indices: Any = sparse.get("indices")
+        values: Any = sparse.get("values")
+        index_kind: Any = indices.get("componentType") if isinstance(indices, dict) else None
         is_sound = _is_count(replaced) and 1 <= replaced <= count and isinstance(values, dict)
         if not is_sound or type(index_kind) is not int or index_kind not in _INDEX_KINDS:
             report.error("ACCESSOR", place, "its 'sparse' has a wrong count, indices or values")
@@ -329,13 +333,14 @@ def _check_accessor(
 
 def _highest(accessor: dict[str, Any], lists: dict[str, list[Any]], binary: bytes) -> int:
     """Highest index in an accessor of the file's own buffer; -1 where there is none to see."""
-    kind, view = accessor.get("componentType"), accessor.get("bufferView")
+    kind: Any = accessor.get("componentType")
+    view: Any = accessor.get("bufferView")
     if type(kind) is not int or kind not in _INDEX_KINDS or not _is_count(view):
         return -1
     if view >= len(lists["bufferViews"]) or lists["bufferViews"][view].get("buffer") != 0:
         return -1
     starts = lists["bufferViews"][view].get("byteOffset", 0), accessor.get("byteOffset", 0)
-    count = accessor.get("count")
+    count: Any = accessor.get("count")
     if not all(map(_is_count, (*starts, count))) or not count or "uri" in lists["buffers"][0]:
         return -1
     if sum(starts) + count * _COMPONENTS[kind] > len(binary):
