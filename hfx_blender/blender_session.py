@@ -111,6 +111,20 @@ def inside_blender() -> bool:
     return bpy is not None and bool(bpy.app.binary_path)  # app.module is not there before 4.5
 
 
+def refuse_name(path: Path) -> None:
+    """Refuse a path that Blender, a report and a track cannot name.
+
+    Raises
+    ------
+    InputError
+        It is not UTF-8.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{path}: its name is not UTF-8, as allowed; rename it.") from None
+
+
 def open_blend(path: Path) -> None:
     """Open a .blend. No script, driver or handler of the file is run.
 
@@ -119,6 +133,7 @@ def open_blend(path: Path) -> None:
     InputError
         It is missing, is not a .blend, or Blender cannot read it.
     """
+    refuse_name(path)
     bpy = start()
     if not path.is_file():
         found = "it is a folder" if path.is_dir() else "there is no such file"

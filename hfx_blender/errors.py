@@ -28,6 +28,10 @@ class InputError(HfxError):
     """Error in a file or a scene that cannot be used as it is; nothing was written for it."""
 
 
+class NothingFeltError(InputError):
+    """Error of a format that cannot hold a track in which nothing is felt."""
+
+
 class OutputError(HfxError):
     """Error in writing a result (unwritable folder, full disk)."""
 

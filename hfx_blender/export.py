@@ -32,7 +32,7 @@ from .engine.track import SUFFIX, TrackReader
 from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
-from .errors import InputError
+from .errors import InputError, NothingFeltError
 from .export_devices import formats_without
 from .export_report import (
     REPORT_SUFFIX,
@@ -289,7 +289,7 @@ class SceneExport:
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         if settings.strict:
-            _refuse((*recorded.warnings, *silent, *written.left_out))
+            _refuse((*recorded.warnings, *rendered.warnings, *silent, *written.left_out))
         new = {path.name for path in written.files}
         earlier = [
             path for path in stale_files(folder, stem.name, silenced) if path.name not in new
@@ -304,6 +304,7 @@ class SceneExport:
                 (
                     *self._warnings,
                     *recorded.warnings,
+                    *rendered.warnings,
                     *silent,
                     *written.left_out,
                 )
@@ -364,6 +365,7 @@ def _write_clips(
     if not found:
         raise InputError("There are no clips to write one by one: no effect has a named clip.")
     written = Written()
+    told: list[str] = []
     for named in found:
         part = beside(stem, named.name)
         path = part.with_name(part.name + SUFFIX)
@@ -385,10 +387,19 @@ def _write_clips(
                 }
                 left = rendered.without(reasons)
                 return _write_clips(whole, settings, left, stem, tolerance)
-            written += Written(notes=of_clip.notes) + registry.write_all(
-                settings.formats, _named(of_clip.played), track, settings.devices, part, tolerance
-            )
-    return written, rendered
+            written += Written(notes=of_clip.notes)
+            told += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
+            played = _named(of_clip.played)
+            for name in settings.formats:
+                try:
+                    written += registry.write_all(
+                        (name,), played, track, settings.devices, part, tolerance
+                    )
+                except NothingFeltError:
+                    title = registry.TRACK_FORMATS[name].title
+                    why = f"clip '{named.name}': nothing is felt in it: no {title} for it"
+                    written += Written(left_out=(why,))
+    return written, replace(rendered, warnings=(*rendered.warnings, *told))
 
 
 def _named(

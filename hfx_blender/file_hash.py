@@ -19,6 +19,12 @@ FRAMES: Final = "<FRAMES>"
 MOST_FILES: Final = 100_000
 """Largest number of files in one folder: a .blend may name any folder there is."""
 
+FOLDER: Final = "a folder"
+"""State of a folder that stands where a file should be; what is in it does not matter."""
+
+TOO_MANY: Final = "too many files"
+"""State of a folder of more than :data:`MOST_FILES`; it never equals a later one."""
+
 _NUMBERS: Final = {FRAMES: r"\d+", "<UDIM>": r"\d{4}", "<UVTILE>": r"u\d+_v\d+"}
 
 
@@ -66,6 +72,15 @@ def state_of(path: Path) -> str | None:
         name = each.relative_to(path if path.is_dir() else path.parent).as_posix()
         sums.update(f"{sha256_of(each)} {name}\n".encode(errors="surrogateescape"))
     return sums.hexdigest()
+
+
+def holds_too_many(folder: Path) -> bool:
+    """Test a path for a folder of more than :data:`MOST_FILES`."""
+    try:
+        _files_in(folder)  # none, where it is no folder
+    except InputError:
+        return True
+    return False
 
 
 def _files_in(folder: Path) -> list[Path]:

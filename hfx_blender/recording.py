@@ -87,7 +87,7 @@ class Recorded:
     def warnings(self) -> tuple[str, ...]:
         """Warnings while samples were read and evaluated, with their counts."""
         counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
-        return tuple(f"{text} ({count} times)" for text, count in counts.items())
+        return tuple(f"{text.rstrip('.')} ({count} times)" for text, count in counts.items())
 
 
 def why_in_one_go(reader: SceneReader) -> str | None:

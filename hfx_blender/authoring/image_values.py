@@ -31,7 +31,8 @@ def data_of(image: bpy.types.Image) -> F64:
     is_converted = image.is_float and not image.colorspace_settings.is_data
     if not is_converted or image.source == "GENERATED" or image.is_dirty:
         return pixels_of(image)[..., 0].astype(np.float64)
-    copy = image.copy()  # loaded again, as plain data
+    image.buffers_free()  # what it holds is loaded again where it is needed
+    copy = image.copy()  # loaded as plain data
     try:
         copy.colorspace_settings.is_data = True
         return pixels_of(copy)[..., 0].astype(np.float64)

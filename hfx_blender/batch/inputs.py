@@ -16,7 +16,7 @@ from ..devices.live.approval import script_of
 from ..engine.body.model import load_model
 from ..engine.native.library import library
 from ..errors import HfxError
-from ..file_hash import sha256_of, state_of
+from ..file_hash import FOLDER, TOO_MANY, holds_too_many, sha256_of, state_of
 from .units import Unit
 
 
@@ -49,8 +49,9 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
         files[Path(unit.input).name] = sha256_of(Path(unit.input))
         from ..reading.linked_files import linked_files  # which needs Blender
 
-        # None is a state, too: a missing file may come back.
-        files |= {name: state_of(each.path) for name, each in linked_files().items()}
+        for name, each in linked_files().items():
+            # None is a state, too: a missing file may come back.
+            files[name] = FOLDER if each.must_be and each.path.is_dir() else _state(each.path)
     return {
         "files": files,
         "devices": {name: _device_hash(name) for name in devices},
@@ -73,12 +74,22 @@ def is_still(recorded: Any, unit: Unit) -> bool:
             and recorded["tools"] == tools()
             and recorded["calibration"] == surface_calibration.load()
             and source.name in files
-            and all(state_of(_place_of(name, source)) == known for name, known in files.items())
+            and all(_has_state(_place_of(name, source), known) for name, known in files.items())
             and all(_device_hash(name) == known for name, known in recorded["devices"].items())
             and all(load_model(m).content_hash == known for m, known in recorded["models"].items())
         )
     except (KeyError, TypeError, ValueError, AttributeError, OSError, HfxError):
         return False  # not such a record, or a file has vanished
+
+
+def _state(path: Path) -> str | None:
+    return TOO_MANY if holds_too_many(path) else state_of(path)
+
+
+def _has_state(path: Path, known: str | None) -> bool:
+    if known == FOLDER:
+        return path.is_dir()
+    return known != TOO_MANY and state_of(path) == known
 
 
 def _place_of(name: str, source: Path) -> Path:

@@ -360,6 +360,8 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError("--merge: comes after all pieces, in a command without --piece")
     if options.split is not None and (options.piece is not None or options.merge):
         raise UsageError("--split: makes parts within one command; --piece K/N has pieces already")
+    for path in (*options.scenes, options.output):
+        blender_session.refuse_name(path)
     same = [stem for stem, n in Counter(path.stem for path in options.scenes).items() if n > 1]
     if same:
         raise UsageError(f"several scenes are named '{same[0]}': their results would collide")

@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from .. import file_limits
 from ..console import Console
 from ..errors import InputError, UsageError
 from . import left_out, texture_source
@@ -173,15 +174,35 @@ def _stroke_of(options: argparse.Namespace) -> Any:
         if options.start is None or options.end is None:
             raise UsageError("give --from and --to, or --path")
         path = np.array([options.start, options.end]) / 1000.0
+        _refuse_long(path, speed)
         return stroke.along(path, speed / 1000.0, options.rate)
     if options.start is not None or options.end is not None:
         raise UsageError("give --path, or --from and --to, not both")
     table = _table(options.path)
     if table.shape[1] == 2:
+        _refuse_long(table / 1000.0, speed)
         return stroke.along(table / 1000.0, speed / 1000.0, options.rate)
     if options.speed is not None:
         raise UsageError(f"{options.path} has times of its own: leave out --speed")
-    return stroke.Stroke(table[:, 0], table[:, 1:] / 1000.0)
+    made = stroke.Stroke(table[:, 0], table[:, 1:] / 1000.0)
+    _refuse_lasting(made.duration_s)
+    return made
+
+
+def _refuse_long(path_m: Any, speed_mm_s: float) -> None:
+    """Refuse a path that takes too long at a speed: :class:`TooLargeError`."""
+    import numpy as np
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
+    _refuse_lasting(1000.0 * length_m / speed_mm_s)
+
+
+def _refuse_lasting(seconds: float) -> None:
+    from ..formats.stroke_files import WAV_RATE_HZ
+
+    file_limits.SECONDS.check(seconds, "Stroke", "it lasts")
+    file_limits.MEMORY.check(8.0 * WAV_RATE_HZ * seconds, "Stroke", "its waveform would take")
 
 
 def _table(path: Path) -> Any:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from .. import blender_session
 from ..errors import InputError, UsageError
@@ -25,6 +25,21 @@ class TextureSource:
     map: HapticMap
     height: HeightField | None  # None for a map, which has none
     notes: tuple[str, ...] = ()
+
+
+_RANGES: Final = {
+    "resolution": (8, 4096, ""),
+    "seed": (0, 2**32 - 1, ""),
+    "size": (1e-3, 1e6, " mm"),
+    "height": (-1e5, 1e5, " mm"),
+    "unit": (1e-9, 1e6, " mm"),
+    "blur": (0.0, 1e4, " mm"),
+    "slope": (1e-6, 1e6, ""),
+    "amplitude": (0.0, 1e3, " g"),
+    "frequency": (0.0, 1e5, " Hz"),
+    "cutoff": (1e-3, 1e4, " mm"),
+}
+"""Ranges of the options with numbers, both ends included."""
 
 
 def add_arguments(parser: Any) -> None:
@@ -98,8 +113,7 @@ def read(options: argparse.Namespace) -> TextureSource:
     """
     from ..engine.texture.procedural import MATERIALS
 
-    if not 8 <= options.resolution <= 4096:
-        raise UsageError(f"--resolution {options.resolution}: expected 8 to 4096")
+    _check_numbers(options)
     name, path = options.source, Path(options.source)
     if name in MATERIALS:
         field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
@@ -114,6 +128,23 @@ def read(options: argparse.Namespace) -> TextureSource:
             what += f", and no library material ({', '.join(MATERIALS)})"
         raise InputError(f"{path}: {what}.")
     return _file(path, options)
+
+
+def _check_numbers(options: argparse.Namespace) -> None:
+    """Refuse numbers that no surface has, before anything is made of them.
+
+    Raises
+    ------
+    UsageError
+        It names the option, its value and the allowed ones.
+    """
+    for option, (low, high, unit) in _RANGES.items():
+        found = getattr(options, option, None)
+        if found is None:
+            continue
+        for value in found if isinstance(found, tuple) else (found,):
+            if not low <= value <= high:
+                raise UsageError(f"--{option} {value:g}: expected {low:g} to {high:g}{unit}")
 
 
 def _map(path: Path) -> TextureSource:
@@ -156,6 +187,7 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
             notes += ("the picture is the same everywhere: nothing of it is felt",)
         size_m = size[0] / 1000.0, size[1] / 1000.0
         field = from_image(grey, options.height / 1000.0, size_m, tiles=options.tiles)
+        del grey  # half a gigabyte of a large picture
     return _built(path.stem, field, None, notes, options)
 
 

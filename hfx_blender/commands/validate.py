@@ -9,6 +9,7 @@ from typing import Any
 
 from ..console import Console
 from ..errors import InputError
+from .info_report import facts_of_report, is_report
 from .largest import add_largest
 
 SOME_FAILED = 5
@@ -43,6 +44,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
 def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     from ..formats.files import validate
 
+    if is_report(path):
+        return _check_report(path, console)
     try:
         found, findings = validate(path)
     except InputError as error:
@@ -60,3 +63,24 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
         "is_valid": is_valid,
         "findings": [vars(each) for each in findings],
     }
+
+
+def _check_report(path: Path, console: Console) -> dict[str, Any]:
+    """Check an export's report, and that the files that it names are beside it."""
+    from ..formats.checking import Finding
+
+    try:
+        facts = facts_of_report(path)
+    except InputError as error:
+        console.warn(f"hfx: {error}")
+        return {"file": str(path), "format": "report", "is_valid": False, "error": str(error)}
+    findings = [
+        Finding("REPORT-FILE", f"files[{k}]", f"'{each['name']}' is {each['state']}")
+        for k, each in enumerate(facts["files"])
+        if each["state"] != "there"
+    ]
+    for each in findings:
+        console.say(f"{path}: {each}")
+    console.say(f"{path}: report of an export, {'not valid' if findings else 'valid'}")
+    found = [vars(each) for each in findings]
+    return {"file": str(path), "format": "report", "is_valid": not findings, "findings": found}

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from queue import SimpleQueue
 from typing import Final
 
@@ -60,11 +60,12 @@ class Rendered:
     played: list[Played]
     silent: Mapping[str, str] = field(default_factory=dict)  # by device: why it plays nothing
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def without(self, silent: Mapping[str, str]) -> Rendered:
         """Copy in which some devices play nothing."""
         played = [each for each in self.played if each[0].id not in silent]
-        return Rendered(played, {**self.silent, **silent}, self.notes)
+        return replace(self, played=played, silent={**self.silent, **silent})
 
     def complete(self) -> Rendered:
         """Itself, with all devices.
@@ -103,6 +104,7 @@ def rendering(
     played: list[Played] = []
     silent: dict[str, str] = {}
     notes: list[str] = []
+    warnings: list[str] = []
     for device, renderer in renderers:
         if device.id in silent:
             continue  # its reason is told once
@@ -115,13 +117,13 @@ def rendering(
                 continue
             lost = int(np.count_nonzero(~np.isfinite(answers).all(axis=1)))
             if lost:
-                notes.append(
+                warnings.append(
                     f"device '{device.id}': its script gave no number at {lost} of "
                     f"{len(answers)} times; actuators were silent then"
                 )
         notes += renderer.notes()
         played.append((device, renderer.raster(answers)))
-    return Rendered(played, {}, tuple(notes)).without(silent)
+    return Rendered(played, {}, tuple(notes), tuple(warnings)).without(silent)
 
 
 def _answers(

@@ -135,7 +135,8 @@ def _converted(
             rendered = finish(rendering(track, given)).complete()
         ((_, raster),) = rendered.played
         raster_rules.refuse(raster, str(source))
-        return write(kind, raster, found, stem, tolerance) + Written(notes=rendered.notes)
+        written = write(kind, raster, found, stem, tolerance)
+        return written + Written(left_out=rendered.warnings, notes=rendered.notes)
     is_raster = format_of(source).name in ("npz", "csv")
     if kind in TRACK_FORMATS and kind != "hjif":
         raise UsageError(f"{source}: only a track can be converted to {kind}")

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import file_limits
 from ..atomic_files import atomic_file
 from ..engine.body.model import PerceptualModel
-from .checking import MAX_BYTES, Finding, Report, clean, parse, refuse_errors
+from .checking import MAX_BYTES, Finding, Place, Report, clean, parse, refuse_errors
 
 SUFFIX: Final = ".glb"
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
@@ -28,6 +29,7 @@ _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _FLOAT, _UINT = 5126, 5125
 _COMPONENTS: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _TYPES: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_INDEX_KINDS: Final = {5121: "u1", 5123: "<u2", 5125: "<u4"}
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
 
@@ -166,7 +168,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
     if not isinstance(found, dict) or found.get("asset", {}) == {}:
         report.error("ASSET", None, "it has no asset")
         return report.findings
-    _check_document(found, len(chunks.get(_BIN, b"")), report)
+    _check_document(found, chunks.get(_BIN, b""), report)
     return report.findings
 
 
@@ -192,7 +194,8 @@ def _chunks(content: bytes, report: Report) -> dict[int, bytes]:
     return chunks
 
 
-def _check_document(found: dict[str, Any], bin_bytes: int, report: Report) -> None:
+def _check_document(found: dict[str, Any], binary: bytes, report: Report) -> None:
+    bin_bytes = len(binary)
     if not isinstance(found["asset"], dict) or found["asset"].get("version") != "2.0":
         report.error("ASSET", (None, "asset"), "the version is not 2.0")
     lists: dict[str, list[Any]] = {}
@@ -223,41 +226,34 @@ def _check_document(found: dict[str, Any], bin_bytes: int, report: Report) -> No
         elif k == 0 and "uri" not in buffer and not size <= bin_bytes <= size + 3:
             message = f"byteLength is {size}, the binary chunk has {bin_bytes}"
             report.error("BUFFER", ((None, "buffers"), k), message)
-    sizes = []
     for k, view in enumerate(lists["bufferViews"]):
         place = ((None, "bufferViews"), k)
         start, length = view.get("byteOffset", 0), view.get("byteLength")
-        sizes.append(length if isinstance(length, int) else 0)
-        if not isinstance(start, int) or not isinstance(length, int) or min(start, length) < 0:
+        if not _is_count(start) or not _is_count(length):
             report.error("VIEW", place, "its offset or length is no whole number")
         elif refers(view.get("buffer"), "buffers", place):
             total = lists["buffers"][view["buffer"]].get("byteLength")
             if isinstance(total, int) and start + length > total:
                 report.error("VIEW", place, "it reaches beyond its buffer")
+        stride = view.get("byteStride", 4)
+        if not _is_count(stride) or not 4 <= stride <= 252 or stride % 4:
+            report.error("VIEW", place, "its byteStride is none of 4, 8, ... 252")
     for k, accessor in enumerate(lists["accessors"]):
-        place = ((None, "accessors"), k)
-        width = (
-            _COMPONENTS.get(accessor.get("componentType", 0), 0)
-            if isinstance(accessor.get("componentType"), int)
-            else 0
-        )
-        columns = _TYPES.get(str(accessor.get("type")), 0)
-        count = accessor.get("count")
-        if not width or not columns or not isinstance(count, int) or count < 1:
-            report.error("ACCESSOR", place, "its component type, type or count is wrong")
-        elif "bufferView" in accessor and refers(accessor["bufferView"], "bufferViews", place):
-            start = accessor.get("byteOffset", 0)
-            needed = count * width * columns + (start if isinstance(start, int) else 0)
-            if needed > sizes[accessor["bufferView"]]:
-                report.error("ACCESSOR", place, "it reaches beyond its view")
+        _check_accessor(accessor, lists, ((None, "accessors"), k), refers, report)
     for k, mesh in enumerate(lists["meshes"]):
+        place = ((None, "meshes"), k)
         primitives = mesh.get("primitives")
         for primitive in primitives if isinstance(primitives, list) else ():
             attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
-            for value in attributes.values() if isinstance(attributes, dict) else ():
-                refers(value, "accessors", ((None, "meshes"), k))
-            if isinstance(primitive, dict) and "indices" in primitive:
-                refers(primitive["indices"], "accessors", ((None, "meshes"), k))
+            attributes = attributes if isinstance(attributes, dict) else {}
+            fits = [refers(value, "accessors", place) for value in attributes.values()]
+            if not isinstance(primitive, dict) or "indices" not in primitive:
+                continue
+            if refers(primitive["indices"], "accessors", place) and fits and all(fits):
+                counts = [lists["accessors"][each].get("count") for each in attributes.values()]
+                highest = _highest(lists["accessors"][primitive["indices"]], lists, binary)
+                if any(_is_count(each) and highest >= each for each in counts):
+                    report.error("INDEX", place, f"a triangle has the vertex {highest}: too few")
     parents: dict[int, int] = {}
     for k, node in enumerate(lists["nodes"]):
         place = ((None, "nodes"), k)
@@ -283,6 +279,73 @@ def _check_document(found: dict[str, Any], bin_bytes: int, report: Report) -> No
             target = channel.get("target") if isinstance(channel, dict) else None
             if isinstance(target, dict) and "node" in target:
                 refers(target["node"], "nodes", place)
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and value >= 0
+
+
+def _check_accessor(
+    accessor: dict[str, Any],
+    lists: dict[str, list[Any]],
+    place: Place,
+    refers: Callable[[Any, str, Any], bool],
+    report: Report,
+) -> None:
+    """Check an accessor's numbers, where they lie, and those that a sparse one replaces."""
+    kind: Any = accessor.get("componentType")
+    count: Any = accessor.get("count")
+    width = _COMPONENTS.get(kind, 0) if type(kind) is int else 0
+    item = width * _TYPES.get(str(accessor.get("type")), 0)
+    if not item or not _is_count(count) or count < 1:
+        report.error("ACCESSOR", place, "its component type, type or count is wrong")
+        return
+
+    def check_view(of: dict[str, Any], items: int, size: int) -> None:
+        if not refers(of.get("bufferView"), "bufferViews", place):
+            return
+        view = lists["bufferViews"][of["bufferView"]]
+        start: Any = of.get("byteOffset", 0)
+        stride: Any = view.get("byteStride", size)
+        length: Any = view.get("byteLength")
+        if not _is_count(start) or not _is_count(stride) or not _is_count(length):
+            report.error("ACCESSOR", place, "its offset is no whole number")
+        elif start + (items - 1) * stride + size > length:
+            report.error("ACCESSOR", place, "it reaches beyond its view")
+
+    if "bufferView" in accessor:
+        check_view(accessor, count, item)
+    elif count * item > file_limits.MEMORY.allowed:  # zeros, of which the file holds none
+        report.error("ACCESSOR", place, f"{count} items of {item} bytes, none in the file")
+    if "sparse" in accessor:
+        sparse = accessor["sparse"] if isinstance(accessor["sparse"], dict) else {}
+        replaced: Any = sparse.get("count")
+        indices: Any = sparse.get("indices")
+        values: Any = sparse.get("values")
+        index_kind: Any = indices.get("componentType") if isinstance(indices, dict) else None
+        is_sound = _is_count(replaced) and 1 <= replaced <= count and isinstance(values, dict)
+        if not is_sound or type(index_kind) is not int or index_kind not in _INDEX_KINDS:
+            report.error("ACCESSOR", place, "its 'sparse' has a wrong count, indices or values")
+            return
+        check_view(indices, replaced, _COMPONENTS[index_kind])
+        check_view(values, replaced, item)
+
+
+def _highest(accessor: dict[str, Any], lists: dict[str, list[Any]], binary: bytes) -> int:
+    """Highest index in an accessor of the file's own buffer; -1 where there is none to see."""
+    kind: Any = accessor.get("componentType")
+    view: Any = accessor.get("bufferView")
+    if type(kind) is not int or kind not in _INDEX_KINDS or not _is_count(view):
+        return -1
+    if view >= len(lists["bufferViews"]) or lists["bufferViews"][view].get("buffer") != 0:
+        return -1
+    starts = lists["bufferViews"][view].get("byteOffset", 0), accessor.get("byteOffset", 0)
+    count: Any = accessor.get("count")
+    if not all(map(_is_count, (*starts, count))) or not count or "uri" in lists["buffers"][0]:
+        return -1
+    if sum(starts) + count * _COMPONENTS[kind] > len(binary):
+        return -1  # told of its view
+    return int(np.frombuffer(binary, _INDEX_KINDS[kind], count, sum(starts)).max())
 
 
 def _items(of: dict[str, Any], key: str) -> list[Any]:

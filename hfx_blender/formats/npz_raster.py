@@ -140,7 +140,12 @@ def write(raster: Raster, path: Path) -> None:
 
 def validate(content: bytes, name: str) -> list[Finding]:
     """Faults of a file."""
-    return decoding_findings("NPZ", decode, content, name)
+    read: list[Raster] = []
+    findings = decoding_findings("NPZ", lambda *of: read.append(decode(*of)), content, name)
+    if read and not read[0].columns:
+        message = "it has no columns: nothing can be played of it"
+        findings.append(Finding("NPZ-COLUMNS", "columns", message, "warning"))
+    return findings
 
 
 def read(path: Path) -> Raster:
@@ -220,6 +225,7 @@ class _Head:
     shape: tuple[int, ...]
     kind: np.dtype[Any]
     begin: int  # bytes before its first number
+    is_fortran: bool  # its numbers come column after column
 
 
 def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
@@ -231,13 +237,13 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> _Head:
         raise ValueError("an array of an unknown version")
     header = np.lib.format.read_array_header_1_0(file)  # type: ignore[no-untyped-call]
     shape, is_fortran, kind = header
-    if kind.hasobject or is_fortran or kind.itemsize == 0 or kind.fields or kind.subdtype:
+    if kind.hasobject or kind.itemsize == 0 or kind.fields or kind.subdtype:
         raise ValueError("an array of an unknown kind")
     if any(type(each) is not int or each < 0 for each in shape):
         raise ValueError("an array of an unknown shape")
     if math.prod(shape) * kind.itemsize != entry.file_size - file.tell():
         raise ValueError("an array of the wrong size")
-    return _Head(shape, kind, file.tell())
+    return _Head(shape, kind, file.tell(), is_fortran)
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, head: _Head) -> npt.NDArray[Any]:
@@ -255,4 +261,6 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, head: _Head) -> npt
             at += len(part)
         if packed.read(1):  # the end is read, where the sum is checked
             raise ValueError("an array of the wrong size")
+    if head.is_fortran:
+        return np.ascontiguousarray(found.reshape(head.shape[::-1]).T)
     return found

@@ -39,13 +39,15 @@ def refuse(raster: Raster, name: str) -> None:
     for key, array in (("times_s", times), ("values", raster.values), ("neutral", raster.neutral)):
         if not all(np.isfinite(array[part]).all() for part in parts):
             raise InputError(f"{name}: '{key}' has numbers that are not finite.")
-    gaps = np.diff(times)
+    with np.errstate(over="ignore"):  # endless gaps are uneven
+        gaps = np.diff(times)
     if (gaps <= 0.0).any():
         row = int(np.flatnonzero(gaps <= 0.0)[0]) + 1
         raise InputError(f"{name}: 'times_s' does not ascend in row {row}.")
     # A time far from 0 is rounded more: that is no uneven spacing.
     slack = _UNEVEN + 4.0 * float(rate) * float(np.spacing(np.abs(times[[0, -1]]).max()))
-    off = np.abs(gaps * float(rate) - 1.0)
+    with np.errstate(over="ignore"):
+        off = np.abs(gaps * float(rate) - 1.0)
     if len(gaps) and off.max() > slack:
         row = int(np.argmax(off)) + 1
         raise InputError(

@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 
 from .. import compat
-from ..file_hash import FRAMES
+from ..file_hash import FRAMES, MOST_FILES, holds_too_many
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,21 @@ def linked_files() -> dict[str, LinkedFile]:
 
 
 def missing() -> list[str]:
-    """Warnings for files that should exist, and do not."""
-    gone = (
-        (name, each) for name, each in linked_files().items() if each.must_be and _is_gone(each)
-    )
-    return [
-        f"'{name}' of {each.user} is not there: what it holds is not in the export"
-        for name, each in gone
-    ]
+    """Warnings for files that should exist and do not, and for folders that are none of ours."""
+    found = []
+    for name, each in linked_files().items():
+        if each.must_be and each.path.is_dir():
+            found.append(f"'{name}' of {each.user} is a folder, not a file: nothing of it is used")
+        elif each.must_be and _is_gone(each):
+            found.append(
+                f"'{name}' of {each.user} is not there: what it holds is not in the export"
+            )
+        elif holds_too_many(each.path):
+            found.append(
+                f"'{name}' of {each.user} holds more than {MOST_FILES} files: they are not "
+                "compared, and --resume exports the scene again"
+            )
+    return found
 
 
 def _is_gone(each: LinkedFile) -> bool:

@@ -252,3 +252,24 @@ def test_a_folder_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.Mon
         (tmp_path / f"{k}").write_text("")
     with pytest.raises(InputError, match="more than 3 files"):
         file_hash.state_of(tmp_path)
+
+
+def test_a_folder_where_a_file_should_be_costs_nothing_but_a_warning(
+    base: Path, tmp_path: Path, is_left_out: IsLeftOut, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(file_hash, "MOST_FILES", 3)
+    (tmp_path / "many").mkdir()
+    for k in range(4):
+        (tmp_path / "many" / f"{k}").write_text("")
+    _user(base, tmp_path, "user")
+    image = bpy.data.images.new("Root", 4, 4)
+    image.source, image.filepath_raw, image.use_fake_user = "FILE", "//many", True
+    blend = hfx_scenes.save(tmp_path / "user.blend")
+    assert not is_left_out(blend)
+    report = json.loads((tmp_path / "out" / "user.report.json").read_text())
+    (sentence,) = [each for each in report["warnings"] if "//many" in each]
+    assert "image 'Root' is a folder" in sentence
+    assert report["made_from"]["files"]["//many"] == file_hash.FOLDER
+    assert is_left_out(blend), "a folder that stays one changes nothing"
+    (tmp_path / "many").rename(tmp_path / "gone")
+    assert not is_left_out(blend)

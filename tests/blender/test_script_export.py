@@ -16,7 +16,7 @@ import pytest
 from hfx_scenes import contents_of, names_in, save, small_scene
 
 from hfx_blender import cli, resources
-from hfx_blender.authoring import clips
+from hfx_blender.authoring import clips, effects
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
 from hfx_blender.engine.track import SUFFIX, TrackReader
@@ -225,3 +225,24 @@ def test_opening_a_scene_and_looking_at_it_runs_no_script(folder: Path, tmp_path
     assert mark.exists()
     with TrackReader(tmp_path / "out" / f"x{SUFFIX}") as track:
         assert track.header.time.sample_count
+
+
+def test_a_clip_in_which_nothing_is_felt_and_a_script_without_numbers_are_told(
+    folder: Path, tmp_path: Path
+) -> None:
+    (_, first), *_ = clips.strips_of(bpy.context.object)
+    first.name = "Felt"
+    far = effects.add_volume(bpy.context.scene, "vibration", "SPHERE")
+    far.location.x = 50.0
+    clips.add_clip(far, 1, 5).name = "Unfelt"
+    scripted(folder, "def render(h):\n    return [float('nan')] * 16\n")
+    asked = ExportSettings(("hjif", "csv"), (load_device(NAME),), processes=1, per_clip=True)
+    report = export_scene(bpy.context.scene, tmp_path / "out", "x", asked)
+    assert "x.Felt.hjif" in names_in(tmp_path / "out")
+    assert "x.Unfelt.hjif" not in names_in(tmp_path / "out")
+    (sentence,) = report.left_out
+    assert "'Unfelt'" in sentence and "HJIF" in sentence and sentence in report.warnings
+    assert any("gave no number at" in each for each in report.warnings)
+    asked = ExportSettings(("csv",), (load_device(NAME),), processes=1, strict=True)
+    with pytest.raises(InputError, match="gave no number at"):
+        export_scene(bpy.context.scene, tmp_path / "no", "x", asked)

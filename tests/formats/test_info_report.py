@@ -91,3 +91,14 @@ def test_a_pipe_in_place_of_an_earlier_report_is_not_waited_for(tmp_path):
         assert found == [None]
     finally:
         os.close(keeps_it_open)
+
+
+def test_validate_tells_a_file_that_a_report_names_and_that_is_gone(tmp_path, capsys):
+    path = tmp_path / "x.report.json"
+    listed = {"scene": "S", "files": [{"name": "x.csv", "bytes": 2}]}
+    path.write_text(json.dumps(listed))
+    (tmp_path / "x.csv").write_text("12")
+    assert cli.run(["validate", str(path)]) == 0
+    (tmp_path / "x.csv").unlink()
+    assert cli.run(["validate", str(path)]) == 3
+    assert "REPORT-FILE files[0]: 'x.csv' is missing" in capsys.readouterr().out

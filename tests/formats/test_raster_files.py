@@ -165,3 +165,23 @@ def test_an_archive_that_would_fill_the_memory_is_refused():
     small[at + 24 : at + 28] = (2**32 - 2).to_bytes(4, "little")  # the size that it claims
     with pytest.raises(InputError, match="would be"):
         npz_raster.decode(bytes(small), "x")
+
+
+def test_an_npz_in_fortran_order_is_read_and_one_without_columns_is_warned_of(tmp_path):
+    raster = made(np.arange(6.0).reshape(3, 2), ["a", "b"], ())
+    npz_raster.write(raster, tmp_path / "x.raster.npz")
+    with np.load(tmp_path / "x.raster.npz") as arrays:
+        turned = {name: np.asfortranarray(array) for name, array in arrays.items()}
+    file = io.BytesIO()
+    np.savez_compressed(file, **turned)
+    same(npz_raster.decode(file.getvalue(), "x"), raster)
+    npz_raster.write(made(np.zeros((3, 0)), [], ()), tmp_path / "y.raster.npz")
+    (finding,) = npz_raster.validate((tmp_path / "y.raster.npz").read_bytes(), "y")
+    assert (finding.code, finding.severity) == ("NPZ-COLUMNS", "warning")
+
+
+@pytest.mark.filterwarnings("error")
+def test_times_at_the_ends_of_all_numbers_are_refused_without_a_warning():
+    text = b"time_s,a.pressure_kpa [kPa]\n-1.7e308,1\n0,1\n1.7e308,1\n"
+    with pytest.raises(InputError, match="evenly"):
+        csv_raster.decode(text, "x")

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ... import file_limits
 from ...errors import InputError
 from ..arrays import F32
 from .device_range import DeviceRange, NoticeableSteps
@@ -23,6 +24,8 @@ TRUNCATE: Final = 4.0
 """Standard deviations after which the Gaussian kernel ends."""
 
 _MOST_SIZES: Final = 3
+_KERNEL_BYTES: Final = 24.0  # of a texel of the Gaussian: its place, its weight, the sum
+_TEXEL_BYTES: Final = 12.0  # of a texel with its surroundings: a height, a wave, a slope
 _WORKERS: Final = 2
 
 
@@ -81,6 +84,11 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
     The kernels are those in space, the Gaussian ending after four standard deviations; they are
     applied by Fourier, whose cost does not grow with the blur. What does not tile goes on
     flat beyond its edges.
+
+    Raises
+    ------
+    TooLargeError
+        The blur is huge for the size of a texel.
     """
     from scipy import fft
 
@@ -92,10 +100,16 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
     heights = np.subtract(heights, heights.mean(), out=centred, casting="same_kind")
     # A surface much smaller than the blur vanishes, even if it tiles.
     most = _MOST_SIZES * max(rows, columns)
+    shown = " x ".join(f"{1e3 * t:g}" for t in field.texel_m)
+    asks = f"a blur of {1e3 * blur_m:g} mm over texels of {shown} mm would take"
+    kernel = _KERNEL_BYTES * TRUNCATE * blur_m / min(field.texel_m)
+    file_limits.MEMORY.check(kernel, "Haptic map", asks)
     reach = [min(int(TRUNCATE * blur_m / t + 0.5) + 1, most) for t in field.texel_m]
     top = left = 0
     if not field.tiles:
         top, left = reach[1], reach[0]
+        texels = float(rows + 2 * top) * float(columns + 2 * left)
+        file_limits.MEMORY.check(_TEXEL_BYTES * texels, "Haptic map", asks)
         below = fft.next_fast_len(rows + 2 * top, real=True) - rows - top
         right = fft.next_fast_len(columns + 2 * left, real=True) - columns - left
         heights = np.pad(heights, ((top, below), (left, right)), "edge")

@@ -24,7 +24,7 @@ from ...engine.modality import neutral_temperature_c
 from ...engine.rendering.device import DeviceConfig
 from ...engine.samples import Stream
 from ...engine.track import TrackReader
-from ...errors import InputError
+from ...errors import InputError, NothingFeltError
 from ...sentences import counted
 from .. import glb
 from ..checking import clean
@@ -60,8 +60,10 @@ def write(
 
     Raises
     ------
+    NothingFeltError
+        Nothing was felt in the whole track.
     InputError
-        Nothing was felt in the whole track, or a model is not the one it was recorded on.
+        A model is not the one it was recorded on.
     OutputError
         A file cannot be written; none is left half written.
     """
@@ -107,7 +109,7 @@ def compose(
             key = (stream.body_id, stream.model_id, stream.modality)
             groups.setdefault(key, []).append(stream)
     if not groups:
-        raise InputError(f"{track.path}: nothing is felt in it, which HJIF cannot hold.")
+        raise NothingFeltError(f"{track.path}: nothing is felt in it, which HJIF cannot hold.")
     avatars = {
         id: Avatar(k + 1, 0, "Custom", quote(f"{name}.{id}{glb.SUFFIX}"))
         for k, id in enumerate(dict.fromkeys(model_id for _, model_id, _ in groups))

@@ -13,6 +13,7 @@ from hfx_blender.engine.texture.haptic_map import HapticMap
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, blurred_slope, make_map
 from hfx_blender.errors import InputError
+from hfx_blender.file_limits import TooLargeError
 
 
 def _slow_slope(heights: np.ndarray, texel: tuple[float, float], blur_m: float) -> np.ndarray:
@@ -159,3 +160,10 @@ def test_each_code_of_a_picture_is_a_height_of_its_own(full: int) -> None:
 def test_what_means_nothing_is_refused(make: object) -> None:
     with pytest.raises(InputError):
         make()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(("size_m", "blur_m"), [(1e-12, 1e-4), (0.1, 1e6)])
+def test_a_blur_that_is_huge_for_its_texels_is_refused_before_memory_is_taken(size_m, blur_m):
+    field = HeightField(np.zeros((16, 16)), (size_m / 16, size_m / 16), tiles=False)
+    with pytest.raises(TooLargeError, match="allowed are 1,073,741,824 bytes"):
+        blurred_slope(field, blur_m)
