@@ -212,7 +212,7 @@ def test_limits_come_after_the_script(folder: Path, path: Path) -> None:
     assert (raster.values[:, :2] == raster.neutral[:2]).all()  # no number: that motor is silent
     assert (raster.values[:, 2:14] == highest * 6).all()
     assert (raster.values[:, 14:] == [0.0, 90.0]).all()
-    assert f"no number at {ROWS} of {ROWS} times" in found.notes[0]
+    assert f"no number at {ROWS} of {ROWS} times" in found.warnings[0]
 
 
 @pytest.mark.parametrize(("latency_ms", "interval_ms"), [(0, 20), (400, 100)])
