@@ -32,7 +32,7 @@ PULSE_S: Final = 0.3
 PULSE_SHARE: Final = 0.3
 """Strength of a test pulse, as a share of the actuator's limit: it is soft."""
 
-FREEZE_S: Final = 0.28
+FREEZE_S: Final = 0.26
 """Time without a sign that the last values still hold, after which a lane is silent, seconds; the
 limit is 0.3."""
 
