@@ -211,7 +211,7 @@ READER_ONLY = re.compile(
     r"|\.(type|as|unit) is .*, allowed is one of "
     "|has no 'mount'|differs for each|each model once|the hottest allowed|a direction"
     r"|\.(parameters|limits)\..*, allowed is a number from "
-    "|not silent at its minimum|actuators at most|once round is"
+    "|not silent at its minimum|actuators at most|once round is|of a private network"
 )
 """What the reader says of faults that a schema cannot see."""
 
