@@ -22,8 +22,8 @@ from .geometry import (
     geometric_left,
     named_left,
 )
-from .names import FINGERS
 from .rig import Rig, RigBone, canonical_parents
+from .vocabulary import FINGERS
 
 __all__ = [
     "BoneMapping",
