@@ -20,7 +20,9 @@ class Digits:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.names = _with_inherited_sides(rig, read_names(rig.bones))
+        read = read_names(rig.labels.values())
+        named = {name: read[label] for name, label in rig.labels.items() if label in read}
+        self.names = _with_inherited_sides(rig, named)
         self.slots: dict[tuple[str, str], list[str]] = {}
         for name in sorted(self.names, key=self._order):
             said = self.names[name]
