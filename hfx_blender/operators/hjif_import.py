@@ -37,9 +37,11 @@ class HFX_OT_import_hjif(HfxOperator, ImportHelper):
             raise InputError("Several haptic bodies: select the one that shall feel it.")
         body = active if active in bodies else bodies[0]
         frame = float(context.scene.frame_current)
-        made, left_out = hjif_import.import_hjif(context.scene, Path(self.filepath), body, frame)
-        for each in left_out:
-            self.report({"WARNING"}, printable(f"Left out {each}"))
+        made, left_out, notes = hjif_import.import_hjif(
+            context.scene, Path(self.filepath), body, frame
+        )
+        for each in [*notes, *(f"left out {each}" for each in left_out)]:
+            self.report({"WARNING"}, printable(each[:1].upper() + each[1:]))
         if not made:
             raise InputError(f"{self.filepath}: has nothing that an effect could be.")
         return f"Added {len(made)} effects"
