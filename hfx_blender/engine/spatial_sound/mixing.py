@@ -35,14 +35,10 @@ class SpatialMix:
     Parameters
     ----------
     sources : sequence of Source
-    panner : Panner
-    reverberators : Reverberators
     raster_hz : Fraction
         Rate of the sources' times.
     rate_hz : int
         Audio rate.
-    gain : float
-        Times everything.
     """
 
     def __init__(
@@ -52,13 +48,12 @@ class SpatialMix:
         reverberators: Reverberators,
         raster_hz: Fraction,
         rate_hz: int,
-        gain: float = 1.0,
     ) -> None:
         self._reverberators = reverberators
         self._step = (raster_hz / rate_hz).as_integer_ratio()
         self._raster_hz = float(raster_hz)
         self._channels = reverberators.impulses.shape[0]
-        self._voices = [_Voice.of(source, panner, self._raster_hz, gain) for source in sources]
+        self._voices = [_Voice.of(source, panner, self._raster_hz) for source in sources]
         self._rows = len(sources[0].amplitudes) if sources else 0
 
     def blocks(self, sample_count: int) -> Iterator[F64]:
@@ -96,16 +91,16 @@ class SpatialMix:
 class _Voice:
     """A source at the raster's rows, and silence after the last of them: (T + 1, ...)."""
 
-    dry: F64  # (T + 1, C) amplitude times gain
+    dry: F64  # (T + 1, C) amplitude times the panner's gain
     wet: F64  # (T + 1,)
     loudness: F64  # (T + 1,)
     frequencies: F64  # (T + 1,)
     turns: F64  # (T + 1,) played before each row
 
     @classmethod
-    def of(cls, source: Source, panner: Panner, raster_hz: float, gain: float) -> _Voice:
+    def of(cls, source: Source, panner: Panner, raster_hz: float) -> _Voice:
         dry, wet = panner.gains(source.places_m)
-        amplitudes = np.nan_to_num(source.amplitudes) * gain
+        amplitudes = np.nan_to_num(source.amplitudes)
         dry, wet = dry * amplitudes[:, None], wet * amplitudes
         frequencies = np.append(source.frequencies_hz, source.frequencies_hz[-1:])
         steps = 0.5 * (frequencies[1:] + frequencies[:-1]) / raster_hz

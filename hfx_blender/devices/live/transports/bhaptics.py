@@ -32,8 +32,6 @@ class BhapticsOutput:
 
     Parameters
     ----------
-    device : DeviceConfig
-    how : BhapticsEncoder
     host, port
         Of the Player.
 
