@@ -23,6 +23,7 @@ from ..engine.body.rigs.mapping import (
 from ..engine.body.rigs.rig import canonical_parents
 from ..errors import InputError
 from .avatar_meshes import read_bones
+from .human_bones import human_bones_of
 
 BY_HAND = "by hand"
 """Convention of a mapping that was not found automatically."""
@@ -46,7 +47,7 @@ def automatic(armature: bpy.types.Object) -> BoneMapping:
         No human bones are recognisable.
     """
     try:
-        return map_bones(read_bones(armature))
+        return map_bones(read_bones(armature), human_bones_of(armature))
     except InputError as error:
         raise InputError(
             f"Armature '{armature.name}': {error} Assign the bones by hand in the HFX tab, "

@@ -21,8 +21,8 @@ from .geometry import (
     geometric_left,
     named_left,
 )
-from .names import FINGERS
 from .rig import Rig, RigBone, canonical_parents
+from .vocabulary import FINGERS
 
 __all__ = [
     "BoneMapping",
@@ -53,27 +53,34 @@ class BoneMapping:
     report: tuple[str, ...]  # sentences about what is missing or doubtful
 
 
-def map_bones(bones: Sequence[RigBone]) -> BoneMapping:
+def map_bones(bones: Sequence[RigBone], labels: Mapping[str, str] | None = None) -> BoneMapping:
     """Map the bones of an avatar's armature to the canonical skeleton.
 
     Parameters
     ----------
     bones : sequence of RigBone
         All bones of the armature in rest pose, control bones included.
+    labels : mapping, optional
+        Bone to the name of VRM's human bone that it is, where the armature's file tells; believed
+        before the bones' own names.
 
     Raises
     ------
     InputError
         No human joints are recognisable, neither by name nor by the shape of the hierarchy.
     """
-    rig = Rig(bones)
     notes: list[str] = []
+    rig = Rig(bones, labels)
     found = assigned_by_name(rig)
+    is_labelled = bool(labels) and _is_human(found)
+    if labels and not is_labelled:
+        rig = Rig(bones)
+        found = assigned_by_name(rig)
     if not _is_human(found) and len(rig.bones) < len(rig.by_name):
         every = Rig([replace(bone, deform=True) for bone in bones])
         if _is_human(assigned_by_name(every)):
             rig, found = every, assigned_by_name(every)
-    convention = convention_of(rig.bones)
+    convention = "vrm" if is_labelled else convention_of(rig.bones)
     if not _is_human(found):
         by_geometry = assigned_by_geometry(rig)
         if by_geometry is None:
