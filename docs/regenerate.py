@@ -4,9 +4,9 @@
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
 ``assets``, ``bodies``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib.
 ``assets`` is the library of the Asset Browser, to be made anew when a sensation of
-``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with ``--short``. The table of
-``safety`` is made of what ``hfx bench safety --json`` printed, idle and with ``--busy``:
-``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
+``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with
+``--short``. The table of ``safety`` is made of what ``hfx bench safety --json`` printed, idle and
+with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..errors import InputError
+from ..scene_units import metres_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,8 +147,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         for group in mesh_object.vertex_groups
         if group.name in bones and bones[group.name].use_deform
     )
-    scene = bpy.context.scene.unit_settings
-    unit = 1.0 if scene.system == "NONE" else scene.scale_length
+    unit = metres_of(bpy.context.scene)
     return TargetAvatar(
         vertices=points @ to_rest[:3, :3].T + to_rest[:3, 3],
         triangles=triangles.astype(np.int64),

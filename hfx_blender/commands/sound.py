@@ -38,21 +38,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "with an elevation after a colon: 30,-30,110:20,-110:20 (default: stereo)",
     )
     parser.add_argument(
-        "--panning", choices=("vbap", "ring"), default="vbap", help="how sources are panned"
+        "--panning", choices=("vbap", "ring"), default="vbap", help="panning method"
     )
     parser.add_argument(
         "--reference",
         type=float,
         default=2.0,
         metavar="M",
-        help="where the direct and the reverberated sound are equal (default: 2)",
+        help="distance at which direct and reverberated sound are equally loud (default: 2)",
     )
     parser.add_argument(
         "--audible",
         type=float,
         default=8.0,
         metavar="M",
-        help="what is farther is silent (default: 8)",
+        help="distance from which sources are silent (default: 8)",
     )
     parser.add_argument(
         "--air",

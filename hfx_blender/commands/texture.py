@@ -32,8 +32,8 @@ def add_parser(commands: Any) -> None:
 
     stroke = actions.add_parser(
         "stroke",
-        help="what a stroke over a surface feels like",
-        description="Stroke over a surface along a line or a path, and write what is felt.",
+        help="render a stroke over a surface",
+        description="Stroke over a surface along a line or a path, and write the vibration.",
     )
     texture_source.add_arguments(stroke)
     stroke.add_argument("--from", dest="start", type=texture_source.pair, metavar="MM,MM")
@@ -42,14 +42,16 @@ def add_parser(commands: Any) -> None:
         "--path", type=Path, metavar="CSV", help="x and y in mm; or time in s, x and y"
     )
     stroke.add_argument(
-        "--speed", type=float, metavar="MM/S", help="mm a second (default: 100, a fast stroke)"
+        "--speed", type=float, metavar="MM/S", help="mm/s (default: 100, a fast stroke)"
+    )
+    stroke.add_argument("--renderer", choices=_RENDERERS, default="mcha", help="renderer (mcha)")
+    stroke.add_argument("--rate", type=float, default=120.0, metavar="HZ", help="of the pointer")
+    stroke.add_argument(
+        "--drive", type=float, metavar="1/MM", help="c_v, instead of your calibration"
     )
     stroke.add_argument(
-        "--renderer", choices=_RENDERERS, default="mcha", help="how it is rendered (mcha)"
+        "--device", default="", metavar="NAME", help="device whose calibrated c_v is used"
     )
-    stroke.add_argument("--rate", type=float, default=120.0, metavar="HZ", help="of the pointer")
-    stroke.add_argument("--drive", type=float, metavar="1/MM", help="c_v instead of your own")
-    stroke.add_argument("--device", default="", metavar="NAME", help="c_v that you set for it")
     stroke.add_argument(
         "-o",
         "--output",
@@ -221,7 +223,7 @@ def _table(path: Path) -> Any:
             rows.append([float(part) for part in line.replace(";", ",").split(",")])
         except ValueError as error:
             if number > 1:
-                raise InputError(f"{path}: line {number} is no numbers: '{line[:60]}'.") from error
+                raise InputError(f"{path}: line {number} has no numbers: '{line[:60]}'.") from error
         if rows and (len(rows[-1]) != len(rows[0]) or len(rows[0]) not in (2, 3)):
             raise InputError(f"{path}: line {number}: expected x,y or time,x,y in every line.")
     if len(rows) < 2:

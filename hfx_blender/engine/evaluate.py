@@ -42,7 +42,6 @@ class Engine:
 
     Parameters
     ----------
-    scene : SceneDescription
     record : iterable of str
         What samples carry besides vertices and weights: any of ``ON_DEMAND`` and
         ``ON_DEMAND_HERE``.

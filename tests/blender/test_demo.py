@@ -235,7 +235,7 @@ def test_without_pictures_the_rest_is_there(
     def crashed(*arguments: object, **_settings: object) -> subprocess.CompletedProcess[str]:
         return subprocess.CompletedProcess(["draw"], -6, stdout="", stderr="")
 
-    monkeypatch.setattr("hfx_blender.own_processes.run", crashed)
+    monkeypatch.setattr("hfx_blender.maintenance.processes.run", crashed)
     assert cli.run(["demo", "-o", str(tmp_path)]) == 0
     out, err = capsys.readouterr()
     assert err.splitlines() == [

@@ -36,14 +36,10 @@ class SpatialMix:
     Parameters
     ----------
     sources : sequence of Source
-    panner : Panner
-    reverberators : Reverberators
     raster_hz : Fraction
         Rate of the sources' times.
     rate_hz : int
         Audio rate.
-    gain : float
-        Times everything.
     """
 
     def __init__(
@@ -53,14 +49,13 @@ class SpatialMix:
         reverberators: Reverberators,
         raster_hz: Fraction,
         rate_hz: int,
-        gain: float = 1.0,
     ) -> None:
         self._reverberators = reverberators
         self._step = (raster_hz / rate_hz).as_integer_ratio()
         self._raster_hz = float(raster_hz)
         self._channels = reverberators.impulses.shape[0]
         self._voices = [
-            _Voice.of(source, panner, reverberators, self._raster_hz, gain) for source in sources
+            _Voice.of(source, panner, reverberators, self._raster_hz) for source in sources
         ]
         self._rows = len(sources[0].amplitudes) if sources else 0
 
@@ -101,7 +96,7 @@ class SpatialMix:
 class _Voice:
     """A source at the raster's rows, and silence after the last of them: (T + 1, ...)."""
 
-    dry: F64  # (T + 1, C) amplitude times gain
+    dry: F64  # (T + 1, C) amplitude times the panner's gain
     wet: F64  # (T + 1,)
     loudness: F64  # (T + 1,)
     frequencies: F64  # (T + 1,)
@@ -110,19 +105,14 @@ class _Voice:
 
     @classmethod
     def of(
-        cls,
-        source: Source,
-        panner: Panner,
-        reverberators: Reverberators,
-        raster_hz: float,
-        gain: float,
+        cls, source: Source, panner: Panner, reverberators: Reverberators, raster_hz: float
     ) -> _Voice:
         dry, wet = panner.gains(source.places_m)
         distances = np.linalg.norm(source.places_m, axis=1)
         hearing, heard = panner.hearing, source.frequencies_hz
         if hearing.with_doppler:
             heard = doppler_hz(heard, np.nan_to_num(distances), raster_hz)
-        amplitudes = np.nan_to_num(source.amplitudes) * gain
+        amplitudes = np.nan_to_num(source.amplitudes)
         if hearing.air > 0.0:
             loss_db = hearing.air * absorption_db_m(heard) * np.nan_to_num(distances)
             amplitudes *= 10.0 ** (-loss_db / 20.0)

@@ -23,8 +23,6 @@ class Panner:
 
     Parameters
     ----------
-    layout : Layout
-    hearing : Hearing
     scheme : {"vbap", "ring"}
         Vector-base amplitude panning, or constant power between neighbours on a ring, as the
         belt is driven; rings are flat.

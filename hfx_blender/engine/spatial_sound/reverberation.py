@@ -29,8 +29,6 @@ class Reverberators:
 
     Parameters
     ----------
-    channels : int
-    rate_hz : int
     decay_s : float
         Time in which the sound falls by 60 dB.
     block : int

@@ -69,7 +69,6 @@ def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUT
     ----------
     heights_m : (N,) float64
         Evenly spaced.
-    spacing_m : float
 
     Raises
     ------
@@ -147,7 +146,6 @@ def roughness_of_surface(
     *,
     direction_rad: float = 0.0,
     profiles: int = 16,
-    seed: int = 0,
 ) -> Roughness:
     """Mean roughness of some profiles across a surface, all in one direction.
 
@@ -163,7 +161,7 @@ def roughness_of_surface(
     way = np.array([np.cos(direction_rad), np.sin(direction_rad)])
     full = (SAMPLING_LENGTHS + 2) * cutoff_m
     size = np.asarray(field.size_m)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     if field.tiles:
         starts = rng.uniform(0.0, size, (profiles, 2))
         length = full
