@@ -16,16 +16,18 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import InputError
+from ..sentences import counted
 from . import losses
 from .checking import clean, encoded, parse, refuse_errors
 from .curves import Curve, CurveTolerance
-from .he_events import HeEvent, event_entry, events_of
+from .he_events import HeEvent, event_entry, events_of, patterns_of
 from .he_rules import (
     MAX_PATTERN_EVENTS,
     MAX_RELATIVE_MS,
     OPENHARMONY_MAX_BYTES,
     OPENHARMONY_MAX_EVENTS,
     OPENHARMONY_MAX_START_MS,
+    TRANSIENT_MS,
     findings,
 )
 from .signals import (
@@ -56,7 +58,17 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
     Events follow each other without gaps; there may be any number of them.
     """
-    return _write(signals, stem, SUFFIX, lambda each: document(each, frequencies))
+    late = [
+        each.name
+        for each in signals
+        if any(
+            group[0].start_ms < start
+            for start, group in patterns_of(events_of(each, frequencies, falls_to_zero=False))
+        )
+    ]
+    text = f"ticks closer than {TRANSIENT_MS} ms come up to that later between two patterns"
+    written = _write(signals, stem, SUFFIX, lambda each: document(each, frequencies))
+    return written + Written((), counted(late, text))
 
 
 def write_v1(
@@ -121,21 +133,15 @@ def write_openharmony(
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     """A signal as the content of a version 2 file."""
-    patterns: list[dict[str, Any]] = []
-    group: list[HeEvent] = []
-    for event in [*events_of(signal, frequencies, falls_to_zero=False), None]:
-        is_full = len(group) == MAX_PATTERN_EVENTS or (
-            bool(group)
-            and event is not None
-            and event.start_ms - group[0].start_ms > MAX_RELATIVE_MS
-        )
-        if group and (event is None or is_full):
-            start = group[0].start_ms
-            entries = [{"Event": {**event_entry(e, e.start_ms - start), "Index": 0}} for e in group]
-            patterns.append({"AbsoluteTime": start, "Pattern": entries})
-            group = []
-        if event is not None:
-            group.append(event)
+    patterns = [
+        {
+            "AbsoluteTime": start,
+            "Pattern": [
+                {"Event": {**event_entry(e, max(e.start_ms - start, 0)), "Index": 0}} for e in group
+            ],
+        }
+        for start, group in patterns_of(events_of(signal, frequencies, falls_to_zero=False))
+    ]
     return {"Metadata": _metadata(signal, frequencies, 2), "PatternList": patterns}
 
 

@@ -44,7 +44,7 @@ import json, os, sys, time
 from pathlib import Path
 from hfx_blender import blender_session
 bpy = blender_session.start()
-from hfx_blender.demo import garage
+from hfx_blender.maintenance.demo import garage
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.export import ExportSettings, export_scene
 blender_session.open_blend(Path(sys.argv[1]))
