@@ -25,6 +25,7 @@ MAX_BYTES: Final = 64 << 20
 MAX_FINDINGS: Final = 1000
 _READ_BYTES: Final = 1 << 20
 _HALF_PAIR: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_HUGE: Final = 1e15
 _SHOWN = 60  # characters of a value that a message repeats
 
 Severity = Literal["error", "warning"]
@@ -339,8 +340,31 @@ def refuse_errors(findings: list[Finding], name: str) -> None:
         raise InputError(f"{name}: {where}{first.message} [{first.code}]{more}.")
 
 
-def refuse_but(findings: list[Finding], name: str, tolerated: Callable[[str], bool]) -> Told:
-    """Raise the first error with a code that a reader does not tolerate; tell of the others.
+def without_nulls(found: Any) -> Any:
+    """A document without members that are null: tools write them for what is missing."""
+    if isinstance(found, dict):
+        return {key: without_nulls(item) for key, item in found.items() if item is not None}
+    return [without_nulls(item) for item in found] if isinstance(found, list) else found
+
+
+def refuse_huge(found: Any, name: str) -> None:
+    """Refuse a document with a number that no time or strength is, for readers without ranges.
+
+    Raises
+    ------
+    InputError
+    """
+    waiting = [found]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict | list):
+            waiting += item.values() if isinstance(item, dict) else item
+        elif isinstance(item, int | float) and not -_HUGE <= item <= _HUGE:
+            raise InputError(f"{name}: {shown(item)} is out of any range, allowed is up to 1e15.")
+
+
+def refuse_but(findings: list[Finding], name: str, tolerated: Callable[[Finding], bool]) -> Told:
+    """Raise the first error that a reader does not tolerate; tell of the others.
 
     Returns
     -------
@@ -353,7 +377,7 @@ def refuse_but(findings: list[Finding], name: str, tolerated: Callable[[str], bo
         There is another error.
     """
     errors = [each for each in findings if each.severity == "error"]
-    refuse_errors([each for each in errors if not tolerated(each.code)], name)
+    refuse_errors([each for each in errors if not tolerated(each)], name)
     counts = Counter(each.code for each in errors)
     firsts = {each.code: each for each in reversed(errors)}
     return tuple(

@@ -159,6 +159,7 @@ def _converted(
         raise InputError(f"{source}: holds no vibration.")
     if all(each.is_silent for each in signals):
         read_notes += ("all of it is silent",)
+        signals = [replace(each, is_kept=True) for each in signals]
     _refuse_unfolding(signals, found_device, kind, source)
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))

@@ -11,7 +11,7 @@ from ..engine.rendering.raster import Raster
 from ..errors import InputError
 from . import csv_raster, glb, jsonl_samples, npz_raster, wav_reader
 from .checking import mapped, read_bytes, refuse_errors
-from .files import FileFormat, format_of, validate
+from .files import FileFormat, format_of, read_signals, validate
 from .hjif import reader as hjif_reader
 from .hjif.body_parts import described
 
@@ -51,7 +51,7 @@ def is_known(path: Path) -> bool:
 
 
 def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
-    signals, frequencies = kind.signals(read_bytes(path), str(path))
+    signals, frequencies = read_signals(path)
     return {
         **_told("notes", tuple(note for each in signals for note in each.notes)),
         **_told("left_out", tuple(note for each in signals for note in each.left_out)),

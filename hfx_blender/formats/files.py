@@ -187,6 +187,13 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
     Raises
     ------
     InputError
-        It cannot be read, has errors, or is of a format without envelopes.
+        It cannot be read, or is of a format without envelopes.
     """
-    return format_of(path).signals(read_bytes(path), str(path))
+    found = format_of(path)
+    signals, frequencies = found.signals(read_bytes(path), str(path))
+    beside = path.with_name(path.name.removesuffix(ahap.SUFFIX) + ahap.TICKS_SUFFIX)
+    is_ticks = path.name.endswith(ahap.TICKS_SUFFIX)
+    if found.name == "ahap" and not is_ticks and beside.is_file():
+        ticks = ahap.with_ticks_of(read_bytes(beside), str(beside), signals[0])
+        signals = [ticks, *signals[1:]]
+    return signals, frequencies

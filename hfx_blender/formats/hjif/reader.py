@@ -44,6 +44,6 @@ def decode_telling(content: bytes, name: str) -> tuple[Hjif, Told]:
         check(DOCUMENT, found, report)
         refuse_errors([each for each in report.findings if each.code in _FATAL], name)
     faults = [each for each in faults if each.code != "HJIF-UNKNOWN"]
-    told = refuse_but(faults, name, lambda code: True)
+    told = refuse_but(faults, name, lambda each: True)
     document: Hjif = from_json(found)
     return document, told
