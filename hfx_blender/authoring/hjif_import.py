@@ -24,6 +24,7 @@ from ..formats.hjif.perceptions import PERCEPTIONS
 from ..formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ..formats.signal_raster import TICK_S
 from ..formats.signals import Piece, mixed, simplified_signals
+from ..scene_units import fps_of
 from . import effects
 
 _STRENGTHS = {
@@ -184,9 +185,6 @@ def _set_strength(
 def _animate(
     scene: bpy.types.Scene, effect: bpy.types.Object, path: str, curve: Curve, frame: float
 ) -> None:
-    fps = scene.render.fps / scene.render.fps_base
-    data = effect.animation_data or effect.animation_data_create()
-    if data.action is None:
-        data.action = bpy.data.actions.new(effect.name)
+    fps = fps_of(scene)
     keys = zip((frame + curve.times_s * fps).tolist(), curve.values.tolist(), strict=True)
-    compat.set_keys(compat.new_fcurve(effect, data.action, path), keys)
+    compat.set_keys(compat.own_fcurve(effect, path, ""), keys)

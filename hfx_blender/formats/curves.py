@@ -117,6 +117,8 @@ def simplified(
     values = curve.values
     if len(times) == 1 or tolerance.value <= 0.0:
         return Curve(times, values) if len(times) == 1 else _without_collinear(times, values)
+    if (values == values[0]).all():
+        return Curve(times[[0, -1]], values[[0, -1]])
     silent = _SILENT * tolerance.value if keeps_silence else 0.0
     reach = tolerance.value * (1.0 - _MARGIN) - silent
     low, high = _corridor(times, values, reach, 0.0)
