@@ -347,24 +347,21 @@ def without_nulls(found: Any) -> Any:
     return [without_nulls(item) for item in found] if isinstance(found, list) else found
 
 
-def refuse_huge(found: Any, name: str) -> None:
-    """Refuse a document with a number that no time or strength is, for readers without ranges.
-
-    Raises
-    ------
-    InputError
-    """
-    waiting = [found]
-    while waiting:
-        item = waiting.pop()
-        if isinstance(item, dict | list):
-            waiting += item.values() if isinstance(item, dict) else item
-        elif isinstance(item, int | float) and not -_HUGE <= item <= _HUGE:
-            raise InputError(f"{name}: {shown(item)} is out of any range, allowed is up to 1e15.")
-
-
-def refuse_but(findings: list[Finding], name: str, tolerated: Callable[[Finding], bool]) -> Told:
+def refuse_but(
+    findings: list[Finding],
+    name: str,
+    tolerated: Callable[[Finding], bool],
+    found: Any = None,
+) -> Told:
     """Raise the first error that a reader does not tolerate; tell of the others.
+
+    Parameters
+    ----------
+    findings : list of Finding
+    name : str
+    tolerated : callable
+    found : optional
+        The document, where its ranges are tolerated: numbers beyond all sense are not.
 
     Returns
     -------
@@ -378,6 +375,8 @@ def refuse_but(findings: list[Finding], name: str, tolerated: Callable[[Finding]
     """
     errors = [each for each in findings if each.severity == "error"]
     refuse_errors([each for each in errors if not tolerated(each)], name)
+    if errors and found is not None:
+        _refuse_huge(found, name)
     counts = Counter(each.code for each in errors)
     firsts = {each.code: each for each in reversed(errors)}
     return tuple(
@@ -385,6 +384,22 @@ def refuse_but(findings: list[Finding], name: str, tolerated: Callable[[Finding]
         + (f", and {counts[code] - 1} more of this kind" if counts[code] > 1 else "")
         for code, first in firsts.items()
     )
+
+
+def _refuse_huge(found: Any, name: str) -> None:
+    """Refuse a document with a number that no time or strength is, for readers without ranges.
+
+    Raises
+    ------
+    InputError
+    """
+    waiting = [found]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict | list):
+            waiting += item.values() if isinstance(item, dict) else item
+        elif isinstance(item, int | float) and not -_HUGE <= item <= _HUGE:
+            raise InputError(f"{name}: {shown(item)} is out of any range, allowed is up to 1e15.")
 
 
 def encoded(document: Any) -> bytes:

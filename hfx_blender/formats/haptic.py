@@ -53,6 +53,7 @@ _METADATA = Record(
     },
     unknown="ignore",
 )
+_TOLERATED: Final = ("HAPTIC-FREQUENCY-TIME", "HAPTIC-EMPHASIS")
 _LATE_S: Final = 0.05  # of the last frequency: Lofelt's tools write it a little late
 _DOCUMENT = Record(
     {
@@ -210,11 +211,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     told = refuse_but(
         _findings(found),
         name,
-        lambda each: (
-            each.code in ("HAPTIC-FREQUENCY-TIME", "HAPTIC-EMPHASIS")
-            or each.place.startswith("metadata")
-        ),
+        lambda each: each.code in _TOLERATED or each.place.startswith("metadata"),
     )
+    # Faults of the metadata hide those that are looked for behind them.
+    signals = {key: item for key, item in found.items() if key != "metadata"}
+    refuse_but(_findings(signals), name, lambda each: each.code in _TOLERATED)
     envelopes = found["signals"]["continuous"]["envelopes"]
     metadata = found.get("metadata")
     frequencies = _range_of(metadata)

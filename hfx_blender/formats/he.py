@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import InputError
 from ..sentences import counted
 from . import losses
-from .checking import clean, encoded, parse, refuse_but, refuse_huge
+from .checking import clean, encoded, parse, refuse_but
 from .curves import Curve, CurveTolerance
 from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
@@ -253,14 +253,13 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         It cannot be read or has errors.
     """
     found = parse(content, name)
-    refuse_huge(found, name)
     # Phones play what the editor would not make: only the form matters, and an actuator is
     # both of them unless it is named.
     told = refuse_but(
         findings(found),
         name,
         lambda each: (
-            each.code not in ("HE-TYPE", "HE-CHOICE", "HE-MISSING", "HE-DURATION")
+            each.code not in ("HE-TYPE", "HE-CHOICE", "HE-MISSING")
             or each.message in _MISSED_BY_NOBODY
         ),
     )
@@ -270,7 +269,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     pieces: dict[int, list[Piece]] = {}
     ticks: dict[int, list[Transient]] = {}
     end_s = 0.0
-    beyond = 0
+    beyond = endless = 0
     for index, start_ms, event in _absolute_events(found):
         parameters = event["Parameters"]
         curve = parameters.get("Curve") or ()
@@ -283,6 +282,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             tick = Transient(start, min(max(level, 0.0), 1.0), hertz)
             ticks.setdefault(index, []).append(tick)
             end_s = max(end_s, start)
+        elif "Duration" not in event:
+            endless += 1
         else:
             pieces.setdefault(index, []).append(_piece(event, start, level, pitch, frequencies))
             end_s = max(end_s, pieces[index][-1].end_s)
@@ -297,6 +298,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         for index in sorted({*pieces, *ticks}) or [0]
     ]
     left_out = signals[0].left_out
+    if endless:
+        left_out = (f"{endless} continuous events without a duration", *left_out)
     if beyond:
         left_out = (
             f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest",

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from .. import file_limits
 from ..engine.arrays import F64
 from ..sentences import counted
-from .checking import clean, parse, refuse_but, refuse_huge, without_nulls
+from .checking import clean, parse, refuse_but, without_nulls
 from .curves import Curve
 from .signals import FrequencyRange, Piece, Signal, mixed
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
@@ -200,9 +200,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         It cannot be read or has errors.
     """
     found = without_nulls(parse(content, name))
-    refuse_huge(found, name)
     # The player takes what has the form, and leaves out what is missing.
-    told = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE")
+    told = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE", found)
     pieces: dict[tuple[str, int], list[Piece]] = {}
     lost: Counter[str] = Counter()
     project = found.get("project", {})
