@@ -27,8 +27,9 @@ from .ahap_rules import (
     SHARPNESS_CONTROL,
     findings,
 )
-from .checking import clean, parse, refuse_but
+from .checking import clean, parse
 from .curves import Curve
+from .leniency import refuse_but
 from .signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
 from .written import Written, beside, silent_note, write_json
 

@@ -15,19 +15,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from .checking import (
-    Finding,
-    Items,
-    Number,
-    Record,
-    Report,
-    Text,
-    check,
-    clean,
-    parse,
-    refuse_but,
-)
+from .checking import Finding, Items, Number, Record, Report, Text, check, clean, parse
 from .curves import Curve
+from .leniency import refuse_but
 from .signals import FrequencyRange, Signal, Transient, joined_times
 from .written import Written, beside, silent_note, write_json
 

@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import InputError
 from ..sentences import counted
 from . import losses
-from .checking import clean, encoded, parse, refuse_but
+from .checking import clean, encoded, parse
 from .curves import Curve, CurveTolerance
 from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
@@ -30,6 +30,7 @@ from .he_rules import (
     TRANSIENT_MS,
     findings,
 )
+from .leniency import refuse_but
 from .signals import (
     DEFAULT_TOLERANCE,
     FrequencyRange,

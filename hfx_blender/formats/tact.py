@@ -20,8 +20,9 @@ import numpy.typing as npt
 from .. import file_limits
 from ..engine.arrays import F64
 from ..sentences import counted
-from .checking import clean, parse, refuse_but, without_nulls
+from .checking import clean, parse
 from .curves import Curve
+from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Piece, Signal, mixed
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
 from .tact_rules import INTERVAL_MS, findings
@@ -261,7 +262,7 @@ _FADES: Final = {
 def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
     shares, values = _FADES.get(fade, _FADES["NONE"])
     level = min(max(level, 0.0), 1.0)
-    times = start_s + (end_s - start_s) * np.array(shares)
+    times = start_s + max(end_s - start_s, 0.0) * np.array(shares)
     pitch = Curve.of([start_s], [DEFAULT_RANGE.lowest_hz])
     return Piece(start_s, end_s, Curve(times, level * np.array(values)), pitch)
 
