@@ -15,6 +15,7 @@ import bpy
 from mathutils import Matrix
 
 from ..errors import InputError
+from ..scene_units import metres_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -190,8 +191,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         names, weights = (carrier,), _rigid_weights(len(points))
     else:
         weights = _weights(mesh_object, names)
-    scene = bpy.context.scene.unit_settings
-    unit = 1.0 if scene.system == "NONE" else scene.scale_length
+    unit = metres_of(bpy.context.scene)
     return TargetAvatar(
         vertices=points @ to_rest[:3, :3].T + to_rest[:3, 3],
         triangles=triangles.astype(np.int64),

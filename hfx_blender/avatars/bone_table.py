@@ -88,12 +88,6 @@ def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
     _write(armature, found.convention, found.bones, found.bones | kept)
 
 
-def clear(armature: bpy.types.Object) -> None:
-    """Drop the table: the next fit finds the bones by itself."""
-    armature.hfx.bone_map.clear()
-    armature.hfx.bone_map_convention = ""
-
-
 def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:
     """Show the mapping of a fit, without losing corrections."""
     try:

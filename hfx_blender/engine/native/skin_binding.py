@@ -138,7 +138,6 @@ class Clusters:
 
     Parameters
     ----------
-    bound : BoundClusters
     pair_starts, pair_bones : (C + 1,), (P,) int64
         See :meth:`BoundClusters.bone_boxes`.
 

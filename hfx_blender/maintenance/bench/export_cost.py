@@ -24,7 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ... import blender_session, own_processes
+from ... import blender_session
+from .. import processes
 
 _STEP = """
 import bpy, os, sys, time
@@ -174,7 +175,7 @@ def _scene(folder: Path, kind: Kind) -> Path:
 
 def _run(program: str, *arguments: Path) -> tuple[float, dict[str, Any]]:
     """Run a program; returns its own measurement in seconds, and its report."""
-    done = own_processes.run(own_processes.program(program, *arguments))
+    done = processes.run(processes.program(program, *arguments))
     before, found, seconds = done.stderr.rpartition("seconds=")
     if not found:
         raise RuntimeError(f"a measured process failed:\n{done.stderr}")

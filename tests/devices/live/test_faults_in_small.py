@@ -295,7 +295,7 @@ def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
     script._deadline_s = math.inf  # it was started, so that it may say that it is ready
     script._listen(script._process)  # type: ignore[arg-type]
     assert not answers
-    assert faults == ["its script spoke without being asked"]
+    assert faults == ["its script sent an answer without a question"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems limit it otherwise or not")

@@ -47,7 +47,6 @@ def test_convention_is_mapped_as_by_hand(case: str) -> None:
     assert mapping.bones == table
     assert mapping.convention == convention
     _check_complete(mapping)
-    np.testing.assert_allclose(bone_mapping.frame_of(bones, mapping), np.eye(3), atol=0.01)
 
 
 @pytest.mark.parametrize("case", RENAMED)
@@ -293,7 +292,6 @@ def test_upper_body_alone_is_a_partial_human() -> None:
     assert mapping.bones["wrist.R"] == "RightHand"
     assert mapping.fallbacks["lowerleg01.L"] == "Hips"
     assert any("left thigh" in sentence for sentence in mapping.report)
-    np.testing.assert_allclose(bone_mapping.frame_of(bones, mapping), np.eye(3), atol=0.1)
 
 
 def test_mirrored_names_are_mapped_by_where_they_lie() -> None:
@@ -306,7 +304,6 @@ def test_mirrored_names_are_mapped_by_where_they_lie() -> None:
     assert mapping.bones["finger3-2.R"] == "LeftHandMiddle2"
     assert mapping.bones["head"] == "Head"
     assert any("mirrored" in sentence for sentence in mapping.report)
-    np.testing.assert_allclose(bone_mapping.frame_of(mirrored, mapping), np.eye(3), atol=0.01)
     assert not any("mirrored" in s for s in bone_mapping.map_bones(rig_of(MIXAMO)).report)
 
 
@@ -318,16 +315,14 @@ def _moved(bones: list[RigBone], matrix: np.ndarray) -> list[RigBone]:
 
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
-def test_frame_turns_and_mapping_does_not(scale: float) -> None:
+def test_a_turned_rig_is_mapped_alike(scale: float) -> None:
     still = rig_of(MIXAMO)
     expected = bone_mapping.map_bones(still)
-    frame = bone_mapping.frame_of(still, expected)
     turn, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
     turn *= np.linalg.det(turn)
     bones = _moved(still, turn * scale)
     mapping = bone_mapping.map_bones(bones)
     assert mapping == expected
-    np.testing.assert_allclose(bone_mapping.frame_of(bones, mapping), turn @ frame, atol=1e-9)
 
 
 def _nameless(table: dict[str, str]) -> tuple[list[RigBone], dict[str, str]]:
@@ -392,13 +387,6 @@ def test_nameless_hip_joints_are_not_taken_for_thighs() -> None:
         bone_mapping.map_bones(bones)
 
 
-def test_zero_scale_has_no_frame() -> None:
-    bones = [replace(b, head=(0.0, 0.0, 0.0), tail=(0.0, 0.0, 0.0)) for b in rig_of(MIXAMO)]
-    mapping = bone_mapping.map_bones(bones)
-    with pytest.raises(InputError, match="do not span a body"):
-        bone_mapping.frame_of(bones, mapping)
-
-
 def test_corrections() -> None:
     mapping = bone_mapping.map_bones(rig_of(MIXAMO))
     corrected = bone_mapping.with_corrections(
@@ -419,8 +407,6 @@ def test_corrections() -> None:
         bone_mapping.with_corrections(mapping, {"elbow": "LeftArm"})
     with pytest.raises(InputError, match="has no bone left"):
         bone_mapping.with_corrections(mapping, dict.fromkeys(mapping.bones))
-    with pytest.raises(InputError, match="no bone of that name"):
-        bone_mapping.frame_of(rig_of({"root": "Hips"}), mapping)
 
 
 def test_json_round_trip_and_faults() -> None:
@@ -478,4 +464,3 @@ def test_makehumans_own_rigs(file: str, convention: str, mapped: int) -> None:
     assert len(mapping.bones) == mapped
     if convention == "makehuman default":
         assert all(canonical == name for canonical, name in mapping.bones.items())
-    np.testing.assert_allclose(bone_mapping.frame_of(bones, mapping), np.eye(3), atol=0.01)

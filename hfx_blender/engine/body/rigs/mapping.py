@@ -19,7 +19,6 @@ from .characters import check_single
 from .conventions import convention_of
 from .geometry import (
     assigned_by_geometry,
-    frame_from_heads,
     geometric_left,
     named_left,
 )
@@ -29,7 +28,6 @@ from .vocabulary import FINGERS
 __all__ = [
     "BoneMapping",
     "RigBone",
-    "frame_of",
     "from_json",
     "map_bones",
     "to_json",
@@ -168,24 +166,6 @@ def from_json(text: str) -> BoneMapping:
         raise InputError(f"The text is not a bone mapping ({error}).") from error
     _check_canonical(mapping.bones | mapping.fallbacks)
     return mapping
-
-
-def frame_of(bones: Sequence[RigBone], mapping: BoneMapping) -> F64:
-    """Axes of the avatar itself in its armature's space.
-
-    Returns
-    -------
-    (3, 3) float64
-        Orthonormal and right-handed; columns are the avatar's left, back and up, which are
-        +X, +Y and +Z of the canonical rest space. ``frame.T @ point`` turns armature space
-        into the canonical axes.
-
-    Raises
-    ------
-    InputError
-        The mapped joints lie at one point or on one line, or a mapped bone is missing.
-    """
-    return frame_from_heads(_heads(Rig(bones), mapping.bones))
 
 
 def _heads(rig: Rig, found: Mapping[str, str]) -> dict[str, F64]:
