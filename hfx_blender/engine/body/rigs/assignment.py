@@ -98,7 +98,9 @@ class _Assignment(Digits):
     def _arm(self, side: str) -> None:
         clavicle, shoulder = self._take("clavicle", side), self._take("shoulder", side)
         arm = self._take("arm", side)
-        fore, hand = self._take("forearm", side), self._take("hand", side)
+        fore = self._take("forearm", side)
+        palm = [name for name in self._take("metacarpal", side) if not self.names[name].numbers]
+        hand = self._take("hand", side) or (palm if len(palm) == 1 else [])
         upper = self._either(self._take("upper_arm", side), arm)
         if not fore:  # "Arm1", "Arm2", perhaps "Arm3" or a collar bone "Arm"
             upper, fore, hand, rest = self._numbered(upper, fore, hand)
