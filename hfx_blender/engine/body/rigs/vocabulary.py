@@ -59,7 +59,8 @@ _CENTRE_WORDS: Final = {
     "lower_body": "lower body",  # of MikuMikuDance: beside the upper body, not below it
     "spine": "spine, chest, upper chest, lower chest, mid chest, abdomen, lower abdomen,"
     "upper abdomen, lower back, upper back, mid back, back, torso, upper torso, lower torso, waist,"
-    "stomach, ribs, rib cage, thorax, lower spine, low spine, upper spine, up spine, mid spine, middle spine,"
+    "stomach, ribs, rib cage, thorax, lower spine, low spine, upper spine, up spine, mid spine,"
+    "middle spine,"
     "upper body, trunk, sternum, vertebra, lumbar, ab, abs, bust, body, navel,"
     "spine base, spine shoulder",
     "neck": "neck, lower neck, upper neck, neck twist, cervical",
