@@ -83,7 +83,7 @@ class Pass:
         self._full = [k for k in self._effects if k not in placed]
         model_ids = {scene.effects[k].model_id for k in placed}
         self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if placed]
-        self._last: Row | None = None
+        self._last: dict[int, Row] = {}  # the last ones, which the next block may begin with
         self._rows: dict[int, Row] = {}
         self._cell = (0, -1)
         self._near: list[Volume] = []
@@ -226,7 +226,7 @@ class Pass:
         """The same of bodies that nothing hides."""
         return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
 
-    def block(self, indices: I64, history: int = 0) -> AnimationBlock:
+    def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
         """What is where at samples without a gap between them."""
         frames = self._frames(indices)
         effects: dict[int, EffectBlock] = {
@@ -256,7 +256,7 @@ class Pass:
         rows = [
             self._row(int(i), w, is_stepped) for i, w in zip(indices, wanted.tolist(), strict=True)
         ]
-        self._last = rows[-1] if is_stepped else None
+        self._last = {row.index: row for row in rows[-2:]} if is_stepped else {}
         for k in self._full:
             effects[k] = self._block_of(k, rows)
             if k in self._volumes:
@@ -267,13 +267,15 @@ class Pass:
         }
         poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
         if self._far:
+            own = rows[history : len(rows) - future]
             bodies = [poses[k] for k in range(len(poses))]
-            effects |= self._judged(rows, bodies, idle, history)
+            effects |= self._judged(rows, bodies, idle, own)
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
             poses=tuple(poses[k] for k in range(len(poses))),
             history=history,
+            future=future,
         )
 
     def _idle(self, frames: F64, wanted: Bool) -> set[int]:
@@ -290,7 +292,7 @@ class Pass:
         return idle
 
     def _judged(
-        self, rows: list[Row], poses: list[PoseBlock], idle: set[int], history: int
+        self, rows: list[Row], poses: list[PoseBlock], idle: set[int], own: list[Row]
     ) -> dict[int, EffectBlock]:
         """Volumes of which only the places were read: of those that come near skin, the rest.
 
@@ -305,7 +307,7 @@ class Pass:
         found: dict[int, EffectBlock] = {}
         for n, k in self._far.items():
             if not is_near[n]:
-                self._reading.count_far(k, rows[history].index, len(rows) - history)
+                self._reading.count_far(k, own[0].index, len(own))
                 if k not in self._full:
                     found[k] = self._silence(k, len(rows))
             elif self._reading.is_settled(k):
@@ -339,8 +341,8 @@ class Pass:
 
     def _row(self, index: int, is_posed: bool, is_stepped: bool) -> Row:
         """What is stepped at one time; of effects nothing unless ``is_stepped``."""
-        if self._last is not None and self._last.index == index:
-            return self._last
+        if index in self._last:
+            return self._last[index]
         row = Row(index)
         joint = self._adaptive is None and (is_posed or self._light is self._whole)
         stepper = self._whole if joint else self._light
