@@ -108,7 +108,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     import numpy as np
 
     from ..devices import surface_calibration
-    from ..engine.texture.render import render_stroke
+    from ..engine.texture.stroke_rendering import render_stroke
     from ..engine.texture.surface_texture import Renderer, SurfaceTexture
     from ..formats import stroke_files
 
