@@ -55,8 +55,7 @@ def bake(
     for block in reader.blocks():
         for each, animated in zip(reader.description.effects, block.effects, strict=True):
             if each.id == ids[0]:
-                rows = slice(block.history, None)
-                base[block.indices[rows]] = animated.levels[rows]
+                base[block.own_indices] = animated.levels[block.own]
         for run in engine.evaluate(block):
             if run.stream.effect_id == ids[0]:
                 levels[run.indices] = np.maximum(levels[run.indices], run.levels)

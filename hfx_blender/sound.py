@@ -84,7 +84,7 @@ class SoundRecorder:
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
         """Add the next block, with its samples."""
-        rows = np.arange(block.history, len(block.indices))
+        rows = np.arange(len(block.indices))[block.own]
         pose = block.poses[0]
         rows = rows[pose.valid[rows]]
         at = block.indices[rows]
@@ -189,7 +189,7 @@ def write_sound(
     done = 0
     for block in reader.blocks():
         recorder.add(block, engine.evaluate(block) if track is None else [])
-        done += len(block.indices) - block.history
+        done += len(block.own_indices)
         progress(done / count)
     if track is not None:
         with TrackReader(track) as recorded:

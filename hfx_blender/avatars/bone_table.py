@@ -49,10 +49,7 @@ def automatic(armature: bpy.types.Object) -> BoneMapping:
     try:
         return map_bones(read_bones(armature), human_bones_of(armature))
     except InputError as error:
-        raise InputError(
-            f"Armature '{armature.name}': {error} Assign the bones by hand in the HFX tab, "
-            "under Bones, or choose another armature."
-        ) from None
+        raise InputError(f"Armature '{armature.name}': {error}") from None
 
 
 def mapping_of(armature: bpy.types.Object) -> BoneMapping:

@@ -264,21 +264,26 @@ def _info(options: argparse.Namespace, console: Console) -> int:
 def _short(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{k} {_short(v)}" for k, v in value.items())
+    if value is None:
+        return "-"
     if isinstance(value, list):
         return " x ".join(_short(v) for v in value)
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _measured(height: Any, cutoff_mm: float) -> dict[str, float]:
+def _measured(height: Any, cutoff_mm: float) -> dict[str, float | None]:
+    """Roughness along both axes: lengths in micrometres, None where there is no such value."""
     from math import pi
 
-    from ..engine.texture.roughness import roughness_of_surface
+    from ..engine.texture.roughness import LENGTHS, SHAPES, roughness_of_surface
 
-    found = {}
+    found: dict[str, float | None] = {}
     for axis, angle in (("x", 0.0), ("y", pi / 2.0)):
         measured = roughness_of_surface(height, cutoff_mm / 1000.0, direction_rad=angle)
-        for name in ("ra", "rz", "rmax"):
-            found[f"{name}_{axis}"] = 1e6 * getattr(measured, f"{name}_m")
+        for name in (*LENGTHS, *SHAPES):
+            value = getattr(measured, name)
+            is_length = name in LENGTHS and value is not None
+            found[f"{name.removesuffix('_m')}_{axis}"] = 1e6 * value if is_length else value
     return found
 
 
@@ -287,10 +292,14 @@ def _roughness(options: argparse.Namespace, console: Console) -> int:
     if source.height is None:
         raise InputError(f"{options.source}: a map has no heights, so it has no roughness.")
     facts = _measured(source.height, options.cutoff)
-    console.say(f"along   Ra (um)   Rz (um)   Rmax (um)   cut-off {options.cutoff:g} mm")
+    console.say(f"cut-off {options.cutoff:g} mm; lengths in um, Rsk and Rku without a unit")
+    names = [key.removesuffix("_x") for key in facts if key.endswith("_x")]
+    titles = {"rsm": "RSm"}
+    console.say("along" + "".join(f"{titles.get(n, n.capitalize()):>10}" for n in names))
     for axis in "xy":
-        ra, rz, rmax = (facts[f"{name}_{axis}"] for name in ("ra", "rz", "rmax"))
-        console.say(f"{axis:<5} {ra:>9.3f} {rz:>9.3f} {rmax:>11.3f}")
+        values = (facts[f"{name}_{axis}"] for name in names)
+        shown = ("-" if value is None else f"{value:.3f}" for value in values)
+        console.say(f"{axis:<5}" + "".join(f"{each:>10}" for each in shown))
     console.result({"cutoff_mm": options.cutoff, **facts})
     return 0
 

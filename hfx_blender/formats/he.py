@@ -90,7 +90,8 @@ def write_v1(
     Raises
     ------
     InputError
-        A signal does not fit however it is simplified; nothing was written.
+        No signal fits however it is simplified; nothing was written. If some do, the others
+        are told in ``left_out``.
     """
 
     def build(signal: Signal) -> dict[str, Any] | None:
@@ -173,30 +174,35 @@ def _write_fitting(
 ) -> Written:
     documents: dict[str, Any] = {}
     notes = []
+    refused: list[str] = []
     dense, simple = [], []
     for signal in signals:
         if signal.is_silent:
             continue  # told by _write
         value, found = tolerance.value, None
-        while found is None:
-            if value > max(_COARSEST, tolerance.value):
-                raise InputError(
-                    f"'{signal.name}': {limit}; this one needs more even if it is simplified "
-                    f"to {_COARSEST:.0%} of full scale. Export a shorter range."
-                )
+        while found is None and value <= max(_COARSEST, tolerance.value):
             (few,) = simplified_signals([signal], CurveTolerance(value, tolerance.time_s)).signals
             found = build(few)
             if found is not None and value > tolerance.value:
                 notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
             value *= _COARSER
+        if found is None:
+            refused.append(
+                f"'{signal.name}': {limit}; this one needs more even if it is simplified "
+                f"to {_COARSEST:.0%} of full scale. Export a shorter range"
+            )
+            continue
         documents[signal.name] = found
         dense.append(signal)
         simple.append(few)
-    written = _write(signals, stem, suffix, lambda each: documents[each.name])
+    if refused and not documents:
+        raise InputError(f"{refused[0]}.")
+    kept = [each for each in signals if each.is_silent or each.name in documents]
+    written = _write(kept, stem, suffix, lambda each: documents[each.name])
     within = (
         f"curves are within {tolerance.value:.1%} of full scale, their times whole milliseconds"
     )
-    return written + Written(notes=(within, *notes, *losses.silenced(dense, simple)))
+    return written + Written((), tuple(refused), (within, *notes, *losses.silenced(dense, simple)))
 
 
 def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:

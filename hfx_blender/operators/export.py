@@ -43,6 +43,7 @@ FORMAT_ITEMS = (
     ("openharmony", "OpenHarmony", "Vibration patterns for OpenHarmony", 1 << 13),
     ("openxr", "OpenXR", "Parametric vibration for OpenXR controllers", 1 << 14),
     ("tact", "bHaptics .tact", "Projects for bHaptics vests and sleeves", 1 << 15),
+    ("jsonl-compact", "JSON Lines, Compact", "The same as JSON Lines in less space", 1 << 16),
 )
 _RECORD_ITEMS = (
     ("positions", "Positions", "Position of each vertex", 1),

@@ -26,12 +26,14 @@ class HFX_OT_import_hjif(OnBodyOperator, ImportHelper):
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import hjif_import
 
-        scene = context.scene
-        made, left_out = hjif_import.import_hjif(
-            scene, Path(self.filepath), target_body(context), float(scene.frame_current)
+        made, left_out, notes = hjif_import.import_hjif(
+            context.scene,
+            Path(self.filepath),
+            target_body(context),
+            float(context.scene.frame_current),
         )
-        for each in left_out:
-            self.report({"WARNING"}, printable(f"Left out {each}"))
+        for each in [*notes, *(f"left out {each}" for each in left_out)]:
+            self.report({"WARNING"}, printable(each[:1].upper() + each[1:]))
         if not made:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
         return f"Added {len(made)} effects"

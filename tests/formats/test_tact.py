@@ -239,5 +239,28 @@ def test_a_device_without_motors_costs_no_other(tmp_path):
     assert [path.name for path in made.files] == ["x.back_pad.tact"]
     (sentence,) = made.left_out
     assert "'insoles' has no vibration actuators on the torso" in sentence
-    with pytest.raises(registry.InputError, match="torso or a forearm"):
-        registry.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")
+    alone = registry.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")
+    assert not alone.files and "torso or a forearm" in alone.left_out[0]
+
+
+def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
+    """Version 1 of .he holds 16 events: what one pad plays is too wild for it."""
+    pad, phone = (load_device(name) for name in ("back_pad", "phone_wide_band"))
+    wild = raster_for(pad)
+    wild.values[:, 2::2] = 12.0 * (np.arange(200)[:, None] // 2 % 2)
+    calm = raster_for(phone)
+    played = [(".pad", pad, wild), (".phone", phone, calm)]
+    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
+    names = {path.name for path in made.files}
+    assert {"x.pad.csv", "x.phone.csv", "x.phone.phone.v1.he"} <= names
+    # The first actuator is gentle enough: it alone has a file.
+    assert {name for name in names if name.endswith(".v1.he")} == {
+        "x.phone.phone.v1.he",
+        "x.pad.r1c1.v1.he",
+    }
+    assert all("16 events" in each for each in made.left_out) and len(made.left_out) == 19
+    wild.values[:, 0] = wild.values[:, 4]
+    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "y")
+    assert "y.phone.phone.v1.he" in {path.name for path in made.files}
+    (sentence,) = made.left_out
+    assert "'back_pad'" in sentence and "16 events" in sentence

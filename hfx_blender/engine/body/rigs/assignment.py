@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, pairwise, product
 from typing import Final
 
@@ -30,6 +30,8 @@ _NEXT: Final = (
     ("upperleg01", "lowerleg01"),
     ("lowerleg01", "foot"),
 )
+_ARM: Final = ("upperarm01", "lowerarm01")
+_LEG: Final = ("upperleg01", "lowerleg01")
 _TRIED: Final = 4  # bones with the same joint's name
 _MAIN: Final = frozenset(
     ["head"]
@@ -65,6 +67,14 @@ def _canonical_names(names: Iterable[str]) -> dict[str, str]:
 
     canonical = {key(name): name for name in canonical_parents()}
     return {canonical[key(name)]: name for name in names if key(name) in canonical}
+
+
+def is_human(found: Mapping[str, str]) -> bool:
+    """Test joints for a trunk with both arms or both legs."""
+    has_trunk = "root" in found or any(name.startswith("spine") for name in found)
+    return has_trunk and any(
+        all(f"{bone}.{side}" in found for bone in limb for side in "LR") for limb in (_ARM, _LEG)
+    )
 
 
 class _Assignment(Digits):
