@@ -48,7 +48,7 @@ def main() -> None:
         devices()
     if "assets" in subjects:
         folder = str(DOCS.parent / "effect_library")
-        module = "hfx_blender.maintenance.demo.effect_assets"
+        module = "hfx_blender.maintenance.demo.sensation_assets"
         subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
     if "bodies" in subjects:
         bodies()

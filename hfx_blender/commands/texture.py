@@ -113,7 +113,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     from ..devices import surface_calibration
     from ..devices.configuration import load_device
     from ..devices.stroke_device import StrokeDevice
-    from ..engine.texture.render import render_stroke
+    from ..engine.texture.stroke_rendering import render_stroke
     from ..engine.texture.surface_texture import Renderer, SurfaceTexture
     from ..formats import stroke_files
 

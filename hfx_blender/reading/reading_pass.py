@@ -27,7 +27,7 @@ from ..engine.scene import (
     SurfaceBinding,
 )
 from ..engine.tolerance import Tolerance
-from ..engine.volume.placement import world_bounds
+from ..engine.volume.placing_matrix import world_bounds
 from . import response_values, stepping
 from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
 from .animation_curves import NotModelledError

@@ -15,8 +15,8 @@ from ...engine.texture import mcha, procedural, stroke, weave
 from ...engine.texture.contact_path import ContactFollower, SurfaceMesh
 from ...engine.texture.contact_rendering import ContactRenderer
 from ...engine.texture.height_field import HeightField
-from ...engine.texture.render import render_stroke
 from ...engine.texture.signal import Signal
+from ...engine.texture.stroke_rendering import render_stroke
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...engine.texture.textile import drive_levels
 from . import classify

@@ -24,8 +24,8 @@ from ...engine.body.model import load_model
 from ...engine.body.parts import PARTS
 from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
 from ...engine.texture.procedural import MATERIALS
-from ...engine.texture.render import render_stroke
 from ...engine.texture.stroke import line
+from ...engine.texture.stroke_rendering import render_stroke
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...errors import OutputError
 from ...formats import stroke_files
