@@ -248,14 +248,15 @@ class RandomContact:
             weights, apart = np.zeros(len(self.model)), np.full(len(self.model), np.inf)
             if sample is not None:
                 weights[sample.vertices] = sample.weights
+            detail = np.inf if self.record and sample is not None else 0.0
             for felt in self.by_reference(row):
                 mine = np.abs(weights - felt.weights)
                 apart = np.minimum(apart, mine)
-                if apart.max() < NEAR:
+                if detail and mine.max() < NEAR:
+                    detail = min(detail, self._detail_difference(row, sample, felt))
+                if max(apart.max(), detail) < NEAR:
                     break
-            most = max(most, float(apart.max()))
-            if sample is not None and self.record and mine.max() < NEAR:
-                most = max(most, self._detail_difference(row, sample, felt))
+            most = max(most, float(apart.max()), detail)
         return most
 
     def _detail_difference(self, row: int, sample: Sample, felt: Contact) -> float:
@@ -269,10 +270,12 @@ class RandomContact:
         depths = nearest(shape, places, matrix)[2]
         apart = [np.abs(sample.depth_m - depths) / size]
         if sample.surface is not None:
-            world = moved(matrix, places).T
-            away = np.linalg.norm(sample.surface - world, axis=1)
-            rounding = 4e-7 * np.abs(world).max()  # float32
-            apart.append(np.maximum(np.abs(away - depths) - rounding, 0.0) / size)
+            # Where several places are equally deep, the engine may have chosen another of them.
+            inwards = sample.surface_normals * sample.depth_m[:, None]
+            back = moved(np.linalg.inv(matrix), (sample.surface - inwards).T.astype(float))
+            rounding = 4e-7 * np.abs(sample.surface).max()  # float32
+            away = np.abs(nearest(shape, back, matrix)[2] - sample.depth_m)
+            apart.append(np.maximum(away - rounding, 0.0) / size)
         if sample.impact is not None:
             since = felt.details.since[sample.vertices]
             began = ~np.isnan(since)
@@ -280,6 +283,8 @@ class RandomContact:
             times = self.indices[row] / RATE_HZ + (since - 1.0) / RATE_HZ
             apart.append(np.abs(sample.impact.times_s - times)[began] * RATE_HZ)
             if not isinstance(shape, MeshVolume):
+                # At 0 the shape itself changed: which of its places was first inside is open.
+                began = since > 0.0
                 at = sample.vertices[began]
                 normals = normals_at(shape, felt.details.entries[:, at], matrix)
                 ways = matrix[:3, :3] @ felt.details.ways[:, at]

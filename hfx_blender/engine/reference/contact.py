@@ -182,7 +182,8 @@ def _follow(
         first[entered],
         last[entered],
     )
-    strongest = np.zeros(len(entered))
+    # Without falloff all is at full strength, also where a point leaves the volume for a while.
+    strongest = np.full(len(entered), float(volume.falloff.is_flat))
     for share in np.linspace(0.0, 1.0, _LOOKED_UP):
         place = along(path, first + share * (last - first))[0]
         strongest = np.maximum(strongest, volume.strength(place, row))
