@@ -20,6 +20,7 @@ texture           haptic surfaces: height fields, materials, strokes
 response_filters  parameters and values of contact response filters
 scene             the scene description: the input
 samples           haptic samples: the result of an evaluation
+reference         the definition of a contact, in plain numpy: read it first
 active_rows       rows of a block that count
 retargeting       fitting of the canonical models to an avatar
 skin              models bound, posed and sampled cell by cell

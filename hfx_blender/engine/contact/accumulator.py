@@ -186,7 +186,10 @@ class ContactAccumulator:
             felt.append((self._places(skin, met), peaks[met]))
             if self.details is not None and self.inside is not None:
                 crossed.tell(self.details, partial(self._places, skin))
-                self.inside.append(crossed.inside(skin))
+                # Where skin is inside at the row itself, its place then is the contact's.
+                is_over = np.zeros(skin.contact_count, np.bool_)
+                is_over[met] = self.weights[self._places(skin, met)] == 0.0
+                self.inside.append(crossed.inside(skin, is_over))
         for places, weights in felt:
             self.weights[places] = np.maximum(self.weights[places], weights)
 

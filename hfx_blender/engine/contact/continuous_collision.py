@@ -134,10 +134,12 @@ class Crossings:
         moves = path[step + 1, :, which] - path[step, :, which]
         details.ways[:, *at] = moves.T * self.ways.steps
 
-    def inside(self, posed: PosedSkin) -> Inside:
-        """Samples inside, at the middle of their passage."""
-        rows, cells = posed.cells_of(self.contacts)
-        return Inside(rows, cells, _along(self.ways.path(), 0.5 * (self.first + self.last)))
+    def inside(self, posed: PosedSkin, is_asked: Bool) -> Inside:
+        """Samples of some of the contacts (count,), at the middle of their passage."""
+        which = np.flatnonzero(is_asked[self.contacts])
+        rows, cells = posed.cells_of(self.contacts[which])
+        middle = 0.5 * (self.first[which] + self.last[which])
+        return Inside(rows, cells, _along(self.ways.taken(which).path(), middle))
 
 
 def passing(posed: PosedSkin, later: Bool, target: Target, *, is_straight: bool) -> I64:

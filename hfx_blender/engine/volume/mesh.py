@@ -116,6 +116,17 @@ class MeshVolume:
         return made
 
     @property
+    def corners(self) -> F64:
+        """Corners of the triangles of the closed surface, (F, 3, 3): triangle, corner, axis."""
+        corners: F64 = self._vertices[self._triangles]
+        return corners
+
+    @property
+    def core_radius(self) -> float:
+        """Radius of the largest ball that fits inside, shape space, within half a percent."""
+        return self._largest_depth
+
+    @property
     def is_fine(self) -> bool:
         """Whether it has so many faces that it may pay to feel fewer."""
         return len(self._triangles) >= MANY_FACES

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Contact of a body's skin with a volume: the share of each cell that is inside.
+
+The weight of a vertex is the mean strength of the volume over its cell. What passes between two
+samples is felt at the later one, as much of it as was inside at one moment, by skin that did not
+feel the volume at the sample before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ..arrays import F64, I64
+from ..scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
+from ..volume.shape import Falloff, Shape
+from . import motion
+from .boundary import nearest
+from .cells import EXACT, Cells, Fineness, Samples, Skin, vertex_samples
+from .pose import moved, world_points
+from .shapes import strength
+from .sweep import along, passage
+
+_WHOLE: Final = 1.0 - 1e-9  # a sum of shares that is 1 but for rounding
+_LOOKED_UP: Final = 5  # places of a passage at which strength is looked up
+_TURNING_STEPS: Final = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Skin on a body, sampled in its cells, or at its vertices only where ``fineness`` is None."""
+
+    skin: Skin
+    binding: SkinBinding | SurfaceBinding
+    pose: PoseBlock
+    fineness: Fineness | None = EXACT
+
+    def samples(self) -> Iterator[Samples]:
+        """All samples of the skin, in blocks; those of a cell are in one block."""
+        if self.fineness is None:
+            yield vertex_samples(self.skin.model)
+        else:
+            yield from Cells(self.skin, self.fineness).samples()
+
+    def world_points(self, row: int, samples: Samples | None = None) -> F64:
+        """World positions (3, N) of samples, or of the model's own vertices."""
+        if samples is None:
+            return world_points(self.skin.model, self.binding, self.pose, row)
+        points = world_points(self.skin.surface, self.binding, self.pose, row)
+        handedness = np.sign(np.linalg.det(self.pose.to_world[row, :3, :3]))
+        return samples.posed(points, float(handedness))
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Volume of an effect, with a placing matrix and a shape at each row."""
+
+    effect: EffectBlock
+    falloff: Falloff
+
+    def shape(self, row: int) -> Shape:
+        """Shape at a row."""
+        return self.effect.shapes[int(self.effect.shapes_at(np.array([row]))[0])]
+
+    def matrix(self, row: int) -> F64:
+        """Matrix (4, 4) from shape space to the world at a row."""
+        assert self.effect.matrices is not None
+        matrix: F64 = self.effect.matrices[row]
+        return matrix
+
+    def strength(self, points: F64, row: int) -> F64:
+        """Contact weights (N,) of points (3, N) in the shape space of a row."""
+        return strength(self.shape(row), self.falloff, points)
+
+
+@dataclass(frozen=True, eq=False)
+class Details:
+    """Place and beginning of the contact of each vertex; shape space."""
+
+    places: F64  # (3, V) of the contact; 0 where there is none
+    since: F64  # (V,) its beginning, a share of the time since the sample before; else NaN
+    entries: F64  # (3, V) where skin was inside first, if it began since
+    ways: F64  # (3, V) velocity there, per whole time between two samples
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Contact of all vertices of a model at one sample."""
+
+    weights: F64  # (V,) 0 to 1
+    details: Details | None
+
+
+def contact(
+    body: Body,
+    volume: Volume,
+    row: int,
+    before: int | None = None,
+    *,
+    steps: int | None = None,
+    with_details: bool = False,
+) -> Contact:
+    """Contact of a body with a volume at one row.
+
+    Parameters
+    ----------
+    body : Body
+    volume : Volume
+    row : int
+    before : int, optional
+        The row of the sample before, from which motion is followed.
+    steps : int, optional
+        Straight steps that follow turning; 1 where nothing turns.
+    with_details : bool
+        Whether places and beginnings are wanted, too.
+
+    Notes
+    -----
+    The *place* of a contact is its vertex where that is inside, else the deepest sample of its
+    cell; of a contact that is over already, the deepest halfway through its passage.
+    """
+    count, to_shape = len(body.skin.model), np.linalg.inv(volume.matrix(row))
+    details = None
+    own = moved(to_shape, body.world_points(row))
+    has_vertex = volume.strength(own, row) > 0.0
+    if with_details:
+        nothing = np.zeros((3, count))
+        details = Details(
+            np.where(has_vertex, own, 0.0), np.full(count, np.nan), nothing, nothing.copy()
+        )
+    found = Contact(np.zeros(count), details)
+    for samples in body.samples():
+        points = moved(to_shape, body.world_points(row, samples))
+        felt = volume.strength(points, row)
+        found.weights[:] += _summed(samples, felt, count)  # other blocks hold other cells
+        is_in = (felt > 0.0) & ~has_vertex[samples.cells]
+        _place(found, volume, row, samples.cells[is_in], points[:, is_in])
+        if before is not None:
+            _follow(found, body, volume, samples, (before, row), steps)
+    found.weights[found.weights > _WHOLE] = 1.0
+    return found
+
+
+def _summed(samples: Samples, weights: F64, count: int) -> F64:
+    """Sums over the samples of each cell, by area, (V,)."""
+    return np.asarray(np.bincount(samples.cells, samples.areas * weights, count), np.float64)
+
+
+def _place(found: Contact, volume: Volume, row: int, cells: I64, points: F64) -> None:
+    """Place contacts at the deepest of some points (3, N) of their cells (N,)."""
+    if found.details is None:
+        return
+    depths = nearest(volume.shape(row), points, volume.matrix(row))[2]
+    order = np.lexsort((depths, cells))
+    last = order[np.flatnonzero(np.diff(cells[order], append=-1))]
+    found.details.places[:, cells[last]] = points[:, last]
+
+
+def _follow(
+    found: Contact,
+    body: Body,
+    volume: Volume,
+    samples: Samples,
+    rows: tuple[int, int],
+    steps: int | None,
+) -> None:
+    """Add what passed between two rows, of cells without contact at the first of them."""
+    before, row = rows
+    path = _path(body, volume, samples, rows, steps)
+    start = volume.strength(path[0], before)
+    is_open = _summed(samples, start, len(found.weights)) == 0.0
+    first, last = passage(volume.shape(row), path)
+    entered = np.flatnonzero(np.isfinite(first) & is_open[samples.cells])
+    if not len(entered):
+        return
+    cells, path, first, last = (
+        samples.cells[entered],
+        path[..., entered],
+        first[entered],
+        last[entered],
+    )
+    # Without falloff all is at full strength, also where a point leaves the volume for a while.
+    strongest = np.full(len(entered), float(volume.falloff.is_flat))
+    for share in np.linspace(0.0, 1.0, _LOOKED_UP):
+        place = along(path, first + share * (last - first))[0]
+        strongest = np.maximum(strongest, volume.strength(place, row))
+    peaks = _peaks(cells, first, last, samples.areas[entered] * strongest, len(found.weights))
+    is_over = (found.weights == 0.0)[cells]
+    middle = along(path[..., is_over], (0.5 * (first + last))[is_over])[0]
+    _place(found, volume, row, cells[is_over], middle)
+    found.weights[:] = np.maximum(found.weights, peaks)
+    if found.details is not None:
+        order = np.lexsort((first, cells))
+        order = order[np.flatnonzero(np.diff(cells[order], prepend=-1))]
+        cells, entries = cells[order], along(path[..., order], first[order])
+        found.details.since[cells] = first[order]
+        found.details.entries[:, cells], found.details.ways[:, cells] = entries
+
+
+def _path(
+    body: Body, volume: Volume, samples: Samples, rows: tuple[int, int], steps: int | None
+) -> F64:
+    """Ways of samples between two rows, in straight steps, (steps + 1, 3, N) shape space.
+
+    Skin moves straight in the body's own space, between its places there at both rows.
+    """
+    ends = [body.world_points(row, samples) for row in rows]
+    volumes = [volume.matrix(row) for row in rows]
+    bodies = [body.pose.to_world[row] for row in rows]
+    if steps is None:
+        is_turning = motion.turns(*volumes) or motion.turns(*bodies)
+        steps = _TURNING_STEPS if is_turning else 1
+    path = np.zeros((steps + 1, *ends[0].shape))
+    for k, (points, matrix) in zip((0, steps), zip(ends, volumes, strict=True), strict=True):
+        path[k] = moved(np.linalg.inv(matrix), points)
+    own = [
+        moved(np.linalg.inv(matrix), points) for matrix, points in zip(bodies, ends, strict=True)
+    ]
+    for k in range(1, steps):
+        share = k / steps
+        to_world = motion.between(bodies[0], bodies[1], share)
+        to_shape = np.linalg.inv(motion.between(volumes[0], volumes[1], share))
+        path[k] = moved(to_shape @ to_world, (1.0 - share) * own[0] + share * own[1])
+    return path
+
+
+def _peaks(cells: I64, first: F64, last: F64, shares: F64, count: int) -> F64:
+    """Largest sum of shares of each cell's samples that are inside at one moment, (V,).
+
+    Shares are added and taken away again in the order of time; at one time, first added.
+    """
+    key, when = np.tile(cells, 2), np.concatenate([first, last])
+    change = np.concatenate([shares, -shares])
+    order = np.lexsort((change < 0.0, when, key))
+    key, change = key[order], change[order]
+    inside = np.cumsum(change)
+    starts = np.flatnonzero(np.diff(key, prepend=-1))
+    before = np.repeat(inside[starts] - change[starts], np.diff(starts, append=len(key)))
+    peaks = np.zeros(count)
+    peaks[key[starts]] = np.maximum.reduceat(inside - before, starts)
+    return peaks

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Passage of moving points through a volume.
+
+Points move straight, at even speed. A convex shape is an intersection, or a union, of slabs and
+balls, and a straight way meets each of these in one interval of time (Kay and Kajiya, "Ray tracing
+complex scenes", 1986). A mesh is crossed at its triangles; between the first and the last moment
+inside, a point counts as inside.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import F64, Bool
+from ..volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from ..volume.mesh import MeshVolume
+from ..volume.shape import Shape
+from .shapes import contains
+
+Interval = tuple[F64, F64]
+"""First and last time (N,) each; infinite and minus infinite where it is empty."""
+
+
+def passage(shape: Shape, path: F64) -> Interval:
+    """First and last time at which points are inside, on paths of even steps.
+
+    Parameters
+    ----------
+    shape : Shape
+    path : (steps + 1, 3, N) float64
+        Shape space.
+
+    Returns
+    -------
+    first, last : (N,) float64
+        From 0 at the start to 1 at the end.
+    """
+    steps = len(path) - 1
+    nothing: F64 = np.full(path.shape[2], np.inf)
+    found = nothing, -nothing
+    for k in range(steps):
+        first, last = _passage(shape, path[k], path[k + 1])
+        found = _union(found, ((k + first) / steps, (k + last) / steps))
+    return found
+
+
+def along(path: F64, share: F64) -> tuple[F64, F64]:
+    """Places on paths at shares (N,) of the time, and velocities there per whole time, (3, N)."""
+    steps, which = len(path) - 1, np.arange(path.shape[2])
+    step = np.clip((share * steps).astype(np.int64), 0, steps - 1)
+    start, way = path[step, :, which].T, (path[step + 1, :, which] - path[step, :, which]).T
+    return start + (share * steps - step) * way, way * steps
+
+
+def _passage(shape: Shape, start: F64, end: F64) -> Interval:
+    way = end - start
+    with np.errstate(all="ignore"):  # a way along a plane divides by 0
+        if isinstance(shape, Cuboid):
+            found = _in_slabs(start, way, 1.0)
+        elif isinstance(shape, Sphere):
+            found = _in_ball(start, way)
+        elif isinstance(shape, Cylinder):
+            found = _both(_in_ball(start[:2], way[:2]), _in_slabs(start[2:], way[2:], 1.0))
+        elif isinstance(shape, Capsule):
+            half = shape.half_segment
+            found = _both(_in_ball(start[:2], way[:2]), _in_slabs(start[2:], way[2:], half))
+            for place in (half, -half):
+                found = _union(found, _in_ball(start - np.array([[0.0], [0.0], [place]]), way))
+        else:
+            assert isinstance(shape, MeshVolume)
+            found = _through_triangles(shape.corners, start, way)
+            found = _union(found, _at(contains(shape, start), 0.0))
+            found = _union(found, _at(contains(shape, end), 1.0))
+    first, last = np.maximum(found[0], 0.0), np.minimum(found[1], 1.0)
+    return _unless_empty(first, last)
+
+
+def _unless_empty(first: F64, last: F64) -> Interval:
+    is_some = first <= last  # False for what is not a number
+    return np.where(is_some, first, np.inf), np.where(is_some, last, -np.inf)
+
+
+def _both(one: Interval, other: Interval) -> Interval:
+    return _unless_empty(np.maximum(one[0], other[0]), np.minimum(one[1], other[1]))
+
+
+def _union(one: Interval, other: Interval) -> Interval:
+    return np.minimum(one[0], other[0]), np.maximum(one[1], other[1])
+
+
+def _at(is_inside: Bool, time: float) -> Interval:
+    return np.where(is_inside, time, np.inf), np.where(is_inside, time, -np.inf)
+
+
+def _in_slabs(start: F64, way: F64, half: float) -> Interval:
+    """Time with all coordinates between -half and half."""
+    one, other = (-half - start) / way, (half - start) / way
+    rests = np.where(np.abs(start) <= half, -np.inf, np.inf)
+    first = np.where(way == 0.0, rests, np.minimum(one, other)).max(axis=0)
+    last = np.where(way == 0.0, -rests, np.maximum(one, other)).min(axis=0)
+    return _unless_empty(first, last)
+
+
+def _in_ball(start: F64, way: F64) -> Interval:
+    """Time with a norm of at most 1: half a chord before and after the nearest moment."""
+    squared = (way * way).sum(axis=0)
+    rests = np.where((start * start).sum(axis=0) <= 1.0, -np.inf, np.inf)
+    nearest = -(start * way).sum(axis=0) / squared
+    aside = start + nearest * way
+    half = np.sqrt((1.0 - (aside * aside).sum(axis=0)) / squared)
+    first, last = nearest - half, nearest + half
+    is_still = squared == 0.0
+    return _unless_empty(np.where(is_still, rests, first), np.where(is_still, -rests, last))
+
+
+def _through_triangles(corners: F64, start: F64, way: F64) -> Interval:
+    """First and last crossing of triangles (F, 3, 3), a grain beyond their edges.
+
+    Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
+    """
+    found = np.full(start.shape[1], np.inf), np.full(start.shape[1], -np.inf)
+    grain = 1e-9
+    for a, b, c in corners:
+        across = np.cross(way, c - a, axisa=0, axisb=0).T
+        volume = (b - a) @ across
+        offset = start - a[:, None]
+        u = (offset * across).sum(axis=0) / volume
+        turned = np.cross(offset, b - a, axisa=0, axisb=0).T
+        v = (way * turned).sum(axis=0) / volume
+        time = (c - a) @ turned / volume
+        hit = (u >= -grain) & (v >= -grain) & (u + v <= 1.0 + grain)
+        hit &= (time >= -grain) & (time <= 1.0 + grain)
+        found = _union(found, (np.where(hit, time, np.inf), np.where(hit, time, -np.inf)))
+    return found

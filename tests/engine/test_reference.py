@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The definition of a contact, judged by libigl and by arithmetic, and the engine by it."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+from both_ways import in_numpy, needs_library
+from coverage_synthetic import SIDE_M, ball, placed, rigid, sheet
+from engine_synthetic import BONES
+from random_contacts import NEAR, RandomContact
+
+from hfx_blender.engine.body.cells import cell_of_skin
+from hfx_blender.engine.body.model import PerceptualModel, load_model
+from hfx_blender.engine.reference import motion
+from hfx_blender.engine.reference.boundary import nearest
+from hfx_blender.engine.reference.cells import EXACT, Cells, Fineness, Skin
+from hfx_blender.engine.reference.contact import Body, Volume, contact
+from hfx_blender.engine.reference.pose import by_bones, moved
+from hfx_blender.engine.reference.shapes import (
+    contains,
+    nearest_on_triangles,
+    strength,
+    winding_numbers,
+)
+from hfx_blender.engine.reference.sweep import passage
+from hfx_blender.engine.scene import EffectBlock, SkinBinding
+from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
+
+RNG = np.random.default_rng(20)
+
+
+# The engine
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_the_engine_feels_what_the_reference_does(seed: int) -> None:
+    case = RandomContact(seed)
+    assert case.difference < NEAR, case
+
+
+@needs_library
+@pytest.mark.parametrize("seed", [0, 2, 3, 7, 15])
+def test_the_engine_without_its_library_does_so_too(seed: int) -> None:
+    case = RandomContact(seed)
+    with in_numpy():
+        assert case.difference < NEAR, case
+
+
+def test_the_scenes_touch_and_cut() -> None:
+    """A comparison of nothing with nothing would hold, too."""
+    found = [RandomContact(seed).by_engine() for seed in range(14)]
+    weights = np.concatenate([s.weights for scene in found for s in scene.values()])
+    assert np.count_nonzero(weights) > 100 and np.count_nonzero(weights < 0.9) > 50
+    assert sum(bool(scene) for scene in found) > 9
+
+
+# Inside and depth
+
+
+def _tangle() -> np.ndarray:
+    """Corners of a ball with dents that cuts through a second one, and a hollow."""
+    made = ball(1.0, 1)
+    vertices = made.vertices * RNG.uniform(0.5, 1.3, (len(made), 1))
+    corners = vertices[made.triangles].astype(float)
+    return np.concatenate([corners, corners + 0.6, 0.3 * corners[:, ::-1]])
+
+
+def test_inside_and_distance_of_meshes_are_libigls() -> None:
+    corners, points = _tangle(), RNG.uniform(-1.5, 2.0, (400, 3))
+    vertices, faces = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+    theirs = igl.winding_number(vertices, faces, points)
+    boxed = ((points >= vertices.min(axis=0)) & (points <= vertices.max(axis=0))).all(axis=1)
+    assert set(np.rint(theirs).astype(int)) >= {0, 1, 2}
+    assert np.abs(winding_numbers(corners, points.T) - theirs)[boxed].max() < 1e-9
+    squared, _, feet = igl.point_mesh_squared_distance(points, vertices, faces)
+    places, ours = nearest_on_triangles(corners, points.T)
+    assert np.abs(ours - squared).max() < 1e-9
+    assert np.abs(np.linalg.norm(places.T - points, axis=1) - np.sqrt(squared)).max() < 1e-9
+    assert np.abs(places.T - feet).max() < 1e-6
+
+
+def _tessellated(shape: Shape, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """The boundary of a convex shape as triangles: a fine ball, pushed out to it."""
+    made = ball(1.0, steps)
+    points = made.vertices.astype(float).T
+    if isinstance(shape, Cuboid):
+        points = points / np.abs(points).max(axis=0)
+    elif isinstance(shape, Cylinder):
+        points = points / np.maximum(np.hypot(points[0], points[1]), np.abs(points[2]))
+    elif isinstance(shape, Capsule):
+        points[2] += np.where(np.abs(points[2]) < 1e-6, 0.0, np.sign(points[2])) * (
+            shape.half_segment
+        )
+    return points.T, made.triangles
+
+
+@pytest.mark.parametrize("shape", [Sphere(), Capsule(0.8)], ids=lambda s: type(s).__name__)
+def test_depth_in_a_sheared_shape_is_libigls_of_its_triangles(shape: Shape) -> None:
+    vertices, triangles = _tessellated(shape, 5)
+    matrix = np.eye(4)
+    matrix[:3] = [[1.0, 0.9, -0.3, 5.0], [0.0, 0.4, 0.8, -2.0], [0.2, 0.0, 1.5, 0.0]]
+    points = RNG.uniform(-1.0, 1.0, (3, 60))
+    points = points[:, contains(shape, points)]
+    world = moved(matrix, vertices.T).T
+    squared, _, _ = igl.point_mesh_squared_distance(moved(matrix, points).T, world, triangles)
+    places, normals, depths = nearest(shape, points, matrix)
+    assert np.abs(depths - np.sqrt(squared)).max() < 2e-3  # chords of 10 242 vertices
+    assert np.abs(places - moved(matrix, points) - normals * depths).max() < 1e-12
+    back = moved(np.linalg.inv(matrix), places)
+    assert contains(shape, back * (1.0 - 1e-6)).all() and not contains(shape, back * 1.01).any()
+
+
+def test_depths_by_hand() -> None:
+    """An ellipsoid's on its long axis: b sqrt(1 - x^2 / (a^2 - b^2)) up to x = (a^2 - b^2) / a,
+    then a - x; planes of a cuboid and of caps; a cylinder's round side."""
+    points = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0], [0.9, 0.0, 0.0]]).T
+    expected = [1.0, np.sqrt(1.0 - 0.25 / 3.0), 0.2]
+    assert nearest(Sphere(), points, placed((2.0, 1.0, 1.0), 0.0))[2] == pytest.approx(expected)
+    assert nearest(Cuboid(), points, placed((2.0, 1.0, 3.0), 0.0))[2] == pytest.approx([1, 1, 0.2])
+    assert nearest(Cylinder(), points, placed((1.0, 1.0, 0.5), 0.0))[2] == pytest.approx(
+        [0.5, 0.5, 0.1]
+    )
+    sheared = np.eye(4)
+    sheared[0, 1] = 1.0  # the side x = 1 leans by 45 degrees
+    assert nearest(Cuboid(), points, sheared)[2] == pytest.approx(
+        [0.5**0.5, 0.75 * 0.5**0.5, 0.1 * 0.5**0.5]
+    )
+
+
+def test_strength_by_hand() -> None:
+    points = np.array([[0.0, 0.0, z] for z in (0.0, 0.5, 0.8, 1.0, 1.1)]).T
+    for shape in (Cuboid(), Sphere(), Cylinder(), Capsule(0.0)):
+        linear = strength(shape, Falloff(FalloffKind.LINEAR), points)
+        assert linear == pytest.approx([1.0, 0.5, 0.2, 0.0, 0.0])
+        smooth = strength(shape, Falloff(FalloffKind.SMOOTH, 0.5), points)
+        assert smooth == pytest.approx([1.0, 1.0, 0.352, 0.0, 0.0])  # 3 * 0.4^2 - 2 * 0.4^3
+        assert strength(shape, Falloff(), points).tolist() == [1.0, 1.0, 1.0, 1.0, 0.0]
+
+
+def test_a_cubes_core_is_its_middle() -> None:
+    """The largest ball in a cube of edge 2 has radius 1; the engine's search ends within 0.5 %."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = [[a, b, c] for a, b, c, _ in faces] + [[a, c, d] for a, _, c, d in faces]
+    box = MeshVolume(corners, np.array(triangles, np.int32), "box")
+    assert box.core_radius == pytest.approx(1.0, rel=0.005)
+
+
+# Cells
+
+
+def _body(model: PerceptualModel, fineness: Fineness = EXACT) -> Body:
+    return Body(Skin.of(model), SkinBinding(BONES), rigid(1), fineness)
+
+
+def test_covered_area_of_a_sheet() -> None:
+    """A plane's edge at x = 0.01 across a square of 0.3 m: 0.16 * 0.3 square metres."""
+    body = sheet(9)
+    matrix = placed(1.0, (0.01 - 1.0, 0.0, 0.0))
+    animated = EffectBlock(np.ones(1), np.ones((1, 2)), matrix[None], (Cuboid(),))
+    weights = contact(_body(body), Volume(animated, Falloff()), 0).weights
+    assert weights @ body.areas_m2 == pytest.approx(0.16 * SIDE_M, rel=1e-3)
+    x = body.vertices[:, 0]
+    assert (weights[x < -0.03] == 1.0).all() and (weights[x > 0.05] == 0.0).all()
+
+
+def test_curved_skin_is_on_the_ball_that_its_triangles_stand_for() -> None:
+    """To second order: with triangles half as long, the error is a quarter as large a share of the
+    sagitta."""
+    shares = []
+    for rounds in (1, 2):
+        made, radii = ball(0.02, rounds), []
+        total = np.zeros(len(made))
+        for samples in Cells(Skin.of(made), EXACT).samples():
+            points = samples.posed(made.vertices.astype(float).T, 1.0)
+            radii.append(np.linalg.norm(points, axis=0) / 0.02)
+            total += np.bincount(samples.cells, samples.areas, len(made))
+        assert total == pytest.approx(np.ones(len(made)))
+        sagitta = 1.0 - np.linalg.norm(made.vertices[made.triangles].mean(axis=1), axis=1) / 0.02
+        shares.append(np.abs(np.concatenate(radii) - 1.0).max() / sagitta.max())
+    assert shares[0] < 0.3 and shares[1] < 0.3 * shares[0]
+
+
+def test_samples_of_the_temperature_model_are_on_its_geodesic_cells() -> None:
+    model = load_model("hfx-temperature-1")
+    fine, owner = cell_of_skin(model)
+    skin = Skin.of(model, load_model(fine))
+    total = np.zeros(len(model))
+    for samples in Cells(skin, Fineness(0.5, 0.005, 0.02)).samples():
+        assert (owner[samples.corners[0]] == samples.cells).all()
+        total += np.bincount(samples.cells, samples.areas, len(model))
+    assert total == pytest.approx(np.ones(len(model)))
+
+
+# Pose and motion
+
+
+def test_linear_blend_skinning_by_hand() -> None:
+    body = sheet(1)
+    bones = np.tile(np.eye(4)[:3], (4, 1, 1))
+    bones[0, :, 3] = 1.0, 2.0, 3.0
+    found = by_bones(body, BONES, bones)
+    assert found == pytest.approx(body.vertices.T + np.array([[1.0], [2.0], [3.0]]))
+
+
+def test_motion_by_hand() -> None:
+    before, after = np.eye(4), np.eye(4)
+    after[:3, :3] = [[0.0, -3.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]  # 90 degrees, y times 3
+    after[:3, 3] = 4.0, 0.0, 0.0
+    middle = motion.between(before, after, 0.5)
+    half = 0.5**0.5
+    expected = [[half, -2.0 * half, 0.0, 2.0], [half, 2.0 * half, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    assert middle[:3] == pytest.approx(np.array(expected))
+    assert motion.turns(before, after) and not motion.turns(before, 2.0 * before)
+
+
+def test_passages_by_hand() -> None:
+    """From x = -3 to 3: in a ball at y = 0.6 for a chord of 1.6, in a cuboid for 2."""
+    path = np.array([[[-3.0], [0.6], [0.0]], [[3.0], [0.6], [0.0]]])
+    for shape, half in ((Sphere(), 0.8), (Cylinder(), 0.8), (Capsule(1.0), 0.8), (Cuboid(), 1.0)):
+        first, last = passage(shape, path)
+        assert (first[0], last[0]) == pytest.approx(((3.0 - half) / 6.0, (3.0 + half) / 6.0))
+    bent = np.concatenate([path, path[:1]])  # and back
+    first, last = passage(Sphere(), bent)
+    assert (first[0], last[0]) == pytest.approx(((3.0 - 0.8) / 12.0, 1.0 - (3.0 - 0.8) / 12.0))
+    away = path + np.array([[0.0], [1.0], [0.0]])
+    assert np.isinf(passage(Capsule(1.0), away)[0]).all()
