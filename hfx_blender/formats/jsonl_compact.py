@@ -121,7 +121,8 @@ class Unpacker:
         if len(ids) != len(value["weights"]):
             report.error("SET-SIZE", place, "there are not as many weights as gaps")
             return None
-        found = {**self._sets.get(base, {}), **dict(zip(ids, value["weights"], strict=True))}
+        before = {} if base is None else self._sets[base]
+        found = {**before, **dict(zip(ids, value["weights"], strict=True))}
         self._unfolded += len(found)
         file_limits.MEMORY.check(_ENTRY_BYTES * self._unfolded, self._name, "its sets would take")
         found = {vertex: step for vertex, step in sorted(found.items()) if step}
