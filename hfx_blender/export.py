@@ -132,7 +132,7 @@ class SceneExport:
         self._warnings = self.reader.description.warnings
         if settings.per_clip:
             others = [each.name for each in self.reader.description.effects if not each.clips]
-            text = "effects without a clip are in no file with --per-clip"
+            text = "effects without a clip are left out with --per-clip"
             self._warnings = (*self._warnings, *counted(others, text))
         if settings.strict:
             _refuse((*self._warnings, *self._settings.missing.values()))
@@ -375,7 +375,7 @@ def _write_clips(
         try:
             write_excerpt(whole, named.effect_ids, named.clip, path)
         except ValueError:
-            note = f"clip '{named.name}' lies outside the exported frames: no file for it"
+            note = f"clip '{named.name}' is outside the exported frames, so it gets no file"
             written += Written(notes=(note,))
             continue
         with TrackReader(path) as track:

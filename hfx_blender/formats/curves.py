@@ -152,6 +152,15 @@ def simplified(
         lost |= newly
 
 
+def with_zeros(curve: Curve) -> Curve:
+    """The same curve, with keyframes where it passes 0 between two others."""
+    times, values = curve.times_s, curve.values
+    passes = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    share = values[passes] / (values[passes] - values[passes + 1])
+    zeros = times[passes] + share * (times[passes + 1] - times[passes])
+    return Curve(np.insert(times, passes + 1, zeros), np.insert(values, passes + 1, 0.0))
+
+
 def deviation(original: Curve, other: Curve) -> float:
     """Largest difference of two curves at any time (both are straight between keyframes)."""
     times = np.union1d(original.times_s, other.times_s)

@@ -121,8 +121,10 @@ class Unpacker:
         if len(ids) != len(value["weights"]):
             report.error("SET-SIZE", place, "there are not as many weights as gaps")
             return None
-        before = {} if base is None else self._sets[base]
-        found = {**before, **dict(zip(ids, value["weights"], strict=True))}
+        found = {
+            **(self._sets[base] if base is not None else {}),
+            **dict(zip(ids, value["weights"], strict=True)),
+        }
         self._unfolded += len(found)
         file_limits.MEMORY.check(_ENTRY_BYTES * self._unfolded, self._name, "its sets would take")
         found = {vertex: step for vertex, step in sorted(found.items()) if step}

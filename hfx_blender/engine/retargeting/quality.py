@@ -77,9 +77,15 @@ class Quality:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings: a sentence for each part that fits badly, and for sides that are swapped."""
-        found = [
+        parts = [
             f"{part.part.replace('_', ' ')} {fault}" for part in self.parts for fault in part.faults
         ]
+        return (*parts, *self.whole_faults)
+
+    @property
+    def whole_faults(self) -> tuple[str, ...]:
+        """Faults that are no single part's."""
+        found = []
         if self.sides < RIGHT_WAY:
             found.append("left and right are swapped")
         if self.feet_forward < 1.0:

@@ -114,16 +114,21 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
     return fitted, judge(model, places, shares, distance, warped.bodies.feet_forward)
 
 
-def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64]:
-    """Project the vertices onto the target; returns their places, and those before."""
-    corners = warped.vertices[model.avatar_vertices]
+def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F64]:
+    """Points and unit normals (V, 3) of a model on the canonical avatar's moved vertices."""
+    corners = vertices[model.avatar_vertices]
     weights = model.avatar_weights.astype(np.float64)
-    points = np.einsum("vc,vci->vi", weights, corners)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    points = points + model.avatar_offset_m[:, None] * across
-    normals = np.einsum("vc,vci->vi", weights, warped.normals[model.avatar_vertices])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    points = np.einsum("vc,vci->vi", weights, corners) + model.avatar_offset_m[:, None] * across
+    outward = np.einsum("vc,vci->vi", weights, normals[model.avatar_vertices])
+    return points, outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+
+
+def _land(model: PerceptualModel, warped: Warp) -> tuple[Places, F64]:
+    """Project the vertices onto the target; returns their places, and those before."""
+    points, normals = carried(model, warped.vertices, warped.normals)
+    weights = model.avatar_weights.astype(np.float64)
     shares = np.einsum("vc,vcr->vr", weights, warped.bodies.avatar_shares[model.avatar_vertices])
     places = warped.surface.nearest(points, normals, shares, _LANDING_M)
     lost = np.flatnonzero(~places.found)
@@ -177,19 +182,35 @@ def _skin_weights(model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors)
     found = at @ own
     bare = np.asarray(found.sum(axis=1)).ravel() < 1e-6
     if bare.any():
-        index = {name: number for number, name in enumerate(target.bone_names)}
-        follows = {**warped.mapping.fallbacks, **warped.mapping.bones}
-        pairs = [
-            (number, index[rig_bone])
-            for number, name in enumerate(model.bone_names)
-            if (rig_bone := follows.get(name)) in index
-        ]
-        of, onto = np.array(pairs).reshape(-1, 2).T
-        shape = (len(model.bone_names), len(target.bone_names))
-        mapped = coo_array((np.ones(len(of)), (of, onto)), shape=shape).tocsr()
-        canonical = _matrix(model.weights, len(model.bone_names)) @ mapped
+        canonical = _mapped(model, target, warped.mapping)
         found = found + diags_array(bare.astype(np.float64)) @ canonical
-    found = found.tocsr()
+    return _skin_weights_of(found.tocsr())
+
+
+def mapped_weights(
+    model: PerceptualModel, target: TargetAvatar, mapping: RigMapping
+) -> SkinWeights:
+    """The canonical skin weights of a model, on the target's bones that stand for the canonical."""
+    return _skin_weights_of(_mapped(model, target, mapping).tocsr())
+
+
+def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: RigMapping) -> Any:
+    from scipy.sparse import coo_array
+
+    index = {name: number for number, name in enumerate(target.bone_names)}
+    follows = {**mapping.fallbacks, **mapping.bones}
+    pairs = [
+        (number, index[rig_bone])
+        for number, name in enumerate(model.bone_names)
+        if (rig_bone := follows.get(name)) in index
+    ]
+    of, onto = np.array(pairs).reshape(-1, 2).T
+    shape = (len(model.bone_names), len(target.bone_names))
+    chosen = coo_array((np.ones(len(of)), (of, onto)), shape=shape).tocsr()
+    return _matrix(model.weights, len(model.bone_names)) @ chosen
+
+
+def _skin_weights_of(found: Any) -> SkinWeights:
     found.data[found.data < _LEAST_WEIGHT] = 0.0
     found.eliminate_zeros()
     found.sort_indices()

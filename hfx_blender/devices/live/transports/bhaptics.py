@@ -27,8 +27,6 @@ class BhapticsOutput:
 
     Parameters
     ----------
-    device : DeviceConfig
-    how : BhapticsEncoder
     host, port
         Of the Player.
 
