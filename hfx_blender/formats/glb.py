@@ -22,6 +22,9 @@ from ..engine.body.model import PerceptualModel
 from .checking import MAX_BYTES, Finding, Place, Report, clean, parse, refuse_errors
 
 SUFFIX: Final = ".glb"
+HJIF_MEDIA_TYPE: Final = "haptics/hjif"
+"""Media type of HJIF, of ISO/IEC 23090-31."""
+
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 """Rotation from our space to glTF's."""
 
@@ -101,8 +104,10 @@ def _chunk(kind: int, content: bytes, filler: bytes) -> bytes:
     return struct.pack("<II", len(content), kind) + content
 
 
-def write_model(model: PerceptualModel, path: Path) -> None:
+def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None) -> None:
     """Write a perceptual model as a mesh in its rest pose; vertex ids stay the same.
+
+    ``hjif_uri`` is that of the HJIF file whose channels have its vertices.
 
     Raises
     ------
@@ -113,8 +118,22 @@ def write_model(model: PerceptualModel, path: Path) -> None:
     node = {"mesh": add_model(document, model), "name": clean(model.id)}
     document.json["scenes"] = [{"nodes": [document.append("nodes", node)]}]
     document.json["scene"] = 0
+    if hjif_uri is not None:
+        add_extensions(document, {"MPEG_media": hjif_media(hjif_uri)})
     with atomic_file(path) as file:
         file.write(document.encoded())
+
+
+def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:
+    """Add extensions of the whole file: used, never required."""
+    document.json["extensions"] = dict(extensions)
+    document.json["extensionsUsed"] = sorted(extensions)
+
+
+def hjif_media(uri: str) -> dict[str, Any]:
+    """Content of MPEG_media (ISO/IEC 23090-14) that names an HJIF file."""
+    alternative = {"mimeType": HJIF_MEDIA_TYPE, "uri": uri}
+    return {"media": [{"name": uri, "alternatives": [alternative]}]}
 
 
 def add_model(document: Document, model: PerceptualModel) -> int:

@@ -47,7 +47,7 @@ class BodyRecorder:
     def add(self, block: AnimationBlock) -> None:
         """Take the next block, in the order of time."""
         for motion, pose in zip(self._motions, block.poses, strict=False):
-            rows = np.arange(block.history, len(block.indices))
+            rows = np.arange(len(block.indices))[block.own]
             rows = rows[pose.valid[rows]]
             if not len(rows):
                 continue

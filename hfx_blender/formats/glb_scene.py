@@ -23,14 +23,11 @@ from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, Scen
 from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..engine.volume.shape import Shape
 from .checking import clean
-from .glb import SUFFIX, Document
+from .glb import SUFFIX, Document, add_extensions, hjif_media
 from .glb_bodies import BodyRecorder
 from .glb_extras import volume_extras
 from .glb_motion import move, to_gltf
 from .written import Written
-
-HJIF_MEDIA_TYPE: Final = "haptics/hjif"
-"""Media type of HJIF, of ISO/IEC 23090-31."""
 
 _COLLISION, _ACTION_HAPTIC = 0, 7
 _CUBOID, _CYLINDER, _CAPSULE, _SPHEROID = 0, 2, 3, 4
@@ -272,13 +269,5 @@ def _add_interactivity(
         "MPEG_interactivity": {"triggers": triggers, "actions": actions, "behaviors": behaviors}
     }
     if hjif_name is not None:
-        extensions["MPEG_media"] = {
-            "media": [
-                {
-                    "name": hjif_name,
-                    "alternatives": [{"mimeType": HJIF_MEDIA_TYPE, "uri": hjif_name}],
-                }
-            ]
-        }
-    document.json["extensions"] = extensions
-    document.json["extensionsUsed"] = sorted(extensions)
+        extensions["MPEG_media"] = hjif_media(hjif_name)
+    add_extensions(document, extensions)
