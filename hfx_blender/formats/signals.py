@@ -53,6 +53,7 @@ class Signal:
     transients: tuple[Transient, ...] = ()
     left_out: tuple[str, ...] = ()  # contents of the file left out here, one sentence each
     notes: tuple[str, ...] = ()  # how the file was read, one sentence each
+    is_kept: bool = False  # its silence as well: a file of silence stays one
 
     @property
     def duration_s(self) -> float:
@@ -62,8 +63,9 @@ class Signal:
 
     @property
     def is_silent(self) -> bool:
-        """Test that nothing of the signal would be felt."""
-        return not self.transients and not bool((self.amplitude.values > 0.0).any())
+        """Test that nothing of the signal would be felt, and that its silence is not kept."""
+        is_felt = bool(self.transients) or bool((self.amplitude.values > 0.0).any())
+        return not is_felt and not self.is_kept
 
 
 def distinct(signals: Iterable[Signal]) -> list[Signal]:
