@@ -37,32 +37,62 @@ SUFFIX: Final = ".ahap"
 TICKS_SUFFIX: Final = ".transients.ahap"
 """Suffix of the ticks of a pattern, beside it and played with it."""
 
-DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0)
+SQRT_SUFFIX: Final = f".sqrt{SUFFIX}"
+LINEAR, SQUARE_ROOT = "linear", "square root"
+"""Intensity of an amplitude: the same share of full scale, or the square root of that share."""
+
+DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0, is_stated=False)
 """Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
 
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
+_LAW_KEY: Final = "HfxIntensityLaw"
 _CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
+_CUTS: Final = 16  # of a straight line whose square root is not straight
 _SHORTEST_S: Final = 1e-3  # of silence at the end
 _TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there
 
 
-def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one pattern for each audible signal: ``stem.<name>.ahap``.
+def write(
+    signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path, law: str = LINEAR
+) -> Written:
+    """Write one pattern for each audible signal: ``stem.<name>.ahap``, or ``.sqrt.ahap``.
 
+    With ``SQUARE_ROOT`` the signals are those of :func:`with_intensities`; the law is only told.
     Curves change the whole pattern, ticks included, so ticks of a signal that also has an
     envelope are a second pattern, ``stem.<name>.transients.ahap``, to be played with it.
     """
     files: list[Path] = []
+    mark = SQRT_SUFFIX.removesuffix(SUFFIX) if law == SQUARE_ROOT else ""
     for each in signals:
-        documents = [(SUFFIX, document(each, frequencies))]
-        documents.append((TICKS_SUFFIX, ticks(each, frequencies)))
+        documents = [(mark + SUFFIX, document(each, frequencies))]
+        documents.append((mark + TICKS_SUFFIX, ticks(each, frequencies)))
         for suffix, content in documents:
             if content["Pattern"]:
                 path = beside(stem, each.name)
                 files.append(path.with_name(path.name + suffix))
+                content["Metadata"][_LAW_KEY] = law
                 write_json(content, files[-1])
     return Written(
         tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
+    )
+
+
+def with_intensities(signal: Signal, *, is_back: bool = False) -> Signal:
+    """A signal whose amplitudes are intensities after the square-root law, or back.
+
+    Straight lines bend: each is cut into 16.
+    """
+    power = 2.0 if is_back else 0.5
+    times, values = signal.amplitude.times_s, signal.amplitude.values
+    places = np.linspace(0.0, len(times) - 1.0, _CUTS * (len(times) - 1) + 1)
+    rows = np.arange(len(times))
+    cut_times, cut_values = np.interp(places, rows, times), np.interp(places, rows, values)
+    return replace(
+        signal,
+        amplitude=Curve(cut_times, cut_values**power),
+        transients=tuple(
+            replace(each, amplitude=each.amplitude**power) for each in signal.transients
+        ),
     )
 
 
@@ -232,6 +262,8 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     label = title if isinstance(title, str) and title else Path(name).stem
     end = max((each.time_s + _TRANSIENT_S for each in transients), default=0.0)
     signal = mixed(label, pieces, transients, end)
+    if isinstance(metadata, dict) and metadata.get(_LAW_KEY) == SQUARE_ROOT:
+        signal = with_intensities(signal, is_back=True)
     left_out = tuple(f"{count} {what}" for what, count in lost.items())
     if has_ramps:
         told += ("attack, decay and release are straight ramps of so many seconds",)

@@ -22,7 +22,7 @@ from .signals import FrequencyRange, Signal, Transient, joined_times
 from .written import Written, beside, silent_note, write_json
 
 SUFFIX: Final = ".haptic"
-DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0)
+DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0, is_stated=False)
 """Frequencies of 0 and 1 on a controller, about, for files without a statement of them."""
 
 _RANGE_TAG: Final = "frequency-range-hz:{:g}-{:g}"

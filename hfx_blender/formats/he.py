@@ -45,7 +45,7 @@ from .written import Written, beside, silent_note, write_json
 SUFFIX: Final = ".he"
 V1_SUFFIX: Final = ".v1.he"
 OPENHARMONY_SUFFIX: Final = ".openharmony.json"
-DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0)
+DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0, is_stated=False)
 """Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
 
 _COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated

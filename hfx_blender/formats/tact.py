@@ -29,7 +29,7 @@ from .tact_rules import INTERVAL_MS, findings
 from .written import Written, beside, write_json
 
 SUFFIX: Final = ".tact"
-DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0)
+DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0, is_stated=False)
 """A vest's motors have one frequency that depends on the strength; about this."""
 
 _GAP_MS: Final = 500  # silence that ends an effect
