@@ -2,11 +2,11 @@
 """Make the pictures and the measured tables of the documentation anew.
 
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
-``assets``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib. ``assets`` is the
-library of the Asset Browser, to be made anew when a sensation of ``effect_library`` changes. The
-trade takes half an hour on an idle machine, a minute or two with ``--short``. The table of
-``safety`` is made of what ``hfx bench safety --json`` printed, idle and with ``--busy``:
-``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
+``assets``, ``bodies``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib.
+``assets`` is the library of the Asset Browser, to be made anew when a sensation of
+``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with
+``--short``. The table of ``safety`` is made of what ``hfx bench safety --json`` printed, idle and
+with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def main() -> None:
         "subjects",
         nargs="*",
         metavar="SUBJECT",
-        help="pictures, devices, assets, surfaces, trade, safety",
+        help="pictures, devices, assets, bodies, surfaces, trade, safety",
     )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
     parser.add_argument(
@@ -40,7 +40,7 @@ def main() -> None:
     )
     parser.add_argument("--short", action="store_true", help="trade: rough figures")
     options = parser.parse_args()
-    subjects = options.subjects or ["pictures", "devices", "assets", "surfaces", "trade"]
+    subjects = options.subjects or ["pictures", "devices", "assets", "bodies", "surfaces", "trade"]
     PICTURES.mkdir(exist_ok=True)
     if "pictures" in subjects:
         demo()
@@ -50,6 +50,8 @@ def main() -> None:
         folder = str(DOCS.parent / "effect_library")
         module = "hfx_blender.maintenance.demo.effect_assets"
         subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
+    if "bodies" in subjects:
+        bodies()
     if "surfaces" in subjects:
         surfaces()
     if "trade" in subjects:
@@ -69,6 +71,14 @@ def demo() -> None:
             shutil.copy(Path(folder) / name, PICTURES / name)
         hfx("demo", "--scene", "belt", "-o", folder)
         shutil.copy(Path(folder) / "belt.svg", PICTURES / "belt.svg")
+
+
+def bodies() -> None:
+    """The tables of spacing in ``body-models.md``."""
+    from hfx_blender.engine.body import library
+    from hfx_blender.maintenance.body_building import stats
+
+    replace_part(DOCS / "body-models.md", "spacing", stats.as_markdown(library.manifest()))
 
 
 def surfaces() -> None:

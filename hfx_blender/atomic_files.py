@@ -176,7 +176,6 @@ def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
 
     Parameters
     ----------
-    path : Path
     content : callable
         Reads the file and gives what it is to hold. Nobody else who amends the file writes it
         between the two; what it raises leaves the file as it was.

@@ -81,6 +81,14 @@ def new_fcurve(
     return found or action.fcurves.new(data_path, index=index)
 
 
+def own_fcurve(owner: bpy.types.ID, data_path: str, title: str) -> bpy.types.FCurve:
+    """An F-curve in a datablock's own action; without one an action of that title is made."""
+    data = owner.animation_data or owner.animation_data_create()
+    if data.action is None:
+        data.action = bpy.data.actions.new(f"{owner.name} {title}".rstrip())
+    return new_fcurve(owner, data.action, data_path)
+
+
 def set_keys(
     curve: bpy.types.FCurve, keys: Iterable[tuple[float, float]], interpolation: str = "LINEAR"
 ) -> None:

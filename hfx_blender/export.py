@@ -28,11 +28,11 @@ from .engine.rendering.raster import Raster
 from .engine.rendering.render import Renderer
 from .engine.rendering.room import needs_positions
 from .engine.tolerance import Tolerance
-from .engine.track import SUFFIX, TrackReader
+from .engine.track import SUFFIX, TrackHeader, TrackReader
 from .engine.track.excerpt import write_excerpt
 from .engine.track.merging import merge
 from .engine.track.named_clips import named_clips
-from .errors import InputError, NothingFeltError
+from .errors import InputError
 from .export_devices import formats_without
 from .export_report import (
     REPORT_SUFFIX,
@@ -132,7 +132,7 @@ class SceneExport:
         self._warnings = self.reader.description.warnings
         if settings.per_clip:
             others = [each.name for each in self.reader.description.effects if not each.clips]
-            text = "effects without a clip are in no file with --per-clip"
+            text = "effects without a clip are left out with --per-clip"
             self._warnings = (*self._warnings, *counted(others, text))
         if settings.strict:
             _refuse((*self._warnings, *self._settings.missing.values()))
@@ -271,11 +271,13 @@ class SceneExport:
                 written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)
             else:
                 tracks = (track,) if "track" in settings.formats else ()
-                played = _named(rendered.played)
+                played = _named(whole.header, rendered.played)
                 written = Written(tracks) + registry.write_all(
                     settings.formats, played, whole, settings.devices, stem, tolerance
                 )
             written = gate.valid_only(written)
+            if settings.formats and not written.files and not self._wants_volumes:
+                _refuse(written.left_out)
             rasters = [raster for _, raster in rendered.played]
             lost = not_played(whole.header, rasters)
             short = shortfalls(whole.header, rasters)
@@ -366,13 +368,14 @@ def _write_clips(
         raise InputError("There are no clips to write one by one: no effect has a named clip.")
     written = Written()
     told: list[str] = []
+    taken: set[str] = set()
     for named in found:
-        part = beside(stem, named.name)
+        part = _free_path(stem, named.name, taken)
         path = part.with_name(part.name + SUFFIX)
         try:
             write_excerpt(whole, named.effect_ids, named.clip, path)
         except ValueError:
-            note = f"clip '{named.name}' lies outside the exported frames: no file for it"
+            note = f"clip '{named.name}' is outside the exported frames, so it gets no file"
             written += Written(notes=(note,))
             continue
         with TrackReader(path) as track:
@@ -389,33 +392,42 @@ def _write_clips(
                 return _write_clips(whole, settings, left, stem, tolerance)
             written += Written(notes=of_clip.notes)
             told += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
-            played = _named(of_clip.played)
-            for name in settings.formats:
-                try:
-                    written += registry.write_all(
-                        (name,), played, track, settings.devices, part, tolerance
-                    )
-                except NothingFeltError:
-                    title = registry.TRACK_FORMATS[name].title
-                    why = f"clip '{named.name}': nothing is felt in it: no {title} for it"
-                    written += Written(left_out=(why,))
+            played = _named(track.header, of_clip.played)
+            made = registry.write_all(
+                settings.formats, played, track, settings.devices, part, tolerance
+            )
+            written += replace(made, left_out=made.of(f"clip '{named.name}'").left_out)
     return written, replace(rendered, warnings=(*rendered.warnings, *told))
 
 
+def _free_path(stem: Path, name: str, taken: set[str]) -> Path:
+    """Get a path for a clip's files that no other has: characters of names may be left out."""
+    path, number = beside(stem, name), 1
+    while path.name.casefold() in taken:
+        number += 1
+        path = beside(stem, f"{name} {number}")
+    taken.add(path.name.casefold())
+    return path
+
+
 def _named(
-    played: Sequence[tuple[DeviceConfig, Raster]],
+    header: TrackHeader, played: Sequence[tuple[DeviceConfig, Raster]]
 ) -> list[tuple[str, DeviceConfig, Raster]]:
-    """Devices and rasters with distinct suffixes for their files' names."""
-    several = len({raster.body_id for _, raster in played}) > 1
-    return [
-        # an id may be any text
-        (
-            f".{quote(raster.body_id, safe='')}.{device.id}" if several else f".{device.id}",
-            device,
-            raster,
-        )
-        for device, raster in played
-    ]
+    """Devices and rasters with distinct suffixes for their files' names.
+
+    Of several bodies each has its name in them, and a number where two are called alike.
+    """
+    worn = dict.fromkeys(raster.body_id for _, raster in played)
+    names = {body.id: body.name for body in header.bodies}
+    taken: set[str] = set()
+    part = dict.fromkeys(worn, "")
+    if len(worn) > 1:
+        stem = Path("-")
+        part = {
+            id: _free_path(stem, names.get(id) or id, taken).name.removeprefix(stem.name)
+            for id in worn
+        }
+    return [(f"{part[raster.body_id]}.{device.id}", device, raster) for device, raster in played]
 
 
 def _refuse(warnings: Sequence[str]) -> None:

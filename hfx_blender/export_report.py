@@ -97,8 +97,8 @@ def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str
 
 _OTHERWISE = {
     "frequency": "plays effect '{}' at another frequency",
-    "limit": "cuts effect '{}' to what an actuator may do",
-    "threshold": "plays effect '{}' weaker than is felt there",
+    "limit": "cuts effect '{}' to an actuator's limits",
+    "threshold": "plays effect '{}' below the detection threshold",
 }
 
 

@@ -12,6 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from .authoring import drawn_fades, effects, model_migration, painting, surface_updates
+from .blender_events import add_handlers, remove_handlers
 
 _log = logging.getLogger(__name__)
 
@@ -38,15 +39,18 @@ def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
                 effect.update_tag()
 
 
+_HANDLERS = {
+    "save_pre": _before_saving,
+    "load_post": _after_loading,
+    "depsgraph_update_post": _on_update,
+}
+
+
 def register() -> None:
-    bpy.app.handlers.save_pre.append(_before_saving)
-    bpy.app.handlers.load_post.append(_after_loading)
-    bpy.app.handlers.depsgraph_update_post.append(_on_update)
+    add_handlers(_HANDLERS)
     surface_updates.register()
 
 
 def unregister() -> None:
     surface_updates.unregister()
-    bpy.app.handlers.depsgraph_update_post.remove(_on_update)
-    bpy.app.handlers.load_post.remove(_after_loading)
-    bpy.app.handlers.save_pre.remove(_before_saving)
+    remove_handlers(_HANDLERS)

@@ -17,15 +17,11 @@ _START: Final = Path(__file__).resolve().with_name("child_process.py")
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
     """Command line of a module, given by its name within the package, as ``batch.worker``."""
-    return [*_python(), f"hfx_blender.{module}", *map(os.fspath, arguments)]
+    return [*python_command(), f"hfx_blender.{module}", *map(os.fspath, arguments)]
 
 
-def program(source: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a program that is given as its source, and may import this package."""
-    return [*_python(), "-c", source, *map(os.fspath, arguments)]
-
-
-def _python() -> list[str]:
+def python_command() -> list[str]:
+    """Command line of Python up to the module or program that it shall run."""
     # The wheels of a Blender extension are in a folder that its Python does not know by itself.
     packages = [
         path for path in import_path.trusted(sys.path) if Path(path).name == "site-packages"
@@ -46,7 +42,7 @@ def start(
     Parameters
     ----------
     command : sequence of str
-        Of :func:`command` or :func:`program`.
+        As :func:`command` gives it.
     variables : mapping, optional
         Of its environment, besides those of :func:`environment`.
     settings
@@ -59,26 +55,6 @@ def start(
     """
     settings.setdefault("creationflags", getattr(subprocess, "CREATE_NO_WINDOW", 0))
     return subprocess.Popen(command, env={**environment(), **(variables or {})}, **settings)
-
-
-def run(command: Sequence[str], limit_s: float | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a process of this package to its end, and return its output.
-
-    Raises
-    ------
-    OSError
-        It cannot be started.
-    subprocess.TimeoutExpired
-        It took longer than ``limit_s``; it has been ended.
-    """
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with start(command, text=True, **pipes) as process:
-        try:
-            out, err = process.communicate(timeout=limit_s)
-        except BaseException:
-            process.kill()
-            raise
-    return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
 def environment() -> dict[str, str]:

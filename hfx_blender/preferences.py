@@ -49,7 +49,7 @@ def _colour(label: str, default: tuple[float, float, float]) -> FloatVectorPrope
 def _folder(label: str, tip: str) -> StringProperty:
     return StringProperty(
         name=label,
-        description=f"{tip}. Empty: the usual one",
+        description=f"{tip}. Empty: the default folder",
         subtype="DIR_PATH",
         update=_refolder,
     )
@@ -68,10 +68,10 @@ class HfxPreferences(bpy.types.AddonPreferences):
     wind: _colour("Wind", (0.1, 0.7, 0.75))
 
     effects_folder: _folder(
-        "Effects", "Where your own sensations are; they are listed in Add > Haptic > Sensation"
+        "Effects", "Folder of your own sensations, which are listed in Add > Haptic > Sensation"
     )
-    devices_folder: _folder("Devices", "Where your own device configurations are")
-    body_models_folder: _folder("Body Models", "Where sets of body models of your own are")
+    devices_folder: _folder("Devices", "Folder of your own device configurations")
+    body_models_folder: _folder("Body Models", "Folder of your own sets of body models")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

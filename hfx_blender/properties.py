@@ -24,7 +24,7 @@ from .response_properties import HfxResponseFilter
 _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 
 ROLES = (
-    ("NONE", "None", "An object without a haptic meaning"),
+    ("NONE", "None", "A normal object"),
     ("EFFECT", "Effect", "A haptic effect, painted on a body or placed in the scene"),
     ("BODY", "Body", "An armature whose wearer feels the effects"),
 )
@@ -54,15 +54,23 @@ FALLOFFS = (
     ("smooth", "Smooth", "Strength rises with a soft start and end"),
 )
 TOLERANCES = (
-    ("PREVIEW", "Preview", "Fast: edges to the spacing of the model's vertices, motion to 40 ms"),
-    ("STANDARD", "Standard", "Edges to 5 mm or half the vertices' spacing, motion to 10 ms"),
-    ("EXACT", "Exact", "The finest that there is, at every sample"),
+    (
+        "PREVIEW",
+        "Preview",
+        "Fast: edges within the spacing of the model's vertices, motion within 40 ms",
+    ),
+    (
+        "STANDARD",
+        "Standard",
+        "Edges within 5 mm or half the vertices' spacing, motion within 10 ms",
+    ),
+    ("EXACT", "Exact", "The finest computation, at every sample"),
     ("PAPER", "Vertices Only", "A vertex is inside a volume or not, at every sample"),
-    ("CUSTOM", "Custom", "Millimetres of edges and milliseconds of motion of your own"),
+    ("CUSTOM", "Custom", "Your own limits: millimetres of edges, milliseconds of motion"),
 )
 FOLLOWS = (
-    ("AUTO", "Automatic", "Its bones; the evaluated surface where more than bones deforms it"),
-    ("BONES", "Bones", "Fast: the skin goes where the bones take it, whatever else deforms it"),
+    ("AUTO", "Automatic", "The bones; the evaluated surface if more than bones deforms the avatar"),
+    ("BONES", "Bones", "Fast: only the bones move the skin; other deformation is ignored"),
     ("SURFACE", "Surface", "The avatar's evaluated surface: shape keys, cloth, any modifier"),
 )
 BONE_REGIONS = (
@@ -113,6 +121,20 @@ def _parameter(modality: str, name: str, label: str, tip: str, **options: object
     )
 
 
+def _share(name: str, tip: str, default: float, **options: object) -> FloatProperty:
+    """A property for a share in 0..1 that library overrides may change."""
+    return FloatProperty(
+        name=name,
+        description=tip,
+        default=default,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        **_OVERRIDABLE,
+        **options,
+    )
+
+
 class HfxAvatarPart(bpy.types.PropertyGroup):
     """Additional mesh of an avatar in several pieces."""
 
@@ -147,15 +169,8 @@ class HfxMappedBone(bpy.types.PropertyGroup):
 class HfxActuatorValue(bpy.types.PropertyGroup):
     """Actuator of a vector sensation; its name is the actuator's id."""
 
-    value: FloatProperty(
-        name="Value",
-        description="Share of the effect's full strength that this actuator gets",
-        default=0.0,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-        update=_remark,
-        **_OVERRIDABLE,
+    value: _share(
+        "Value", "Share of the effect's full strength that this actuator gets", 0.0, update=_remark
     )
 
 
@@ -163,7 +178,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     """An object's haptic side. Parameters are in the units of the engine (SI, degrees C)."""
 
     role: EnumProperty(
-        name="Role", description="What the object is to haptics", items=ROLES, **_OVERRIDABLE
+        name="Role", description="Role of the object in haptics", items=ROLES, **_OVERRIDABLE
     )
     uid: StringProperty(
         name="Id", description="Stays the same when the object is renamed", **_OVERRIDABLE
@@ -171,7 +186,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
 
     modality: EnumProperty(
         name="Modality",
-        description="What is felt; each has parameters of its own",
+        description="Kind of sensation; each has its own parameters",
         items=MODALITY_ITEMS,
         update=_redraw_volume,
         **_OVERRIDABLE,
@@ -181,21 +196,13 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     activation: FloatProperty(
         name="Activation",
-        description="Written by clips; without any animation the effect is always on",
+        description="Animated by clips; without animation the effect is always on",
         default=0.0,
         min=0.0,
         max=1.0,
         **_OVERRIDABLE,
     )
-    intensity: FloatProperty(
-        name="Intensity",
-        description="Share of the effect's full strength",
-        default=1.0,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-        **_OVERRIDABLE,
-    )
+    intensity: _share("Intensity", "Share of the effect's full strength", 1.0)
     amplitude: _parameter("vibration", "amplitude_m_s2", "Amplitude", "Peak acceleration")
     frequency: _parameter("vibration", "frequency_hz", "Frequency", "Vibration frequency")
     pressure: _parameter("pressure", "pressure_kpa", "Pressure", "Pressure on the skin")
@@ -203,7 +210,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
     temperature_reference: EnumProperty(
         name="Reference",
-        description="At which temperature nothing is felt",
+        description="Neutral temperature, at which nothing is felt",
         items=TEMPERATURE_REFERENCES,
         **_OVERRIDABLE,
     )
@@ -225,7 +232,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
 
     shape: EnumProperty(
         name="Shape",
-        description="Form of the volume; handles in the viewport size it",
+        description="Shape of the volume; handles in the viewport change its size",
         items=SHAPES,
         default="SPHERE",
         update=_redraw_volume,
@@ -243,7 +250,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     radius: FloatProperty(
         name="Radius",
-        description="Of a sphere, a cylinder or a capsule, or of the disc of a point on the skin",
+        description="Radius of a sphere, a cylinder, a capsule, or the disc of a point on the skin",
         default=0.5,
         min=0.0,
         unit="LENGTH",
@@ -261,59 +268,44 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     falloff: EnumProperty(
         name="Falloff",
-        description="How the strength grows from the boundary inwards",
+        description="Rise of the strength from the boundary inwards",
         items=FALLOFFS,
         **_OVERRIDABLE,
     )
-    falloff_share: FloatProperty(
-        name="Falloff Share",
-        description="Part of the way from the boundary to the core over which strength rises",
-        default=1.0,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-        **_OVERRIDABLE,
+    falloff_share: _share(
+        "Falloff Share",
+        "Part of the way from the boundary to the core over which strength rises",
+        1.0,
     )
 
     surface: PointerProperty(
         name="Surface",
-        description="How the object is felt by moving over it",
+        description="Haptic texture of the object",
         type=surface_properties.HfxSurfaceProperties,
     )
 
     response: CollectionProperty(
         name="Contact Response",
-        description="How the volume answers a touch: filters, from top to bottom",
+        description="Response of the volume to a touch: filters, from top to bottom",
         type=HfxResponseFilter,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
     response_active: IntProperty(
         name="Filter", description="The selected filter of the response", options=set()
     )
-    envelope: FloatProperty(
-        name="Envelope",
-        description="How strongly the volume is felt; Bake Response writes it, for drivers of "
-        "sound or light",
-        default=0.0,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-        **_OVERRIDABLE,
+    envelope: _share(
+        "Envelope",
+        "Strength of the volume, written by Bake Response, for drivers of sound or light",
+        0.0,
     )
 
-    path_position: FloatProperty(
-        name="Position",
-        description="Where the point is on its path, from the beginning (0) to the end (1)",
-        default=0.0,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
+    path_position: _share(
+        "Position",
+        "Position of the point on its path, from the start (0) to the end (1)",
+        0.0,
         update=_remark,
-        **_OVERRIDABLE,
     )
-    device: StringProperty(
-        name="Device", description="The device whose actuators a vector sensation drives"
-    )
+    device: StringProperty(name="Device", description="Device whose actuators are driven")
     drive: CollectionProperty(
         name="Actuators",
         description="The strength of each actuator of the device",
@@ -342,19 +334,19 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     follow: EnumProperty(
         name="Follow",
-        description="What poses this body",
+        description="Source of the pose of this body",
         items=FOLLOWS,
         **_OVERRIDABLE,
     )
     bone_map: CollectionProperty(
         name="Bones",
-        description="Which bone of the avatar stands for which joint",
+        description="The bone of the avatar for each joint",
         type=HfxMappedBone,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
     fit_kept: PointerProperty(
         name="Fit",
-        description="What keeps the fit of a body that is a library override; none: the armature",
+        description="Storage of the fit if the body is a library override; none: the armature",
         type=bpy.types.Mesh,
         **_OVERRIDABLE,
     )
@@ -363,12 +355,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     bone_map_region: EnumProperty(
         name="Show",
-        description="Which part of the bone table is shown",
+        description="Part of the bone table to show",
         items=BONE_REGIONS,
         options=set(),
     )
     bone_map_convention: StringProperty(
-        name="Convention", description="How the bones are named, as far as it was recognised"
+        name="Convention", description="Recognised naming convention of the bones"
     )
 
 
@@ -395,7 +387,7 @@ class HfxDeviceName(bpy.types.PropertyGroup):
     )
     gain: FloatProperty(
         name="Gain",
-        description="Times every strength while designing; the device's limits stay",
+        description="Factor for all strengths while designing; the device's limits still apply",
         default=1.0,
         min=0.0,
         max=2.0,
@@ -407,7 +399,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     """A scene's haptic settings."""
 
     devices: CollectionProperty(
-        name="Devices", description="What plays this scene, by name", type=HfxDeviceName
+        name="Devices", description="Devices that play this scene, by name", type=HfxDeviceName
     )
     play_space: PointerProperty(
         name="Play Space",
@@ -432,13 +424,13 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
     )
     palette: EnumProperty(
         name="Colours",
-        description="How the avatar is coloured by what it feels",
+        description="Colours of the avatar where it feels something",
         items=PALETTES,
         update=_recolour,
     )
     preview_opacity: FloatProperty(
         name="Opacity",
-        description="Of the colours over the avatar; less lets more of its own surface through",
+        description="Opacity of the colours over the avatar",
         default=0.85,
         min=0.1,
         max=1.0,

@@ -146,8 +146,8 @@ def record_track(
     def counted() -> Iterator[AnimationBlock]:
         nonlocal read
         for block in blocks:
-            if block.indices[-1] >= first:
-                read += len(block.indices) - block.history
+            if block.own_indices[-1] >= first:
+                read += len(block.own_indices)
             yield block
 
     def work(given: Iterator[AnimationBlock]) -> Generator[list[AnimationBlock], None, None]:
@@ -173,7 +173,7 @@ def record_track(
             for block in (block for some in done_now for block in some):
                 if watch is not None:
                     watch(block)
-                done += len(block.indices) - block.history
+                done += len(block.own_indices)
             yield (read + done) / (2 * count)
     return finished
 
@@ -188,7 +188,7 @@ def _header(
 def _heard(found: Iterator[Felt], first: int, counters: Counters) -> Iterator[Felt]:
     """Yields blocks from sample ``first`` on; discards the counters of warm-up blocks."""
     for block, felt in found:
-        if block.indices[-1] < first:
+        if block.own_indices[-1] < first:
             counters.clear()
         else:
             yield block, felt

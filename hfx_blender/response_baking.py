@@ -20,7 +20,7 @@ TARGETS = (
         "The volume's own intensity; its filters are muted, so that it is felt as before while "
         "it touches",
     ),
-    ("SPEAKER", "Speaker Volume", "The volume of the speakers that are parented to it"),
+    ("SPEAKER", "Speaker Volume", "Volume (loudness) of the speakers that are parented to it"),
 )
 
 
@@ -55,13 +55,12 @@ def bake(
     for block in reader.blocks():
         for each, animated in zip(reader.description.effects, block.effects, strict=True):
             if each.id == ids[0]:
-                rows = slice(block.history, None)
-                base[block.indices[rows]] = animated.levels[rows]
+                base[block.own_indices] = animated.levels[block.own]
         for run in engine.evaluate(block):
             if run.stream.effect_id == ids[0]:
                 levels[run.indices] = np.maximum(levels[run.indices], run.levels)
     if not levels.any():
-        raise InputError(f"'{effect.name}' touches nobody between these frames.")
+        raise InputError(f"'{effect.name}' touches no body between these frames.")
     first, last = reader.time.frame_first, reader.time.frame_last
     every = np.arange(first, last + 1)
     # The strongest moment of each frame: an impact between two frames is not lost.
@@ -80,10 +79,7 @@ def bake(
     keyed = animation_frames(scene, every.astype(np.float64)).tolist()
     keys = _without_repeats(list(zip(keyed, values, strict=True)))
     for owner, path in _owners(effect, target):
-        data = owner.animation_data or owner.animation_data_create()
-        if data.action is None:
-            data.action = bpy.data.actions.new(f"{owner.name} Response")
-        compat.set_keys(compat.new_fcurve(owner, data.action, path), keys)
+        compat.set_keys(compat.own_fcurve(owner, path, "Response"), keys)
     if target == "INTENSITY":
         for each in effect.hfx.response:
             each.is_muted = True

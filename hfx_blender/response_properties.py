@@ -12,15 +12,15 @@ _OVERRIDABLE = {"override": {"LIBRARY_OVERRIDABLE"}}
 
 KINDS = (
     ("distance", "Distance", "Strength over the distance from the volume's centre or axis"),
-    ("speed", "Speed", "Strength by how fast skin and volume move against each other"),
-    ("impact", "Impact", "A touch begins with the speed of its impact, and dies away"),
-    ("proximity", "Proximity", "Felt before contact, stronger the nearer it comes"),
-    ("sine", "Sine", "Strength swings in time or in space"),
+    ("speed", "Speed", "Strength by the relative speed of skin and volume"),
+    ("impact", "Impact", "Strength by the speed of the impact, then fading"),
+    ("proximity", "Proximity", "Felt before contact, stronger with less distance"),
+    ("sine", "Sine", "Strength oscillates in time or in space"),
 )
 OPERATIONS = (
-    ("multiply", "Multiply", "Scale what the filters above yield"),
-    ("add", "Add", "Add to what the filters above yield"),
-    ("maximum", "Maximum", "At least as strong as this"),
+    ("multiply", "Multiply", "Multiply the result of the filters above"),
+    ("add", "Add", "Add to the result of the filters above"),
+    ("maximum", "Maximum", "The larger of this and the result of the filters above"),
 )
 ABOUT_WHAT = (
     ("centre", "Centre", "The volume's origin"),
@@ -54,33 +54,37 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
 
     kind: EnumProperty(
         name="Kind",
-        description="What the filter does",
+        description="Function of the filter",
         items=KINDS,
         default="impact",
         update=_remark,
     )
     operation: EnumProperty(
         name="Operation",
-        description="How it goes into what the filters above yield",
+        description="Operation with the result of the filters above",
         items=OPERATIONS,
         update=_remark,
     )
     about: EnumProperty(
         name="From",
-        description="Which property of the touch goes in",
+        description="Property of the touch that is used",
         items=ABOUT_WHAT,
         update=_remark,
     )
     domain: EnumProperty(
-        name="Over", description="What the sine runs over", items=DOMAINS, update=_remark
+        name="Over", description="Variable of the sine", items=DOMAINS, update=_remark
     )
     is_muted: BoolProperty(name="Mute", description="Leave this filter out", update=_remark)
 
     influence: _control(
-        "speed", "influence", "Influence", "How much this filter counts", subtype="FACTOR"
+        "speed", "influence", "Influence", "Influence of this filter", subtype="FACTOR"
     )
-    near: _control("distance", "near_m", "Near", "Up to here the first value", unit="LENGTH")
-    far: _control("distance", "far_m", "Far", "From here on the second value", unit="LENGTH")
+    near: _control(
+        "distance", "near_m", "Near", "Distance up to which the first value applies", unit="LENGTH"
+    )
+    far: _control(
+        "distance", "far_m", "Far", "Distance from which the second value applies", unit="LENGTH"
+    )
     near_value: _control(
         "distance", "near_value", "Value Near", "Strength at the near end", subtype="FACTOR"
     )
@@ -95,16 +99,16 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
     )
     attack: _control("impact", "attack_s", "Attack (s)", "Time constant of the rise")
     decay: _control(
-        "impact", "decay_s", "Decay (s)", "Time constant of the fall: short is felt as stiff"
+        "impact", "decay_s", "Decay (s)", "Time constant of the decay: short feels stiff"
     )
     reach: _control(
         "proximity", "range_m", "Range", "Distance at which it begins to be felt", unit="LENGTH"
     )
-    exponent: _control("proximity", "exponent", "Exponent", "1 rises evenly, more rises late")
+    exponent: _control("proximity", "exponent", "Exponent", "1 rises linearly, more rises later")
     frequency: _control("sine", "cycles", "Frequency (Hz)", "Swings a second")
     wavelength: FloatProperty(
         name="Wavelength",
-        description="Distance from swing to swing",
+        description="Wavelength",
         default=0.1,
         min=1e-4,
         max=1000.0,
@@ -112,6 +116,6 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
         **_OVERRIDABLE,
     )
     depth: _control(
-        "sine", "depth", "Depth", "From full strength down to 1 minus this", subtype="FACTOR"
+        "sine", "depth", "Depth", "Strength oscillates between 1 and 1 minus this", subtype="FACTOR"
     )
-    phase: _control("sine", "phase", "Phase (turns)", "Where in its swing it begins")
+    phase: _control("sine", "phase", "Phase (turns)", "Phase at the start")

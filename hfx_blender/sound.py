@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from .engine.arrays import F64
-from .engine.body.model import PerceptualModel, load_model
+from .engine.body.model import load_model
 from .engine.evaluate import Engine
 from .engine.samples import SampleRun
 from .engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBinding
@@ -50,13 +50,6 @@ class SoundSettings:
 class SoundRecorder:
     """Recorder of the motion and strength of sources, block after block.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-    models : callable
-        Loads a perceptual model by its id.
-    settings : SoundSettings
-
     Raises
     ------
     InputError
@@ -67,7 +60,6 @@ class SoundRecorder:
         self,
         scene: SceneDescription,
         settings: SoundSettings,
-        models: Callable[[str], PerceptualModel] = load_model,
     ) -> None:
         self._scene = scene
         self._settings = settings
@@ -75,11 +67,15 @@ class SoundRecorder:
             k for k, each in enumerate(scene.effects) if isinstance(each.area, HapticVolume)
         ]
         if not self._volumes:
-            raise InputError(f"Scene '{scene.source.get('scene', '')}' has no volume that sounds.")
+            raise InputError(
+                f"Scene '{scene.source.get('scene', '')}' has no haptic volume that makes sound."
+            )
         if not isinstance(scene.bodies[0].binding, SkinBinding):
-            raise InputError(f"Body '{scene.bodies[0].name}' has no bones that could hear.")
+            raise InputError(
+                f"Body '{scene.bodies[0].name}' has no bones, so it cannot be the listener."
+            )
         model_id = scene.effects[self._volumes[0]].model_id
-        self._listener = Listener(scene.bodies[0].binding, models(model_id))
+        self._listener = Listener(scene.bodies[0].binding, load_model(model_id))
         count = scene.time.sample_count
         self._places = np.full((len(self._volumes), count, 3), np.nan, np.float32)
         self._tones = np.zeros((len(self._volumes), count), np.float32)
@@ -88,7 +84,7 @@ class SoundRecorder:
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
         """Add the next block, with its samples."""
-        rows = np.arange(block.history, len(block.indices))
+        rows = np.arange(len(block.indices))[block.own]
         pose = block.poses[0]
         rows = rows[pose.valid[rows]]
         at = block.indices[rows]
@@ -193,7 +189,7 @@ def write_sound(
     done = 0
     for block in reader.blocks():
         recorder.add(block, engine.evaluate(block) if track is None else [])
-        done += len(block.indices) - block.history
+        done += len(block.own_indices)
         progress(done / count)
     if track is not None:
         with TrackReader(track) as recorded:

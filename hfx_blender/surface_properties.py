@@ -22,17 +22,21 @@ SOURCES = (
     ("MATERIAL", "Material", "Displacement, bump, normals and roughness, baked by Cycles"),
     ("IMAGE", "Image", "A height map, or the colours of a photograph"),
     ("SCAN", "Scan", "A point cloud (PLY, XYZ) or a 16-bit picture of a measured piece"),
-    ("PROCEDURAL", "Library", "Gravel, metal, fabric or wood, made by rule"),
-    ("MAP", "Map", "A haptic map that was imported: its layers as they are"),
+    ("PROCEDURAL", "Library", "Procedural gravel, metal, fabric or wood"),
+    ("MAP", "Map", "Layers of an imported haptic map, unchanged"),
 )
 RENDERERS = (
-    ("MCHA", "Micro-Collisions", "The strongest texel on the way, with the map's own frequency"),
+    (
+        "MCHA",
+        "Micro-Collisions",
+        "The strongest texel along the stroke, with the map's own frequency",
+    ),
     ("TEXTILE", "Textile Window", "The weighted spectrum of 50 ms, at one frequency"),
     ("DIRECT", "Height Profile", "The height itself at audio rate, for wide-band actuators"),
 )
 IMAGE_KINDS = (
     ("HEIGHT", "Heights", "Black is low and white is high; read as numbers, not as colours"),
-    ("COLOUR", "Colours", "A photograph: what is bright is taken as high, in linear light"),
+    ("COLOUR", "Colours", "A photograph: bright means high, in linear light"),
 )
 
 
@@ -59,10 +63,10 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     """
 
     source: EnumProperty(
-        name="Source", description="What the relief is made of", items=SOURCES, update=_remake
+        name="Source", description="Source of the relief", items=SOURCES, update=_remake
     )
     uv_map: StringProperty(
-        name="UV Map", description="Empty: the one that is rendered", update=_remake
+        name="UV Map", description="Empty: the one that is active for rendering", update=_remake
     )
     resolution: IntProperty(
         name="Resolution",
@@ -74,19 +78,19 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     )
     image: PointerProperty(
         name="Image",
-        description="Laid over the object by its UV map",
+        description="Image that the UV map puts on the object",
         type=bpy.types.Image,
         update=_remake,
     )
     image_kind: EnumProperty(
         name="Image Holds",
-        description="What the image's pixels mean",
+        description="Meaning of the image's pixels",
         items=IMAGE_KINDS,
         update=_remake,
     )
     roughness_image: PointerProperty(
         name="Roughness",
-        description="Dark is smooth; without one, the surface is half rough",
+        description="Dark is smooth; without an image, roughness is 0.5",
         type=bpy.types.Image,
         update=_remake,
     )
@@ -120,7 +124,11 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         update=_remake,
     )
     seed: IntProperty(
-        name="Variant", description="Another piece of the same", default=0, min=0, update=_remake
+        name="Variant",
+        description="Seed: another sample of the same material",
+        default=0,
+        min=0,
+        update=_remake,
     )
     height_mm: FloatProperty(
         name="Height (mm)",
@@ -183,12 +191,12 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     )
     use_steps: BoolProperty(
         name="Noticeable Steps",
-        description="Round to what can be told apart: 0.2 g and 40 Hz",
+        description="Round to just noticeable differences: 0.2 g and 40 Hz",
         default=False,
         update=_remake,
     )
     renderer: EnumProperty(
-        name="Renderer", description="How the relief becomes vibration", items=RENDERERS
+        name="Renderer", description="Method that makes vibration from the relief", items=RENDERERS
     )
     drive: FloatProperty(
         name="Drive (1/mm)",
@@ -200,7 +208,7 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     )
     sound: PointerProperty(
         name="Friction Sound",
-        description="Heard while it is stroked: for what is too smooth to be felt alone",
+        description="Played during strokes: for surfaces that are too smooth to feel",
         type=bpy.types.Sound,
     )
 
@@ -247,7 +255,7 @@ class HfxSurfaceCalibration(bpy.types.PropertyGroup):
 
     device: StringProperty(
         name="Device",
-        description="Empty: for any device that has none of its own",
+        description="Empty: for devices without their own calibration",
         update=_show_drive,
     )
     fabric: EnumProperty(

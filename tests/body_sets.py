@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hfx_blender.engine.body import model
-from hfx_blender.maintenance.body_building import model_set
+from hfx_blender.maintenance.body_building import model_file, model_set
 
 
 def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
@@ -27,7 +27,7 @@ def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
         skeleton=skeleton,
         provenance={**shipped.provenance, **_origin(shipped)},
     )
-    model.save(avatar, folder / model_set.AVATAR_FILE)
+    model_file.save(avatar, folder / model_set.AVATAR_FILE)
     index = {
         "version": model_set.MANIFEST_VERSION,
         "variant": {"height": 1.8 * scale},
@@ -44,7 +44,7 @@ def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
             avatar_offset_m=by * one.avatar_offset_m,
             provenance={**one.provenance, **_origin(one)},
         )
-        model.save(made, folder / f"{made.modality}.npz")
+        model_file.save(made, folder / f"{made.modality}.npz")
         index["models"][made.id] = model_set.model_entry(made)
     model_set.write_manifest(folder, index)
     return folder

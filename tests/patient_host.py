@@ -12,6 +12,7 @@ from pathlib import Path
 
 from hfx_blender import own_processes
 from hfx_blender.devices.live import device_thread, host, render_process, script_process
+from hfx_blender.maintenance import processes
 
 VARIABLE = "HFX_TEST_PATIENCE_S"
 """Seconds, where a test wants a deadline to be missed."""
@@ -20,7 +21,7 @@ VARIABLE = "HFX_TEST_PATIENCE_S"
 def command(module: str, *arguments: str, of: Callable[..., list[str]]) -> list[str]:
     """Command line in place of ``own_processes.command``."""
     if module == "devices.live.host":
-        return own_processes.program(Path(__file__).read_text(encoding="utf-8"))
+        return processes.program(Path(__file__).read_text(encoding="utf-8"))
     return of(module, *arguments)
 
 

@@ -16,6 +16,7 @@ import pytest
 from strange_modules import CHILDREN, RAN, fill
 
 from hfx_blender import import_path, own_processes
+from hfx_blender.maintenance import processes
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hfx_blender"
@@ -64,7 +65,7 @@ def test_no_child_runs_what_lies_in_the_current_folder(
 def test_no_program_runs_what_lies_in_the_current_folder(strange: Path) -> None:
     """As the measurements start them: given as source."""
     source = "import sys, json, queue, numpy, hfx_blender.maintenance.bench.safety; print(sys.argv)"
-    command = own_processes.program(source, "x", "y")
+    command = processes.program(source, "x", "y")
     done = subprocess.run(
         command, env=own_processes.environment(), cwd=strange, capture_output=True, text=True
     )

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from hfx_blender.engine.body import library
+from hfx_blender.maintenance.body_building import stats, thresholds
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hfx_blender"
 PLACES = (ROOT, PACKAGE, PACKAGE / "devices" / "live", ROOT / "docs")
@@ -33,3 +36,11 @@ def test_a_name_that_does_not_exist_is_found() -> None:
     assert missing_names("see `engine/contact/no_such.py` and `engine/scene.py`") == [
         "engine/contact/no_such.py"
     ]
+
+
+def test_the_tables_of_body_models_are_those_of_the_manifest() -> None:
+    page = (ROOT / "docs" / "body-models.md").read_text(encoding="utf-8")
+    assert stats.as_markdown(library.manifest()) in page
+    sole = "| foot sole | 464 | 10 | 10.01 | 0.138 | 7.27 | 0.41 | 16.1 (10.7) |"
+    assert sole in page, "Table 1 stands as the paper prints it"
+    assert thresholds.read("table1")["vibration"][-1] == 10.0, "and is not used there"

@@ -158,3 +158,18 @@ def test_nothing_imports_itself_in_a_circle(package: str) -> None:
 
 def test_the_spine_of_the_engine_is_short() -> None:
     assert len([path for path in (PACKAGE / "engine").glob("*.py")]) <= 16  # with __init__
+
+
+def test_programs_within_strings_import_modules_that_exist() -> None:
+    # Children run short programs; a move of the module is seen nowhere else.
+    wanted = re.compile(r"^\s*(?:from|import) hfx_blender((?:\.\w+)+)", re.M)
+    missing = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+                continue
+            for dotted in wanted.findall(node.value):
+                place = PACKAGE.joinpath(*dotted[1:].split("."))
+                if not (place.is_dir() or place.with_suffix(".py").is_file()):
+                    missing.append(f"{path.name}: hfx_blender{dotted}")
+    assert not missing

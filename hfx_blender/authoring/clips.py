@@ -10,6 +10,7 @@ import bpy
 
 from .. import compat
 from ..errors import InputError
+from ..scene_units import fps_of
 from . import drawn_fades
 
 DATA_PATH = "hfx.activation"
@@ -89,7 +90,7 @@ def add_heartbeat(
 ) -> bpy.types.NlaStrip:
     """Add a clip with a heartbeat: two short pulses, the second weaker, once a beat."""
     scene = bpy.context.scene
-    fps = scene.render.fps / scene.render.fps_base
+    fps = fps_of(scene)
     beat = fps / beats_per_second
     shape = ((0.0, 0.0), (0.08, 1.0), (0.2, 0.0), (0.3, 0.0), (0.38, 0.6), (0.5, 0.0), (1.0, 0.0))
     return add_clip(

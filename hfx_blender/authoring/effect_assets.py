@@ -14,6 +14,7 @@ import bpy
 from mathutils import Vector
 
 from ..avatars import avatar_meshes
+from ..scene_units import metres_of
 from . import effects
 
 if TYPE_CHECKING:
@@ -56,9 +57,7 @@ def take_dropped(scene: bpy.types.Scene, dropped: bpy.types.Object) -> list[bpy.
     bpy.data.objects.remove(dropped)
     sensation = effect_exchange.load_library(name)
     body, distance = nearest_body(scene, place)
-    unit = scene.unit_settings
-    metres = 1.0 if unit.system == "NONE" else unit.scale_length
-    is_meant_for_body = is_worn(sensation) or distance * metres <= _ON_BODY_M
+    is_meant_for_body = is_worn(sensation) or distance * metres_of(scene) <= _ON_BODY_M
     if body is not None and is_meant_for_body:
         place = body.matrix_world.translation
     return effect_exchange.place(

@@ -15,6 +15,7 @@ from .. import compat, resources
 from ..engine.body import areas
 from ..engine.body.model import load_model
 from ..errors import InputError
+from ..scene_units import fps_of, metres_of
 from . import (
     clips,
     drawn_fades,
@@ -81,7 +82,7 @@ def place(
     """
     for effect in sensation.effects:
         _check(effect, body)
-    fps = scene.render.fps / scene.render.fps_base
+    fps = fps_of(scene)
     made = []
     for recipe in sensation.effects:
         is_alone = len(sensation.effects) == 1 or not sensation.name
@@ -180,7 +181,7 @@ def _weights(recipe: EffectRecipe) -> np.ndarray:
 def _set_spot(
     scene: bpy.types.Scene, effect: bpy.types.Object, spot: SpotRecipe, frame: float
 ) -> None:
-    effect.hfx.radius = spot.radius_m / _unit_m(scene)
+    effect.hfx.radius = spot.radius_m / metres_of(scene)
     effect.hfx.falloff = spot.falloff
     effect.hfx.falloff_share = spot.falloff_share
     effect.hfx.path_position = spot.position
@@ -194,7 +195,7 @@ def _shape(
     frame: float,
     origin: Sequence[float],
 ) -> None:
-    unit_m = _unit_m(scene)
+    unit_m = metres_of(scene)
     effect.hfx.radius = volume.radius_m / unit_m
     effect.hfx.height = volume.height_m / unit_m
     effect.hfx.size = [edge / unit_m for edge in volume.size_m]
@@ -202,7 +203,7 @@ def _shape(
     effect.hfx.falloff_share = volume.falloff_share
     effect.location = [o + x / unit_m for o, x in zip(origin, volume.location_m, strict=True)]
     effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
-    fps = scene.render.fps / scene.render.fps_base
+    fps = fps_of(scene)
     _move(effect, volume, unit_m, frame, fps, origin)
     response_exchange.add_response(effect, volume.response, unit_m, frame, fps)
     if volume.swarm is not None:
@@ -227,16 +228,10 @@ def _move(
         compat.set_keys(compat.new_fcurve(effect, data.action, "location", axis), keys)
 
 
-def _unit_m(scene: bpy.types.Scene) -> float:
-    settings = scene.unit_settings
-    return 1.0 if settings.system == "NONE" else float(settings.scale_length)
-
-
 def sensation_of(
     scene: bpy.types.Scene,
     chosen: Sequence[bpy.types.Object],
     name: str,
-    description: str = "",
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Sensation:
     """A sensation from effects of a scene, timed from the first of their clips.
@@ -253,7 +248,7 @@ def sensation_of(
     """
     if not chosen:
         raise InputError("Select the effects to save first.")
-    fps = scene.render.fps / scene.render.fps_base
+    fps = fps_of(scene)
     starts = [strip.frame_start for obj in chosen for _, strip in clips.strips_of(obj)]
     starts += [
         key.co[0]
@@ -268,9 +263,9 @@ def sensation_of(
         for _, system in response_exchange.emitters(scene, obj)
     ]
     first = min(starts, default=0.0)
-    origin_m = [x * _unit_m(scene) for x in origin]
+    origin_m = [x * metres_of(scene) for x in origin]
     recipes = (_recipe(scene, obj, first, fps) for obj in chosen)
-    return Sensation(name, description, tuple(_measured_from(each, origin_m) for each in recipes))
+    return Sensation(name, "", tuple(_measured_from(each, origin_m) for each in recipes))
 
 
 def _measured_from(recipe: EffectRecipe, origin_m: Sequence[float]) -> EffectRecipe:
@@ -321,7 +316,7 @@ def _where(
         path = paths.recipe_of(scene, effect, "")
         return SpotRecipe(
             replace(path, motion=paths.motion_keys(scene, effect, first)),
-            radius_m=round(float(effect.hfx.radius) * _unit_m(scene), 6),
+            radius_m=round(float(effect.hfx.radius) * metres_of(scene), 6),
             falloff=effect.hfx.falloff,
             falloff_share=float(effect.hfx.falloff_share),
             position=float(effect.hfx.path_position),
@@ -353,7 +348,7 @@ def _volume(
             f"'{effect.name}' has the shape of a mesh, which a file of effects cannot hold; keep "
             "it as a .blend and append it."
         )
-    unit_m = _unit_m(scene)
+    unit_m = metres_of(scene)
     location, rotation, scale = effect.matrix_world.decompose()
     curves = {curve.array_index: curve for curve in _moves(effect)}
     times = sorted({key.co[0] for curve in curves.values() for key in _keys(curve)})

@@ -264,7 +264,7 @@ def _volume(node: Node) -> VolumeRecipe:
         ("rotation_deg", 360.0, "degrees"),
     ):
         if key in members:
-            found[key] = _triple(members[key], most, unit)
+            found[key] = members[key].triple(-most, most, unit)
     if "falloff" in members:
         found["falloff"] = members["falloff"].choice(_FALLOFFS)
     if "falloff_share" in members:
@@ -277,7 +277,7 @@ def _volume(node: Node) -> VolumeRecipe:
         found["path"] = tuple(
             (
                 place["time_s"].number(0.0, 86_400.0, "s"),
-                _triple(place["location_m"], 1000.0, "m"),
+                place["location_m"].triple(-1000.0, 1000.0, "m"),
             )
             for place in places
         )
@@ -301,7 +301,7 @@ def _spot(node: Node) -> SpotRecipe:
             points_m=tuple(path_file.place_of(each) for each in points),
             kind=members["path"].choice(path_file.KINDS),
             is_closed="closed" in members and members["closed"].integer(0, 1) == 1,
-            motion=path_file.motion_of(members["motion"]) if "motion" in members else (),
+            motion=members["motion"].curve() if "motion" in members else (),
         ),
         radius_m=members["radius_m"].number(0.0, 10.0, "m"),
         falloff=members["falloff"].choice(_FALLOFFS) if "falloff" in members else "none",
@@ -315,7 +315,7 @@ def _actuators(node: Node) -> ActuatorsRecipe:
     curves = []
     for each in members["curves"].items(least=1, most=4096):
         curve = each.members(required=("actuator", "keys"))
-        curves.append((curve["actuator"].text(), path_file.motion_of(curve["keys"])))
+        curves.append((curve["actuator"].text(), curve["keys"].curve()))
     return ActuatorsRecipe(members["device"].text(), tuple(curves))
 
 
@@ -325,11 +325,6 @@ _WHERES: Final[dict[str, Callable[[Node], Any]]] = {
     "spot": _spot,
     "actuators": _actuators,
 }
-
-
-def _triple(node: Node, most: float, unit: str) -> Number3:
-    x, y, z = (item.number(-most, most, unit) for item in node.items(least=3, most=3))
-    return x, y, z
 
 
 def _clip(node: Node) -> ClipRecipe:
@@ -345,19 +340,10 @@ def _clip(node: Node) -> ClipRecipe:
         start_s=members["start_s"].number(0.0, 86_400.0, "s"),
         duration_s=duration,
         repeat=members["repeat"].number(0.1, 1000.0) if "repeat" in members else 1.0,
-        profile=_curve(members["profile"]) if "profile" in members else (),
-        drawn_fades=_curve(members["drawn_fades"]) if "drawn_fades" in members else (),
+        profile=members["profile"].curve(least=2) if "profile" in members else (),
+        drawn_fades=members["drawn_fades"].curve(least=2) if "drawn_fades" in members else (),
         **fades,
     )
-
-
-def _curve(node: Node) -> tuple[tuple[float, float], ...]:
-    found: list[tuple[float, float]] = []
-    for item in node.items(least=2, most=100_000):
-        time, value = item.items(least=2, most=2)
-        last = found[-1][0] if found else 0.0
-        found.append((time.number(last, 86_400.0, "s"), value.number(0.0, 1.0)))
-    return tuple(found)
 
 
 def _document(sensation: Sensation) -> dict[str, Any]:

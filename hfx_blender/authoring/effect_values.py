@@ -135,7 +135,7 @@ class Shapes:
         bounds = np.stack([corners.min(axis=0), corners.max(axis=0)])
         return MeshVolume.box(bounds, effect.name) if np.isfinite(bounds).all() else None
 
-    def last_of(self, effect: bpy.types.Object, part: int = 0) -> Shape | None:
+    def last_of(self, effect: bpy.types.Object) -> Shape | None:
         """Last valid mesh of an effect; None if there never was any."""
-        known = self._meshes.get((effect.name_full, part))
+        known = self._meshes.get((effect.name_full, 0))
         return known[1] if known else None

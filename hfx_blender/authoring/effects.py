@@ -196,7 +196,7 @@ def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:
         values = [None]
     if not all(isinstance(each, kind) for each in values):
         raise InputError(
-            f"Effect '{effect.name}': '{key}' is not a list of numbers; paint it anew."
+            f"Effect '{effect.name}': '{key}' is not a list of numbers; paint it again."
         )
     return values
 

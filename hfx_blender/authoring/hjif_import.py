@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -15,12 +16,15 @@ from ..engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ..errors import InputError
 from ..formats import glb
 from ..formats.checking import read_bytes
-from ..formats.curves import Curve
+from ..formats.curves import Curve, with_zeros
 from ..formats.hjif import reader
 from ..formats.hjif.body_parts import vertex_masks
 from ..formats.hjif.model import Hjif
 from ..formats.hjif.perceptions import PERCEPTIONS
-from ..formats.hjif.to_signals import Envelope, envelopes
+from ..formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
+from ..formats.signal_raster import TICK_S
+from ..formats.signals import Piece, mixed, simplified_signals
+from ..scene_units import fps_of
 from . import effects
 
 _STRENGTHS = {
@@ -30,12 +34,15 @@ _STRENGTHS = {
     "wind": "wind_speed",
 }
 _OURS = {theirs: ours for ours, theirs in PERCEPTIONS.items()}
+_OURS |= dict.fromkeys(VIBRATIONS, "vibration")
+_ANYWHERE = 0xFFFFFFFF  # mask of all body parts
+_MANY = 500  # keyframes of a channel: beyond it they are simplified
 _WARMER_K = 6.0  # full scale of a temperature whose file does not state it
 
 
 def import_hjif(
     scene: bpy.types.Scene, path: Path, body: bpy.types.Object, frame: float
-) -> tuple[list[bpy.types.Object], list[str]]:
+) -> tuple[list[bpy.types.Object], list[str], list[str]]:
     """Add a file's channels to a body as painted effects, from a frame on.
 
     Vertices are taken over if the file's mesh is ours; otherwise the area is what the channel's
@@ -46,29 +53,60 @@ def import_hjif(
     -------
     made : list of Object
     left_out : list of str
-        Channels that no effect can be, each with the reason.
+        Channels that no effect can be, each with the reason, and parts of channels.
+    notes : list of str
+        How the file was read.
 
     Raises
     ------
     InputError
-        The file cannot be read or breaks the standard; nothing was added.
+        The file cannot be read; nothing was added.
     """
-    document = reader.read(path)
-    found = list(envelopes(document))  # everything is read before anything is made
+    document, told = reader.decode_telling(read_bytes(path), str(path))
+    # Everything is read before anything is made.
+    found = [_with_ticks(each) for each in envelopes(document, str(path))]
     ours = _own_models(document, path.parent)
     made: list[bpy.types.Object] = []
     left_out: list[str] = []
+    notes = list(told)
     for each in found:
         modality = _OURS.get(each.modality)
+        left_out += each.left_out
         if modality is None:
             left_out.append(f"'{each.channel}': {each.modality} is none of our modalities")
         elif not each.strength.values.any():
-            left_out.append(f"'{each.channel}': has no envelope (wavelets and ticks are not read)")
+            left_out.append(f"'{each.channel}': is silent")
         else:
+            if not each.body_part_mask and not each.vertices:
+                notes.append(f"'{each.channel}' names no body part: it is on the whole body")
             made += _effects(
                 scene, each, modality, body, frame, effects.model_id_for(modality) in ours
             )
-    return made, left_out
+    return made, left_out, notes
+
+
+def _with_ticks(envelope: Envelope) -> Envelope:
+    """An envelope with its ticks as short pulses, and few keyframes."""
+    if envelope.frequency_hz is None:
+        return envelope
+    strength, pitch = envelope.strength, envelope.frequency_hz
+    pieces = [
+        Piece(float(strength.times_s[0]), float(strength.times_s[-1]), strength, pitch),
+        *(
+            Piece(
+                tick.time_s,
+                tick.time_s + TICK_S,
+                Curve.of([tick.time_s, tick.time_s + TICK_S], [tick.amplitude, 0.0]),
+                Curve.of([tick.time_s], [tick.frequency_hz]),
+            )
+            for tick in envelope.transients
+        ),
+    ]
+    if len(strength) > _MANY or envelope.transients:
+        whole = mixed(envelope.channel, pieces)
+        (few,) = simplified_signals([whole]).signals
+        strength, pitch = few.amplitude, few.frequency_hz
+    return replace(envelope, strength=strength, frequency_hz=pitch, transients=())
 
 
 def _own_models(document: Hjif, folder: Path) -> set[str]:
@@ -125,18 +163,13 @@ def _vertices(envelope: Envelope, model: PerceptualModel, is_own: bool) -> list[
     if is_own and envelope.vertices:
         return sorted({each for each in envelope.vertices if 0 <= each < len(model)})
     masks = vertex_masks(model)
-    return np.flatnonzero(masks & np.uint32(envelope.body_part_mask)).tolist()
+    return np.flatnonzero(masks & np.uint32(envelope.body_part_mask or _ANYWHERE)).tolist()
 
 
 def _positive(curve: Curve, sign: float) -> Curve:
     """Part of a curve that has this sign, 0 elsewhere; it crosses 0 at the same times."""
-    times, values = curve.times_s, sign * curve.values
-    crosses = np.flatnonzero(values[:-1] * values[1:] < 0.0)
-    share = values[crosses] / (values[crosses] - values[crosses + 1])
-    zeros = times[crosses] + share * (times[crosses + 1] - times[crosses])
-    return Curve(
-        np.insert(times, crosses + 1, zeros), np.maximum(np.insert(values, crosses + 1, 0.0), 0.0)
-    )
+    crossed = with_zeros(curve)
+    return Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
 
 
 def _set_strength(
@@ -152,9 +185,6 @@ def _set_strength(
 def _animate(
     scene: bpy.types.Scene, effect: bpy.types.Object, path: str, curve: Curve, frame: float
 ) -> None:
-    fps = scene.render.fps / scene.render.fps_base
-    data = effect.animation_data or effect.animation_data_create()
-    if data.action is None:
-        data.action = bpy.data.actions.new(effect.name)
+    fps = fps_of(scene)
     keys = zip((frame + curve.times_s * fps).tolist(), curve.values.tolist(), strict=True)
-    compat.set_keys(compat.new_fcurve(effect, data.action, path), keys)
+    compat.set_keys(compat.own_fcurve(effect, path, ""), keys)

@@ -66,7 +66,7 @@ def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
     missing = float(np.mean(~np.isfinite(grey)))
     if missing > MOST_MISSING:
         raise InputError(
-            f"'{name}': {missing:.0%} of its heights are missing or no numbers; at most "
+            f"'{name}': {missing:.0%} of its heights are missing or not numbers; at most "
             f"{MOST_MISSING:.0%} can be filled."
         )
     if not missing:

@@ -9,6 +9,7 @@ import bpy
 
 from .. import compat
 from ..errors import InputError
+from ..scene_units import fps_of, metres_of
 from . import effects
 
 START = "hfx_video_start"
@@ -27,7 +28,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
     Raises
     ------
     InputError
-        The file is not there, or holds no sound.
+        The file is not there, or has no sound.
     """
     _check(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
@@ -39,7 +40,7 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
         raise InputError(f"{path}: cannot be read as a sound ({error}).") from error
     if strip.sound.channels == "INVALID":
         strips.remove(strip)
-        raise InputError(f"{path}: holds no sound.")
+        raise InputError(f"{path}: has no sound.")
     scene.sync_mode = "AUDIO_SYNC"
     scene.use_audio_scrub = True
     return strip
@@ -57,8 +58,7 @@ def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Obje
     screen = bpy.data.objects.new(path.stem, None)
     screen.empty_display_type = "IMAGE"
     screen.data = image
-    unit = scene.unit_settings
-    metres = 1.0 if unit.system == "NONE" else unit.scale_length
+    metres = metres_of(scene)
     width, height = image.size
     # The size of an image empty is that of its longer side.
     screen.empty_display_size = _SCREEN_HEIGHT / metres * max(width / height, 1.0)
@@ -157,7 +157,7 @@ def _play(
     user.use_auto_refresh = True
     owner[START] = frame
     own_rate = rate_of(Path(bpy.path.abspath(image.filepath)))
-    rate = own_rate or scene.render.fps / scene.render.fps_base
+    rate = own_rate or fps_of(scene)
     driver = driven.driver_add(f"{user_path}.frame_offset").driver
     driver.type = "SCRIPTED"
     kind = "WORLD" if isinstance(owner, bpy.types.World) else "OBJECT"

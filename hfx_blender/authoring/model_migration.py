@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import bpy
 
@@ -24,12 +24,10 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from ..engine.body.model import PerceptualModel
-
     F64 = npt.NDArray[np.float64]
 
-_FILE = "earlier-editions.npz"
-_STEP_M = 1e-4
+FILE: Final = "earlier-editions.npz"
+STEP_M: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +46,17 @@ def load(model_id: str, content_hash: str) -> EarlierModel | None:
     key = f"{model_id}.{content_hash}"
     if key not in known():
         return None
-    with np.load(resources.body_models() / _FILE) as data:
+    with np.load(resources.body_models() / FILE) as data:
         places, part = data[f"{key}.places"], data[f"{key}.part"]
     return EarlierModel(
-        places.astype(np.float64) * _STEP_M, part.astype(np.int64), np.ones(len(places))
+        places.astype(np.float64) * STEP_M, part.astype(np.int64), np.ones(len(places))
     )
 
 
 @lru_cache(maxsize=1)
 def known() -> frozenset[str]:
     """Editions that are stored, as ``MODEL_ID.HASH``."""
-    path = resources.body_models() / _FILE
+    path = resources.body_models() / FILE
     if not path.is_file():
         return frozenset()
     with zipfile.ZipFile(path) as archive:
@@ -112,16 +110,3 @@ def update_all() -> list[str]:
             effects.set_area(effect, vertices.tolist(), weights[vertices].tolist())
             found.append(effect.name)
     return found
-
-
-def keep(model: PerceptualModel) -> None:
-    """Store an edition of a model, before another one takes its place."""
-    import numpy as np
-
-    path = resources.body_models() / _FILE
-    data = dict(np.load(path)) if path.is_file() else {}
-    key = f"{model.id}.{model.content_hash}"
-    data[f"{key}.places"] = np.round(model.vertices / _STEP_M).astype(np.int16)
-    data[f"{key}.part"] = model.part.astype(np.uint8)
-    np.savez_compressed(path, **data)
-    known.cache_clear()

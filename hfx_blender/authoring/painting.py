@@ -39,7 +39,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
         raise InputError(f"'{effect.name}' is being painted already.")
     body = effect.hfx.body
     if body is None:
-        raise InputError(f"'{effect.name}' is painted on no body; choose one first.")
+        raise InputError(f"'{effect.name}' has no body; choose one first.")
     model = retargeting.model_of(body, effects.model_id_for(effect.hfx.modality))
     painted = weights_of(effect)
     canvas = model_mesh.add_posed(context, body, model, f"{effect.name} Area")

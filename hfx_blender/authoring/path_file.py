@@ -66,24 +66,13 @@ def recipe_of(document: Node) -> PathRecipe:
         kind=top["kind"].choice(KINDS),
         is_closed="closed" in top and top["closed"].integer(0, 1) == 1,
         description=top["description"].text() if "description" in top else "",
-        motion=motion_of(top["motion"]) if "motion" in top else (),
+        motion=top["motion"].curve() if "motion" in top else (),
     )
 
 
 def place_of(node: Node) -> Place:
     """Three numbers of metres."""
-    x, y, z = (n.number(-_FARTHEST_M, _FARTHEST_M, "m") for n in node.items(least=3, most=3))
-    return x, y, z
-
-
-def motion_of(node: Node) -> tuple[tuple[float, float], ...]:
-    """Pairs of ascending seconds and values in 0..1."""
-    found: list[tuple[float, float]] = []
-    for item in node.items(least=1, most=MAX_POINTS):
-        time, value = item.items(least=2, most=2)
-        last = found[-1][0] if found else 0.0
-        found.append((time.number(last, 86_400.0, "s"), value.number(0.0, 1.0)))
-    return tuple(found)
+    return node.triple(-_FARTHEST_M, _FARTHEST_M, "m")
 
 
 def save(recipe: PathRecipe, path: Path) -> None:

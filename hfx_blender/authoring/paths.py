@@ -15,6 +15,7 @@ import bpy
 
 from .. import compat
 from ..errors import InputError
+from ..scene_units import fps_of, metres_of
 from . import effects
 from .posed_skin import SKIN_MODEL, Anchors
 
@@ -71,12 +72,6 @@ def add_spot(
     return effect
 
 
-def metres_of(scene: bpy.types.Scene) -> float:
-    """Metres of a Blender unit."""
-    settings = scene.unit_settings
-    return 1.0 if settings.system == "NONE" else float(settings.scale_length)
-
-
 def stand_at_path(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
     """Move the object, which only stands for the effect, to the start of its path on the body."""
     body = effect.hfx.body
@@ -116,7 +111,9 @@ def _points(effect: bpy.types.Object, key: str) -> F64:
     except (TypeError, ValueError):
         flat = np.array([np.nan])
     if flat.ndim != 1 or flat.size % 3 or not np.isfinite(flat).all():
-        raise InputError(f"Effect '{effect.name}': its path is not a list of places; draw it anew.")
+        raise InputError(
+            f"Effect '{effect.name}': its path is not a list of places; draw it again."
+        )
     return flat.reshape(-1, 3)
 
 
@@ -244,7 +241,7 @@ def record(
     path, shares = skin().traced(knots)
     set_path(effect, path, knots)
     effect[KIND], effect[CLOSED] = "traced", 0
-    frames = frame + (times - times[0]) * scene.render.fps / scene.render.fps_base
+    frames = frame + (times - times[0]) * fps_of(scene)
     set_motion(effect, list(zip(frames.tolist(), shares.tolist(), strict=True)), "LINEAR")
 
 
@@ -252,10 +249,7 @@ def set_motion(
     effect: bpy.types.Object, keys: Sequence[tuple[float, float]], interpolation: str = "BEZIER"
 ) -> None:
     """Replace the keyframes of an effect's position: (frame, share of the path) pairs."""
-    data = effect.animation_data or effect.animation_data_create()
-    if data.action is None:
-        data.action = bpy.data.actions.new(f"{effect.name} Motion")
-    curve = compat.new_fcurve(effect, data.action, POSITION)
+    curve = compat.own_fcurve(effect, POSITION, "Motion")
     compat.set_keys(curve, keys, interpolation)
     effect.update_tag()
 
@@ -318,7 +312,7 @@ def motion_keys(
     curve = motion_of(effect)
     if curve is None or not len(curve.keyframe_points):
         return ()
-    fps = scene.render.fps / scene.render.fps_base
+    fps = fps_of(scene)
     frames = [key.co[0] for key in curve.keyframe_points]
     if any(key.interpolation != "LINEAR" for key in curve.keyframe_points):
         frames = sorted({*frames, *map(float, range(int(frames[0]) + 1, int(frames[-1]) + 1))})
@@ -339,6 +333,6 @@ def apply(
     places = np.array(recipe.points_m, np.float64)
     length = draw(effect, places, kind=recipe.kind, closed=recipe.is_closed)
     if recipe.motion:
-        fps = scene.render.fps / scene.render.fps_base
+        fps = fps_of(scene)
         set_motion(effect, [(frame + t * fps, share) for t, share in recipe.motion], "LINEAR")
     return length

@@ -56,7 +56,7 @@ def of_avatar_selection(effect: bpy.types.Object) -> F64:
 def _anchors(effect: bpy.types.Object) -> tuple[bpy.types.Object, SurfaceAnchors]:
     body = effect.hfx.body
     if body is None:
-        raise InputError(f"'{effect.name}' is painted on no body; choose one first.")
+        raise InputError(f"'{effect.name}' has no body; choose one first.")
     if body.hfx.avatar is None:
         raise InputError(f"Body '{body.name}' has no mesh; add the haptic body with one selected.")
     return body, body_binding.anchors_of(body, effects.model_id_for(effect.hfx.modality))

@@ -17,6 +17,7 @@ import numpy as np
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.body.parts import PARTS
 from ..errors import InputError
+from ..scene_units import fps_of
 from . import clips, effects
 
 GENERATOR = "hfx_rain"
@@ -60,7 +61,7 @@ def make(
     chance = random.Random(seed)
     centres = _places(model, parts, min(count, MAX_SPOTS), chance)
     times = sorted(chance.uniform(0.0, max(duration_s - _DROP_S, 0.0)) for _ in range(count))
-    fps = scene.render.fps / scene.render.fps_base
+    fps = fps_of(scene)
     made = []
     for number, centre in enumerate(centres):
         effect = effects.add_painted(scene, "vibration", body, f"{name} {number + 1:02d}")

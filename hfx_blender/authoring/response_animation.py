@@ -18,7 +18,6 @@ def renumber(effect: bpy.types.Object, order: Sequence[int | None]) -> None:
 
     Parameters
     ----------
-    effect : bpy.types.Object
     order : sequence of int or None
         The new place of the filter that was at each place; None: it is gone, and so is its
         animation.

@@ -90,10 +90,7 @@ def add_response(
         for control, keys in recipe.keys:
             name = properties[control]
             scale = unit_m if name in responses.LENGTHS else 1.0
-            data = effect.animation_data or effect.animation_data_create()
-            if data.action is None:
-                data.action = bpy.data.actions.new(f"{effect.name} Response")
-            curve = compat.new_fcurve(effect, data.action, f"hfx.response[{place}].{name}")
+            curve = compat.own_fcurve(effect, f"hfx.response[{place}].{name}", "Response")
             compat.set_keys(curve, [(frame + t * fps, value / scale) for t, value in keys])
 
 

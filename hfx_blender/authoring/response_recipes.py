@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from ..devices.strict_json import Node
+from ..devices.strict_json import MAX_S, Node
 from ..engine.response_filters.controls import CONTROLS, About, FilterKind, Operation
 
 MOST_FILTERS: Final = 32
-MOST_KEYS: Final = 100_000
 MOST_PARTICLES: Final = 4096
 
 Keys = tuple[tuple[float, float], ...]
@@ -104,7 +103,8 @@ def _filter(node: Node) -> FilterRecipe:
     for name, curve in animated.items():
         if name not in controls:
             curve.fail("keys of one of " + ", ".join(controls))
-        keys.append((name, _keys(curve, controls[name].minimum, controls[name].maximum)))
+        low, high = controls[name].minimum, controls[name].maximum
+        keys.append((name, curve.curve(earliest_s=-MAX_S, lowest=low, highest=high)))
     return FilterRecipe(
         kind.value,
         values,
@@ -113,15 +113,6 @@ def _filter(node: Node) -> FilterRecipe:
         "muted" in members and members["muted"].boolean(),
         tuple(keys),
     )
-
-
-def _keys(node: Node, lowest: float, highest: float) -> Keys:
-    found: list[tuple[float, float]] = []
-    for item in node.items(least=1, most=MOST_KEYS):
-        time, value = item.items(least=2, most=2)
-        last = found[-1][0] if found else -86_400.0
-        found.append((time.number(last, 86_400.0, "s"), value.number(lowest, highest)))
-    return tuple(found)
 
 
 def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]]:
@@ -158,10 +149,7 @@ def swarm_of(node: Node) -> SwarmRecipe:
         found["seed"] = members["seed"].integer(-(2**31), 2**31 - 1)
     for name, least in (("location_m", -1000.0), ("radii_m", 0.0)):
         if name in members:
-            x, y, z = (
-                each.number(least, 1000.0, "m") for each in members[name].items(least=3, most=3)
-            )
-            found[name] = (x, y, z)
+            found[name] = members[name].triple(least, 1000.0, "m")
     recipe = SwarmRecipe(members["count"].integer(1, MOST_PARTICLES), **found)
     if recipe.born_until_s < recipe.born_from_s:
         node.fail("born_until_s not before born_from_s")

@@ -143,7 +143,7 @@ def key_here(scene: bpy.types.Scene, effect: bpy.types.Object) -> None:
     """
     place = place_of(effect)
     if place is None:
-        raise InputError(f"'{effect.name}' is nowhere on the skin; place it first.")
+        raise InputError(f"'{effect.name}' has no place on the skin; place it first.")
     if paths.OWN in effect:
         put(scene, effect, place, is_keyed=True)
     else:

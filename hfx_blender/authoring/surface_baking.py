@@ -21,6 +21,7 @@ from ..engine.texture.linear_light import luminance
 from ..engine.texture.normal_integration import heights_of_normals
 from ..engine.texture.scan import fill_holes
 from ..errors import InputError
+from ..scene_units import metres_of
 from . import material_relief, surface_uv
 from .material_relief import Relief, Value
 from .surface_uv import Charts
@@ -86,7 +87,7 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     if fault:
         _use_one_tile(scratch, charts, owner, fault)
         notes.append(f"UV map '{charts.name}' {fault}: one tile of the material was baked")
-    unit = surface_uv.unit_m(bpy.context.scene)
+    unit = metres_of(bpy.context.scene)
     tile_m = charts.tile[0] * unit, charts.tile[1] * unit
     scratch.new_image(width, height)
     reliefs = [material_relief.relief_of(material) for material in scratch.materials]
@@ -124,7 +125,7 @@ def _luminance(scratch: _Scratch) -> F32:
 
 def _finite(heights: F32, owner: str) -> F64:
     if not np.isfinite(heights).all():
-        raise InputError(f"The material of '{owner}' has heights that are no finite numbers.")
+        raise InputError(f"The material of '{owner}' has heights that are not finite numbers.")
     return heights.astype(np.float64)
 
 

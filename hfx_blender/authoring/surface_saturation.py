@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import bpy
 
-from . import material_relief, surface_uv
+from ..scene_units import metres_of
+from . import material_relief
 
 if TYPE_CHECKING:
     from ..engine.texture.haptic_map import HapticMap
@@ -46,7 +47,7 @@ def _tallest(
     obj: bpy.types.Object,
 ) -> tuple[float, bpy.types.Material, bpy.types.ShaderNode] | None:
     """Find the node that makes the greatest of all heights too high to be stroked."""
-    unit = surface_uv.unit_m(bpy.context.scene)
+    unit = metres_of(bpy.context.scene)
     found = []
     for slot in obj.material_slots:
         tree = slot.material.node_tree if slot.material is not None else None

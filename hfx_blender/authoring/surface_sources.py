@@ -70,9 +70,9 @@ def _of_material(obj: bpy.types.Object) -> Relief:
     heights, notes = baked.heights_m, list(baked.notes)
     if baked.luminance is not None and float(np.ptp(baked.luminance)) > 1.0 / 512.0:
         heights = baked.luminance.astype(np.float64) * settings.height_mm / 1000.0
-        notes.append("the material states no relief: its colour was taken for one")
+        notes.append("the material has no relief: its colour was used as heights")
     elif baked.is_flat:
-        notes.append("the material states no relief: only its roughness is known")
+        notes.append("the material has no relief: only its roughness is used")
     else:
         heights = heights - heights[baked.covered].mean()
     texel = tile[0] / 1000.0 / width, tile[1] / 1000.0 / height

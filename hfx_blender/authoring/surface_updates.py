@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 
 import bpy
 
+from ..blender_events import call_soon, remove_timers
 from ..errors import HfxError
 
 DELAY_S = 0.3
@@ -63,8 +65,7 @@ def on_update(_scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
         return
     note(graph)
     _last_edit[0] = time.monotonic()
-    if not bpy.app.timers.is_registered(_check):
-        bpy.app.timers.register(_check, first_interval=BAKE_DELAY_S)
+    call_soon(_check, BAKE_DELAY_S)
 
 
 def is_of_matter(graph: bpy.types.Depsgraph) -> bool:
@@ -145,10 +146,9 @@ def _make_one(obj: bpy.types.Object, *, anew: bool) -> None:
         obj.hfx.surface.is_faulty = True
 
 
-def _later(work: object, delay_s: float) -> None:
-    if bpy.app.timers.is_registered(work):
-        bpy.app.timers.unregister(work)
-    bpy.app.timers.register(work, first_interval=delay_s)
+def _later(work: Callable[[], object], delay_s: float) -> None:
+    remove_timers(work)
+    call_soon(work, delay_s)
 
 
 def _windows() -> list[bpy.types.Window]:
@@ -174,6 +174,4 @@ def unregister() -> None:
     bpy.app.handlers.depsgraph_update_post.remove(on_update)
     for known in (_waiting, material_state.bake_s, _shown, _painted):
         known.clear()
-    for work in (_make, _check):
-        if bpy.app.timers.is_registered(work):
-            bpy.app.timers.unregister(work)
+    remove_timers(_make, _check)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..engine.arrays import F64, I64
 from ..errors import InputError
+from ..scene_units import metres_of
 
 _OUTSIDE = 1e-4  # of a UV unit
 _SMALLEST = 1e-12
@@ -43,12 +44,6 @@ class Charts:
         return float(_uv_areas(self.uv).sum())
 
 
-def unit_m(scene: bpy.types.Scene) -> float:
-    """Metres of a Blender unit."""
-    settings = scene.unit_settings
-    return 1.0 if settings.system == "NONE" else float(settings.scale_length)
-
-
 def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLike) -> Charts:
     """Charts of a mesh; ``owner`` is the object's name, for messages.
 
@@ -74,7 +69,7 @@ def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLik
     layer.uv.foreach_get("vector", at_loops)
     uv = at_loops.reshape(-1, 2).astype(np.float64)[loops].reshape(-1, 3, 2)
     if not np.isfinite(uv).all():
-        raise InputError(f"UV map '{layer.name}' of '{owner}' holds values that are no numbers.")
+        raise InputError(f"UV map '{layer.name}' of '{owner}' has values that are not numbers.")
     tile = _tile(points, uv)
     if tile is None:
         raise InputError(f"UV map '{layer.name}' of '{owner}' has no area: unwrap the mesh first.")
@@ -187,5 +182,5 @@ def tile_mm(obj: bpy.types.Object, uv_map: str = "") -> tuple[float, float]:
     if obj.mode == "EDIT":
         obj.update_from_editmode()
     tile = charts_of(obj.data, uv_map, obj.name, obj.matrix_world).tile
-    unit_mm = 1000.0 * unit_m(bpy.context.scene)
+    unit_mm = 1000.0 * metres_of(bpy.context.scene)
     return tile[0] * unit_mm, tile[1] * unit_mm

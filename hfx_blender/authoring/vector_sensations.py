@@ -112,12 +112,7 @@ def curves_of(
     return tuple(curves)
 
 
-def set_curve(
-    effect: bpy.types.Object,
-    actuator: str,
-    keys: list[tuple[float, float]],
-    interpolation: str = "LINEAR",
-) -> None:
+def set_curve(effect: bpy.types.Object, actuator: str, keys: list[tuple[float, float]]) -> None:
     """Replace the keyframes of one actuator: (frame, value in 0..1) pairs.
 
     Raises
@@ -129,9 +124,6 @@ def set_curve(
     if index < 0:
         names = ", ".join(each.name for each in effect.hfx.drive) or "none"
         raise InputError(f"Effect '{effect.name}' has no actuator '{actuator}'; it has: {names}.")
-    data = effect.animation_data or effect.animation_data_create()
-    if data.action is None:
-        data.action = bpy.data.actions.new(f"{effect.name} Curves")
-    curve = compat.new_fcurve(effect, data.action, f"hfx.drive[{index}].value")
-    compat.set_keys(curve, keys, interpolation)
+    curve = compat.own_fcurve(effect, f"hfx.drive[{index}].value", "Curves")
+    compat.set_keys(curve, keys, "LINEAR")
     effect.update_tag()

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import bpy
+from mathutils import Matrix
 
 from ..errors import InputError
+from ..scene_units import metres_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,6 +69,16 @@ def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
     return None
 
 
+def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
+    """Bone that a mesh hangs on as a rigid piece; None if it is deformed, or hangs on no bone."""
+    at: bpy.types.Object | None = mesh
+    while at is not None and armature_of(at) is None:
+        if at.parent == armature and at.parent_type == "BONE" and at.parent_bone:
+            return str(at.parent_bone)
+        at = at.parent
+    return None
+
+
 def skin_among(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> list[bpy.types.Object]:
@@ -77,9 +89,37 @@ def skin_among(
     if len(meshes) < 2:
         return list(meshes)
     targets = [read_mesh(armature, mesh) for mesh in meshes]
+    body = _of_the_body(armature, dict(zip(meshes, targets, strict=True)), mapping)
+    meshes, targets = list(body), list(body.values())
     found = [meshes[k] for k in skin_parts.skin_of(load_avatar(), targets, mapping)]
     # Where nothing follows the bones, the largest is tried, and its fault is reported.
     return found or [max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))]
+
+
+def _of_the_body(
+    armature: bpy.types.Object,
+    targets: dict[bpy.types.Object, TargetAvatar],
+    mapping: BoneMapping,
+) -> dict[bpy.types.Object, TargetAvatar]:
+    """Leave out rigid pieces (swords, hats) beside skin; of a body of pieces only what it holds."""
+    rigid = {mesh: bone for mesh in targets if (bone := bone_of(armature, mesh)) is not None}
+    skin = {mesh: target for mesh, target in targets.items() if mesh not in rigid}
+    skinned = {
+        target.bone_names[bone] for target in skin.values() for bone in set(target.weights.bones)
+    }
+    limbs = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")
+    wanted = {mapping.bones.get(f"{limb}.{side}") for limb in limbs for side in "LR"} - {None}
+    if not rigid or len(wanted & skinned) > 0.5 * len(wanted):
+        return skin or targets
+    bones = armature.data.bones
+    body = {
+        name
+        for mapped in mapping.bones.values()
+        for name in (mapped, *(above.name for above in bones[mapped].parent_recursive))
+    }
+    return {
+        mesh: target for mesh, target in targets.items() if mesh not in rigid or rigid[mesh] in body
+    }
 
 
 def read_meshes(
@@ -138,7 +178,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
             raise InputError(f"'{obj.name}' is being edited; leave Edit Mode first.")
         _check_scale(obj)
     world = np.array(armature.matrix_world, np.float64)
-    to_rest = np.linalg.inv(world) @ np.array(mesh_object.matrix_world, np.float64)
+    to_rest = np.array(_to_rest(armature, mesh_object), np.float64)
     points, triangles = rest_surface(mesh_object)
     bones = armature.data.bones
     names = tuple(
@@ -146,16 +186,35 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         for group in mesh_object.vertex_groups
         if group.name in bones and bones[group.name].use_deform
     )
-    scene = bpy.context.scene.unit_settings
-    unit = 1.0 if scene.system == "NONE" else scene.scale_length
+    carrier = bone_of(armature, mesh_object)
+    if carrier is not None:
+        names, weights = (carrier,), _rigid_weights(len(points))
+    else:
+        weights = _weights(mesh_object, names)
+    unit = metres_of(bpy.context.scene)
     return TargetAvatar(
         vertices=points @ to_rest[:3, :3].T + to_rest[:3, 3],
         triangles=triangles.astype(np.int64),
-        weights=_weights(mesh_object, names),
+        weights=weights,
         bone_names=names,
         bones=read_bones(armature),
         metres=unit * float(np.cbrt(np.linalg.det(world[:3, :3]))),
     )
+
+
+def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
+    """Matrix from a mesh's local space to its armature's, with all bones at rest."""
+    if bone_of(armature, mesh) is None:
+        return armature.matrix_world.inverted() @ mesh.matrix_world
+    matrix, at = Matrix(), mesh
+    while at.parent != armature or at.parent_type != "BONE":
+        matrix = at.matrix_parent_inverse @ at.matrix_basis @ matrix
+        at = at.parent
+    bone = armature.data.bones[at.parent_bone]
+    # A child hangs on the bone's tail, unless the bone is set to carry it by its head.
+    end = Matrix() if bone.use_relative_parent else Matrix.Translation((0.0, bone.length, 0.0))
+    at_bone = Matrix() if bone.use_relative_parent else bone.matrix_local @ end
+    return at_bone @ at.matrix_parent_inverse @ at.matrix_basis @ matrix
 
 
 def rest_surface(mesh_object: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
@@ -183,6 +242,17 @@ def _check_scale(obj: bpy.types.Object) -> None:
             f"'{obj.name}' has a negative scale, which swaps its left and right; apply the scale "
             "(Object > Apply > Scale) and recalculate the normals first."
         )
+
+
+def _rigid_weights(count: int) -> SkinWeights:
+    """Weights of vertices that all follow one bone."""
+    import numpy as np
+
+    from ..engine.body.model import SkinWeights
+
+    return SkinWeights(
+        np.arange(count + 1, dtype=np.int32), np.zeros(count, np.int32), np.ones(count, np.float32)
+    )
 
 
 def _weights(mesh_object: bpy.types.Object, names: tuple[str, ...]) -> SkinWeights:

@@ -12,9 +12,9 @@ from mathutils import Matrix
 
 from .. import compat
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
-from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import variants
 from ..errors import InputError
+from ..scene_units import fps_of
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
 _LARGE_BONES = (
@@ -55,7 +55,6 @@ def add_avatar(
 def add_body(
     armature: bpy.types.Object,
     avatar: bpy.types.Object | None,
-    mapping: BoneMapping | None = None,
     parts: Sequence[bpy.types.Object] = (),
 ) -> list[str]:
     """Make an avatar a haptic body: the perceptual models are fitted to it.
@@ -67,9 +66,6 @@ def add_body(
     ----------
     avatar : Object or None
         The mesh that shows the body, or the first of several.
-    mapping : BoneMapping, optional
-        Which bone stands for which joint; by default the armature's bone table if a user
-        corrected it, else found from the bones.
     parts : sequence of Object
         Further meshes of an avatar that is in several pieces.
 
@@ -95,7 +91,7 @@ def add_body(
             "mesh and then its armature."
         )
     retargeting.check_scipy()
-    mapping = mapping or bone_table.mapping_of(armature)
+    mapping = bone_table.mapping_of(armature)
     fit = retargeting.fit_body(armature, meshes, mapping)
     retargeting.store(armature, fit)
     bone_table.keep(armature, mapping)
@@ -191,7 +187,7 @@ def _hide_small_bones(armature: bpy.types.Armature) -> None:
 def _skin(
     context: bpy.types.Context, avatar: Avatar, armature: bpy.types.Object, name: str
 ) -> bpy.types.Object:
-    mesh = _skin_mesh(avatar, name)
+    mesh = skin_mesh(avatar, name)
     skin = bpy.data.objects.new(name, mesh)
     context.scene.collection.objects.link(skin)
     weights = avatar.weights
@@ -205,7 +201,8 @@ def _skin(
     return skin
 
 
-def _skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
+def skin_mesh(avatar: Avatar, name: str) -> bpy.types.Mesh:
+    """Make a mesh of the avatar in its rest pose, with its UV map."""
     mesh = bpy.data.meshes.new(name)
     faces = [[int(v) for v in face if v >= 0] for face in avatar.faces]
     mesh.from_pydata(avatar.vertices.tolist(), [], faces)
@@ -259,7 +256,7 @@ def add_walk(
     # Rest space faces -Y. The body turns round each corner within half a second.
     headings = np.unwrap(np.arctan2(moves[:, 0], -moves[:, 1]))
     turn = [(frames[0], headings[0])]
-    fps = bpy.context.scene.render.fps / bpy.context.scene.render.fps_base
+    fps = fps_of(bpy.context.scene)
     for corner, before, after in zip(frames[1:], headings, headings[1:], strict=False):
         turn += [(corner - fps / 4, before), (corner + fps / 4, after)]
     armature.rotation_mode = "XYZ"
@@ -282,17 +279,3 @@ def _key_cycle(armature: bpy.types.Object, action: bpy.types.Action, walk: WalkC
     for axis in range(3):
         curve = compat.new_fcurve(armature, action, f'pose.bones["{root.name}"].location', axis)
         compat.set_keys(curve, zip(frames, offsets[:, axis], strict=True))
-
-
-def add_bystander(
-    collection: bpy.types.Collection, place: tuple[float, float, float], turn: float
-) -> bpy.types.Object:
-    """A figure with the avatar's looks that stands still and feels nothing."""
-    mesh = bpy.data.meshes.get("Bystander")
-    if mesh is None:
-        mesh = _skin_mesh(load_avatar(), "Bystander")
-    figure = bpy.data.objects.new("Bystander", mesh)
-    figure.location = place
-    figure.rotation_euler = (0.0, 0.0, turn)
-    collection.objects.link(figure)
-    return figure

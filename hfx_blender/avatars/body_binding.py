@@ -87,6 +87,8 @@ def why_surface(body: bpy.types.Object) -> str | None:
     InputError
         The surface was chosen, but there is none.
     """
+    if retargeting.is_by_bones(body):
+        return None
     follow = body.hfx.follow
     if follow == "SURFACE":
         if body.hfx.avatar is None:
@@ -148,6 +150,8 @@ def _beyond_bones(body: bpy.types.Object) -> str | None:
 
 
 def _mesh_beyond_bones(body: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
+    if avatar_meshes.bone_of(body, mesh) is not None:
+        return None
     armatures = [
         m for m in mesh.modifiers if m.type == "ARMATURE" and m.object == body and m.show_viewport
     ]

@@ -23,6 +23,7 @@ from ..engine.body.rigs.mapping import (
 from ..engine.body.rigs.rig import canonical_parents
 from ..errors import InputError
 from .avatar_meshes import read_bones
+from .human_bones import human_bones_of
 
 BY_HAND = "by hand"
 """Convention of a mapping that was not found automatically."""
@@ -46,12 +47,9 @@ def automatic(armature: bpy.types.Object) -> BoneMapping:
         No human bones are recognisable.
     """
     try:
-        return map_bones(read_bones(armature))
+        return map_bones(read_bones(armature), human_bones_of(armature))
     except InputError as error:
-        raise InputError(
-            f"Armature '{armature.name}': {error} Assign the bones by hand in the HFX tab, "
-            "under Bones, or choose another armature."
-        ) from None
+        raise InputError(f"Armature '{armature.name}': {error}") from None
 
 
 def mapping_of(armature: bpy.types.Object) -> BoneMapping:
@@ -88,12 +86,6 @@ def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
         _write(armature, BY_HAND, {}, kept)
         raise
     _write(armature, found.convention, found.bones, found.bones | kept)
-
-
-def clear(armature: bpy.types.Object) -> None:
-    """Drop the table: the next fit finds the bones by itself."""
-    armature.hfx.bone_map.clear()
-    armature.hfx.bone_map_convention = ""
 
 
 def keep(armature: bpy.types.Object, mapping: BoneMapping) -> None:

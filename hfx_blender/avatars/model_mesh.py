@@ -8,6 +8,7 @@ import numpy as np
 
 from ..engine.body.model import PerceptualModel
 from ..engine.body.parts import PARTS
+from ..scene_units import metres_of
 from . import retargeting
 
 SHOWN = "hfx_shown_body"
@@ -75,10 +76,8 @@ def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> b
     obj.data.polygons.foreach_set("material_index", part_of_face)
     lift = obj.modifiers.new("Above the Skin", "DISPLACE")
     lift.mid_level = 0.0
-    unit = context.scene.unit_settings
-    metres = 1.0 if unit.system == "NONE" else unit.scale_length
     scale = abs(body.matrix_world.to_3x3().determinant()) ** (1 / 3)
-    lift.strength = _ABOVE_SKIN_M / (metres * scale)
+    lift.strength = _ABOVE_SKIN_M / (metres_of(context.scene) * scale)
     obj.data.update()
     return obj
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -24,7 +24,15 @@ from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.modality import MODALITIES
 from ..engine.retargeting import skin_parts
 from ..engine.retargeting import target as retarget_target
-from ..engine.retargeting.quality import AREA_RATIOS, FARTHEST_MM, IN_PLACE, PartQuality, Quality
+from ..engine.retargeting.quality import (
+    AREA_RATIOS,
+    FARTHEST_MM,
+    IN_PLACE,
+    PartQuality,
+    Quality,
+    joint_faults,
+)
+from ..engine.retargeting.target import TargetAvatar
 from ..engine.scene import FittedModel, SurfaceAnchors
 from ..errors import InputError
 from . import avatar_meshes
@@ -42,6 +50,12 @@ _ARRAYS = {
     "places": np.float32,
     "heights": np.float32,
 }
+_ONLY_BONES = (
+    "felt by its bones only, because {reason}: the haptic body has the standard shape, stretched "
+    "to this rig's joints, and not the shape of the mesh, so touches are approximate, and hair, "
+    "clothes or a large head beyond it are not felt; join the pieces to one closed skin, or select "
+    "other meshes, for a fit to the surface"
+)
 _MEASURES = ("distance_mean_mm", "distance_p95_mm", "in_place", "area_ratio")
 
 
@@ -54,6 +68,7 @@ class Fit:
     quality: tuple[Quality, ...] = ()  # of each model
     warnings: tuple[str, ...] = ()  # parts that fit badly, by name
     notes: tuple[str, ...] = ()  # bones that are missing or doubtful
+    by_bones: bool = False  # the surface could not be followed
 
 
 def model_ids() -> list[str]:
@@ -77,29 +92,89 @@ def fit_body(
         The avatar cannot be fitted to.
     """
     # Fitting is half of this module's imports, and Blender's start must not wait for it.
-    from ..engine.retargeting import retarget
+    from ..engine.retargeting import by_bones, retarget
 
-    targets = avatar_meshes.read_meshes(armature, meshes)
+    avatar = load_avatar()
+    targets, notes = _facing_out(meshes, avatar_meshes.read_meshes(armature, meshes))
     name = meshes[0].name
     if len(meshes) > 1:
-        order = skin_parts.ranked(load_avatar(), targets, mapping)
+        order = skin_parts.ranked(avatar, targets, mapping)
         meshes, targets = [meshes[k] for k in order], [targets[k] for k in order]
         name = f"{meshes[0].name} and {len(meshes) - 1} more"
     target = skin_parts.joined(targets)
-    retarget_target.check(target, name)
+    no_surface = retarget_target.check(target, name) or _why_rigid(armature, meshes, targets)
+    models = [load_model(model_id) for model_id in model_ids()]
     try:
-        warped = retarget.warp(load_avatar(), target, mapping)
+        if no_surface is None:
+            warped = retarget.warp(avatar, target, mapping)
+            fits = [retarget.fit(model, warped) for model in models]
+            qualities = [quality for _, quality in fits]
+            if (lost := by_bones.lost_part(qualities)) is not None:
+                no_surface = (
+                    f"only {100 * lost.in_place:.0f} % of its {lost.part.replace('_', ' ')} is "
+                    f"found on that part of '{name}'"
+                )
+        if no_surface is None:
+            fitted, warnings = [model for model, _ in fits], _folded(qualities)
+        else:
+            fitted, qualities = by_bones.fit_by_bones(models, avatar, target, mapping), []
+            warnings = [_ONLY_BONES.format(reason=no_surface)]
     except InputError as error:
         raise InputError(f"Armature '{armature.name}': {error}") from None
-    models, qualities, faults = [], [], {}
-    for model_id in model_ids():
-        fitted, quality = retarget.fit(load_model(model_id), warped)
-        models.append(fitted)
-        qualities.append(quality)
-        for fault in quality.warnings:
-            faults.setdefault(fault, model_id)
-    warnings = [f"{fault} ({model_id})" for fault, model_id in faults.items()]
-    return Fit(tuple(meshes), tuple(models), tuple(qualities), tuple(warnings), mapping.report)
+    return Fit(
+        tuple(meshes),
+        tuple(fitted),
+        tuple(qualities),
+        (*notes, *warnings),
+        mapping.report,
+        no_surface is not None,
+    )
+
+
+def _facing_out(
+    meshes: Sequence[bpy.types.Object], targets: Sequence[TargetAvatar]
+) -> tuple[list[TargetAvatar], list[str]]:
+    """Turn meshes whose faces look inwards, for the fit; with a sentence about each."""
+    turned, notes = [], []
+    for mesh, target in zip(meshes, targets, strict=True):
+        if retarget_target.is_inside_out(target):
+            target = replace(target, triangles=target.triangles[:, ::-1])
+            notes.append(
+                f"the normals of '{mesh.name}' point inwards: it was read turned inside out; "
+                "correct it with Mesh > Normals > Recalculate Outside"
+            )
+        turned.append(target)
+    return turned, notes
+
+
+def _why_rigid(
+    armature: bpy.types.Object,
+    meshes: Sequence[bpy.types.Object],
+    targets: Sequence[TargetAvatar],
+) -> str | None:
+    """Why rigid pieces are no skin, where they are most of an avatar's surface."""
+    areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
+    rigid = [avatar_meshes.bone_of(armature, mesh) is not None for mesh in meshes]
+    if float(np.dot(areas, rigid)) < 0.5 * float(np.sum(areas)):
+        return None
+    return f"{sum(rigid)} of its {len(meshes)} meshes are rigid pieces that hang on bones"
+
+
+def _folded(qualities: Sequence[Quality]) -> list[str]:
+    """Faults of a fit, one line for each body part, the worst part first."""
+    lines = [
+        f"{part.part.replace('_', ' ')} {', '.join(part.faults)}"
+        for part in worst_first(qualities)
+        if part.faults
+    ]
+    lines += joint_faults(qualities)
+    whole = dict.fromkeys(fault for quality in qualities for fault in quality.whole_faults)
+    if lines:
+        lines.append(
+            "look at these parts with Show Perceptual Model; other meshes (select them first) or "
+            "corrected bones may fit better"
+        )
+    return [*whole, *lines]
 
 
 def check_scipy() -> None:
@@ -128,6 +203,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
         "quality": {quality.model_id: _stored_quality(quality) for quality in fit.quality},
         "warnings": "\n".join(fit.warnings),
         "notes": "\n".join(fit.notes),
+        "by_bones": fit.by_bones,
     }
 
 
@@ -209,6 +285,12 @@ def forget(armature: bpy.types.Object) -> None:
 
 def is_fitted(armature: bpy.types.Object) -> bool:
     return _stored_fit(armature) is not None
+
+
+def is_by_bones(armature: bpy.types.Object) -> bool:
+    """Test for a fit that leaves the avatar's surface out."""
+    fit = _stored_fit(armature)
+    return fit is not None and bool(fit.get("by_bones", False))
 
 
 def _stored_fit(armature: bpy.types.Object) -> Any:

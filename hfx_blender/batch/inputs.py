@@ -38,7 +38,6 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
 
     Parameters
     ----------
-    unit : Unit
     devices : iterable of str
         Names or files of the devices.
     models : iterable of str

@@ -157,7 +157,7 @@ def _count(folder: Path, unit: Unit) -> int:
                 found[int(match[2])] = found.get(int(match[2]), 0) + 1
     if not found:
         raise InputError(
-            f"{folder}: there are no pieces of {unit.title}; export them with --piece 1/N to N/N."
+            f"{folder}: has no pieces of {unit.title}; export them with --piece 1/N to N/N."
         )
     return max(found, key=lambda count: (found[count] / count, count))
 

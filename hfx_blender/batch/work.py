@@ -227,7 +227,7 @@ def _piece(
         cut = [(0, samples)]
     if number > len(cut):
         record = pieces.keep(unit, None, None, made_from)
-        text = f"piece {number} of {count}: nothing is left for it to do"
+        text = f"piece {number} of {count}: nothing to record"
     else:
         part = cut[number - 1]
         found = _recorded_part(replace(unit, part=part), export, progress)

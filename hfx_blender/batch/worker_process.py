@@ -44,16 +44,10 @@ def worker_command() -> list[str]:
 
 
 class WorkerProcess:
-    """Worker process; used by one thread at a time, but closed by any.
+    """Worker process; used by one thread at a time, but closed by any."""
 
-    Parameters
-    ----------
-    command : sequence of str
-        Starts :mod:`hfx_blender.batch.worker`.
-    """
-
-    def __init__(self, command: list[str] | None = None) -> None:
-        self._command = command or worker_command()
+    def __init__(self) -> None:
+        self._command = worker_command()
         self._process: subprocess.Popen[str] | None = None
         self._answers: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._told: deque[str] = deque(maxlen=_TELL_LINES)

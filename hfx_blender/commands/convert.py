@@ -25,11 +25,18 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("source", type=Path, metavar="A")
     parser.add_argument(
-        "target", type=Path, metavar="B", help="its suffix names the format; see --to"
+        "target",
+        type=Path,
+        metavar="B",
+        help="file to write; its suffix determines the format, see --to",
     )
-    parser.add_argument("--to", metavar="FORMAT", help="the format, where the suffix does not tell")
+    parser.add_argument(
+        "--to", metavar="FORMAT", help="the format, if the suffix does not determine it"
+    )
     parser.add_argument("--device", metavar="NAME", help="device that plays it, by name or file")
-    parser.add_argument("--body", metavar="NAME", help="who wears it, if a track has several")
+    parser.add_argument(
+        "--body", metavar="NAME", help="body that wears the device, if the track has several"
+    )
     parser.add_argument(
         "--tolerance",
         type=float,
@@ -76,5 +83,5 @@ def run(options: argparse.Namespace, console: Console) -> int:
         }
     )
     if not written.files:
-        raise InputError(f"{options.source}: holds nothing that {options.target.name} could hold.")
+        raise InputError(f"{options.source}: has nothing that {options.target.name} can hold.")
     return 0

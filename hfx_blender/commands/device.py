@@ -20,21 +20,23 @@ _SHORTEST_HASH: Final = 8
 def add_parser(commands: Any) -> None:
     parser = commands.add_parser("device", help="device configurations")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="the devices that --device takes")
+    listing = actions.add_parser("list", help="list devices for --device")
     check = actions.add_parser("check", help="faults of a configuration file")
     check.add_argument("file", type=Path, metavar="FILE")
     imported = actions.add_parser(
         "import", help="make a device of a node map of VRChat haptics or a Unitouch layout (JSON)"
     )
     imported.add_argument("file", type=Path, metavar="FILE")
-    imported.add_argument("--name", help="of the device (default: the file's)")
+    imported.add_argument("--name", help="name of the device (default: that of the file)")
     scripts = actions.add_parser("scripts", help="device scripts of your own, and approved ones")
-    approve = actions.add_parser("approve", help="allow a device's script, as it is now")
+    approve = actions.add_parser("approve", help="approve a device's script in its present state")
     approve.add_argument(
         "name", metavar="DEVICE", help="its name, or the file of its configuration"
     )
-    approve.add_argument("--hash", help="of the bytes that you have read; others are refused")
-    revoke = actions.add_parser("revoke", help="withdraw an approval; where it plays it is stopped")
+    approve.add_argument(
+        "--hash", help="hash of the version that you have read; other versions are refused"
+    )
+    revoke = actions.add_parser("revoke", help="withdraw an approval; a running script is stopped")
     revoke.add_argument("name", metavar="DEVICE|HASH", help="a device, or a hash of 'scripts'")
     for sub, function in (
         (listing, _list),
@@ -150,10 +152,12 @@ def _script_of(name: str) -> DeviceScript:
     from ..devices.live import approval
 
     if find_file(name) is None:
-        raise InputError(f"Device '{name[:100]}' is unknown; 'hfx device list' tells which are.")
+        raise InputError(
+            f"Device '{name[:100]}' is unknown; 'hfx device list' shows the known ones."
+        )
     found = approval.script_of(name)
     if found is None:
-        raise InputError(f"Device '{name[:100]}' brings no script.")
+        raise InputError(f"Device '{name[:100]}' has no script.")
     return found
 
 
@@ -169,7 +173,7 @@ def _approve(options: argparse.Namespace, console: Console) -> int:
         if options.hash is not None and options.hash.lower() != found.fingerprint:
             raise InputError(
                 f"{found.path}: its hash is {found.fingerprint}, not {options.hash[:64]}; "
-                "look at it again."
+                "read it again."
             )
         approval.approve(found)
         console.say("approved: it runs with all of your rights until a byte of it changes")
@@ -182,7 +186,9 @@ def _revoke(options: argparse.Namespace, console: Console) -> int:
 
     marks = [m for m in approval.approved() if _is_named(m, options.name)]
     if len(marks) > 1:
-        raise InputError(f"'{options.name}' is the beginning of {len(marks)} hashes; name more.")
+        raise InputError(
+            f"'{options.name}' is the beginning of {len(marks)} hashes; give more digits."
+        )
     if marks:
         approval.revoke_fingerprint(marks[0])
     else:

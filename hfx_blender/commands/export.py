@@ -55,8 +55,9 @@ def add_parser(commands: Any) -> None:
         "--tolerance",
         type=_tolerance,
         metavar="T",
-        help="preview, standard, exact, paper, or values such as 3mm,5ms,5%%: how far off edges, "
-        "motion and strength may be; a contact may begin late by the ms plus the time that its "
+        help="preview, standard, exact, paper, or values such as 3mm,5ms,5%%: limits of the "
+        "errors of edges, "
+        "motion and strength; a contact may begin late by the ms plus the time that its "
         "approach takes for the mm (default: the scene's)",
     )
     parser.add_argument(
@@ -96,32 +97,32 @@ def add_parser(commands: Any) -> None:
     work.add_argument(
         "--resume",
         action="store_true",
-        help="leave out what was exported before, if it is complete and neither the scene nor "
+        help="skip scenes that are completely exported already, if neither the scene nor "
         "what it links, an option or a version has changed",
     )
     work.add_argument(
         "--time-limit",
         type=_seconds,
         metavar="SECONDS",
-        help="give up on a scene, or on a part of it, that takes longer",
+        help="stop a scene, or a part of it, that takes longer",
     )
     work.add_argument(
         "--split",
         type=int,
         metavar="FRAMES",
-        help="record scenes in parts of so many frames (default: the last long ones, into as "
+        help="record scenes in parts of this many frames (default: the last long scenes, in as "
         "many parts as there are workers); the results are the same",
     )
     work.add_argument(
         "--piece",
         type=_piece,
         metavar="K/N",
-        help="record only piece K of N, for --merge; every piece may be a job of a farm",
+        help="record only piece K of N, for --merge; on a farm each piece is a job",
     )
     work.add_argument(
         "--merge",
         action="store_true",
-        help="put the pieces together: the same files as one export writes; give the same options",
+        help="combine the pieces into the files of one export; needs the same options",
     )
     work.add_argument("--report", type=Path, metavar="FILE", help="write the result as JSON")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
@@ -257,7 +258,6 @@ class _Teller:
         self._console = console
         self._given = given  # paths: in full, and as the user gave them
         self._outcomes = outcomes
-        self._failed = 0
 
     def fully(self, unit: Unit, outcome: Outcome) -> None:
         """Report one scene in full."""

@@ -11,13 +11,14 @@ from .. import blender_session
 from ..console import Console
 from ..errors import InputError
 from ..printable import printable
+from ..scene_units import fps_of
 from .info_report import facts_of_report, is_report
 from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
-        "info", help="what is in a file", description="Tell what is in a file of ours."
+        "info", help="what is in a file", description="Show the content of a file."
     )
     parser.add_argument("file", type=Path, metavar="FILE")
     add_largest(parser)
@@ -35,7 +36,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
         tellers[path.suffix] = _of_a_format
     if path.suffix not in tellers:
         raise InputError(
-            f"{path}: '{path.suffix}' is not one of ours; known are {', '.join(tellers)} and the "
+            f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(tellers)} and "
+            "the "
             "formats of hfx export."
         )
     if not path.is_file():
@@ -71,7 +73,7 @@ def _blend(path: Path) -> dict[str, Any]:
             {
                 "scene": scene.name,
                 "frames": f"{scene.frame_start} to {scene.frame_end}",
-                "fps": scene.render.fps / scene.render.fps_base,
+                "fps": fps_of(scene),
                 "bodies": [body.name for body in bodies_of(scene)],
                 "effects": [
                     {

@@ -30,7 +30,7 @@ def facts_of_report(path: Path) -> dict[str, Any]:
     document = read(path, _MOST_BYTES)
     members = document.entries(allowed="an export's report")
     if "scene" not in members or "files" not in members:
-        raise InputError(f"{path}: is no report of an export: it has no 'scene' or no 'files'.")
+        raise InputError(f"{path}: is not a report of an export: it has no 'scene' or no 'files'.")
     lists = {key: members[key] for key in _LISTS if key in members}
     files = [_file(each, path.parent) for each in lists["files"].items(least=0, most=1 << 20)]
     facts: dict[str, Any] = {

@@ -38,21 +38,32 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "with an elevation after a colon: 30,-30,110:20,-110:20 (default: stereo)",
     )
     parser.add_argument(
-        "--panning", choices=("vbap", "ring"), default="vbap", help="how sources are panned"
+        "--panning", choices=("vbap", "ring"), default="vbap", help="panning method"
     )
     parser.add_argument(
         "--reference",
         type=float,
         default=2.0,
         metavar="M",
-        help="where the direct and the reverberated sound are equal (default: 2)",
+        help="distance at which direct and reverberated sound are equally loud (default: 2)",
     )
     parser.add_argument(
         "--audible",
         type=float,
         default=8.0,
         metavar="M",
-        help="what is farther is silent (default: 8)",
+        help="distance from which sources are silent (default: 8)",
+    )
+    parser.add_argument(
+        "--air",
+        type=float,
+        default=0.0,
+        metavar="TIMES",
+        help="absorption of high frequencies by distance: so many times that of air (default: 0, "
+        "none; 1 cannot be heard within 8 m, 100 takes 3 dB from 880 Hz there)",
+    )
+    parser.add_argument(
+        "--doppler", action="store_true", help="pitch rises as a source comes nearer"
     )
 
 
@@ -70,9 +81,11 @@ def settings_of(options: argparse.Namespace) -> Any:
     from ..sound import SoundSettings
 
     try:
-        hearing = Hearing(options.reference, options.audible)
+        hearing = Hearing(
+            options.reference, options.audible, air=options.air, with_doppler=options.doppler
+        )
     except ValueError as error:
-        raise UsageError(f"distances of the sound: {error}") from None
+        raise UsageError(f"sound: {error}") from None
     layout = parse(options.loudspeakers)
     Panner(layout, hearing, options.panning)  # raises if the options do not fit
     return SoundSettings(layout=layout, scheme=options.panning, hearing=hearing)

@@ -32,8 +32,8 @@ def add_parser(commands: Any) -> None:
 
     stroke = actions.add_parser(
         "stroke",
-        help="what a stroke over a surface feels like",
-        description="Stroke over a surface along a line or a path, and write what is felt.",
+        help="render a stroke over a surface",
+        description="Stroke over a surface along a line or a path, and write the vibration.",
     )
     texture_source.add_arguments(stroke)
     stroke.add_argument("--from", dest="start", type=texture_source.pair, metavar="MM,MM")
@@ -42,14 +42,16 @@ def add_parser(commands: Any) -> None:
         "--path", type=Path, metavar="CSV", help="x and y in mm; or time in s, x and y"
     )
     stroke.add_argument(
-        "--speed", type=float, metavar="MM/S", help="mm a second (default: 100, a fast stroke)"
+        "--speed", type=float, metavar="MM/S", help="mm/s (default: 100, a fast stroke)"
+    )
+    stroke.add_argument("--renderer", choices=_RENDERERS, default="mcha", help="renderer (mcha)")
+    stroke.add_argument("--rate", type=float, default=120.0, metavar="HZ", help="of the pointer")
+    stroke.add_argument(
+        "--drive", type=float, metavar="1/MM", help="c_v, instead of your calibration"
     )
     stroke.add_argument(
-        "--renderer", choices=_RENDERERS, default="mcha", help="how it is rendered (mcha)"
+        "--device", default="", metavar="NAME", help="device whose calibrated c_v is used"
     )
-    stroke.add_argument("--rate", type=float, default=120.0, metavar="HZ", help="of the pointer")
-    stroke.add_argument("--drive", type=float, metavar="1/MM", help="c_v instead of your own")
-    stroke.add_argument("--device", default="", metavar="NAME", help="c_v that you set for it")
     stroke.add_argument(
         "-o",
         "--output",
@@ -221,7 +223,7 @@ def _table(path: Path) -> Any:
             rows.append([float(part) for part in line.replace(";", ",").split(",")])
         except ValueError as error:
             if number > 1:
-                raise InputError(f"{path}: line {number} is no numbers: '{line[:60]}'.") from error
+                raise InputError(f"{path}: line {number} has no numbers: '{line[:60]}'.") from error
         if rows and (len(rows[-1]) != len(rows[0]) or len(rows[0]) not in (2, 3)):
             raise InputError(f"{path}: line {number}: expected x,y or time,x,y in every line.")
     if len(rows) < 2:
@@ -262,21 +264,26 @@ def _info(options: argparse.Namespace, console: Console) -> int:
 def _short(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{k} {_short(v)}" for k, v in value.items())
+    if value is None:
+        return "-"
     if isinstance(value, list):
         return " x ".join(_short(v) for v in value)
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _measured(height: Any, cutoff_mm: float) -> dict[str, float]:
+def _measured(height: Any, cutoff_mm: float) -> dict[str, float | None]:
+    """Roughness along both axes: lengths in micrometres, None where there is no such value."""
     from math import pi
 
-    from ..engine.texture.roughness import roughness_of_surface
+    from ..engine.texture.roughness import LENGTHS, SHAPES, roughness_of_surface
 
-    found = {}
+    found: dict[str, float | None] = {}
     for axis, angle in (("x", 0.0), ("y", pi / 2.0)):
         measured = roughness_of_surface(height, cutoff_mm / 1000.0, direction_rad=angle)
-        for name in ("ra", "rz", "rmax"):
-            found[f"{name}_{axis}"] = 1e6 * getattr(measured, f"{name}_m")
+        for name in (*LENGTHS, *SHAPES):
+            value = getattr(measured, name)
+            is_length = name in LENGTHS and value is not None
+            found[f"{name.removesuffix('_m')}_{axis}"] = 1e6 * value if is_length else value
     return found
 
 
@@ -285,10 +292,14 @@ def _roughness(options: argparse.Namespace, console: Console) -> int:
     if source.height is None:
         raise InputError(f"{options.source}: a map has no heights, so it has no roughness.")
     facts = _measured(source.height, options.cutoff)
-    console.say(f"along   Ra (um)   Rz (um)   Rmax (um)   cut-off {options.cutoff:g} mm")
+    console.say(f"cut-off {options.cutoff:g} mm; lengths in um, Rsk and Rku without a unit")
+    names = [key.removesuffix("_x") for key in facts if key.endswith("_x")]
+    titles = {"rsm": "RSm"}
+    console.say("along" + "".join(f"{titles.get(n, n.capitalize()):>10}" for n in names))
     for axis in "xy":
-        ra, rz, rmax = (facts[f"{name}_{axis}"] for name in ("ra", "rz", "rmax"))
-        console.say(f"{axis:<5} {ra:>9.3f} {rz:>9.3f} {rmax:>11.3f}")
+        values = (facts[f"{name}_{axis}"] for name in names)
+        shown = ("-" if value is None else f"{value:.3f}" for value in values)
+        console.say(f"{axis:<5}" + "".join(f"{each:>10}" for each in shown))
     console.result({"cutoff_mm": options.cutoff, **facts})
     return 0
 

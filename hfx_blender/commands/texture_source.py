@@ -51,11 +51,13 @@ def add_arguments(parser: Any) -> None:
         "or a material of 'hfx texture list'",
     )
     add_largest(parser)
-    parser.add_argument("--object", metavar="NAME", help="whose surface, in a .blend")
+    parser.add_argument("--object", metavar="NAME", help="object with the surface, in a .blend")
     parser.add_argument(
         "--resolution", type=int, default=512, metavar="N", help="texels along the longer edge"
     )
-    parser.add_argument("--seed", type=int, default=0, help="another piece of a library material")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed: another sample of a library material"
+    )
     parser.add_argument(
         "--colours", action="store_true", help="the picture is a photograph, not heights"
     )
@@ -72,7 +74,7 @@ def add_arguments(parser: Any) -> None:
         "--unit", type=float, default=1.0, metavar="MM", help="of a point cloud's numbers (1)"
     )
     parser.add_argument(
-        "--tiles", action="store_true", help="a picture or scan that goes on at the opposite edge"
+        "--tiles", action="store_true", help="the picture or scan tiles: its opposite edges match"
     )
     parser.add_argument("--roughness", type=Path, metavar="PICTURE", help="dark is smooth")
     parser.add_argument("--blur", type=float, default=0.1, metavar="MM", help="Gaussian (0.1)")
@@ -184,7 +186,7 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
         longest = max(width, height)
         size = options.size or (100.0 * width / longest, 100.0 * height / longest)
         if float(grey.max()) == float(grey.min()):
-            notes += ("the picture is the same everywhere: nothing of it is felt",)
+            notes += ("the picture has the same value everywhere: nothing is felt",)
         size_m = size[0] / 1000.0, size[1] / 1000.0
         field = from_image(grey, options.height / 1000.0, size_m, tiles=options.tiles)
         del grey  # half a gigabyte of a large picture

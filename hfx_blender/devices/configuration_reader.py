@@ -177,10 +177,10 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
     if takes_waveform and modality != "vibration":
         members["takes_waveform"].fail("left out: only vibration is played as a waveform")
     if "waveform" in members and not takes_waveform:
-        members["waveform"].fail('left out: only with "takes_waveform": true is it played')
+        members["waveform"].fail('left out: it needs "takes_waveform": true')
     for each in _MEASURED:
         if each in members and modality != "vibration":
-            members[each].fail("left out: it is known of vibration only")
+            members[each].fail("left out: it is a property of vibration only")
     names = _CONTROLS[modality]
     ranges = members["parameters"].members(required=names)
     limits = members["limits"].members(required=(), optional=names) if "limits" in members else {}

@@ -61,9 +61,9 @@ def scheme(node: Node) -> Scheme:
 def mount(node: Node) -> Mount:
     """Mount of a layout on the body; its axes are made orthogonal and of unit length."""
     members = node.members(required=("origin_m", "x_axis", "y_axis"), optional=("bend_radius_mm",))
-    origin = _triple(members["origin_m"], 3.0, "m")
-    x = np.array(_triple(members["x_axis"], 1.0))
-    y = np.array(_triple(members["y_axis"], 1.0))
+    origin = members["origin_m"].triple(-3.0, 3.0, "m")
+    x = np.array(members["x_axis"].triple(-1.0, 1.0))
+    y = np.array(members["y_axis"].triple(-1.0, 1.0))
     if np.linalg.norm(x) < 0.1:
         members["x_axis"].fail("a direction: three numbers of which one is not near 0")
     x /= np.linalg.norm(x)
@@ -79,7 +79,7 @@ def _bend_m(node: Node) -> float:
     least, most = _BEND_MM
     radius_mm = node.number(-most, most, "mm")
     if abs(radius_mm) < least:
-        node.fail(f"a number from {least:g} to {most:g} mm, or below 0 for a hollow")
+        node.fail(f"a number from {least:g} to {most:g} mm, or its negative for a hollow")
     return radius_mm / 1000.0
 
 
@@ -93,7 +93,7 @@ def refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
     if width_mm > round_mm:
         node.member("bend_radius_mm").fail(
             f"at least {math.ceil(width_mm / math.tau * 100.0) / 100.0:g} mm: pads are "
-            f"{width_mm:g} mm apart along x, and once round is {round_mm:.1f} mm"
+            f"{width_mm:g} mm apart along x, and the circumference is {round_mm:.1f} mm"
         )
 
 
@@ -122,7 +122,7 @@ def _body_place(node: Node) -> BodyPlace:
     members = node.members(required=("parts", "centre_m", "radius_m"), optional=("side",))
     return BodyPlace(
         parts=_parts(members["parts"]),
-        centre_m=_triple(members["centre_m"], 3.0, "m"),
+        centre_m=members["centre_m"].triple(-3.0, 3.0, "m"),
         radius_m=members["radius_m"].number(0.0, 1.0, "m"),
         side=members["side"].choice(SIDES) if "side" in members else None,
     )
@@ -141,11 +141,6 @@ def _pad_place(node: Node, mount: Mount | None) -> BodyPlace:
         radius_m=members["radius_m"].number(0.0, 1.0, "m"),
         side=members["side"].choice(SIDES) if "side" in members else None,
     )
-
-
-def _triple(node: Node, most: float, unit: str = "") -> tuple[float, float, float]:
-    x, y, z = (item.number(-most, most, unit) for item in node.items(least=3, most=3))
-    return x, y, z
 
 
 def _vertex_place(node: Node) -> VertexPlace:
@@ -181,7 +176,7 @@ def _room_place(node: Node) -> RoomPlace:
         members["cone_deg"].fail("left out: the device has no 'aim'")
     aim = None
     if "aim" in members:
-        direction = np.array(_triple(members["aim"], 1.0))
+        direction = np.array(members["aim"].triple(-1.0, 1.0))
         if np.linalg.norm(direction) < 0.1:
             members["aim"].fail("a direction: three numbers of which one is not near 0")
         x, y, z = direction / np.linalg.norm(direction)
@@ -189,7 +184,7 @@ def _room_place(node: Node) -> RoomPlace:
     cone_deg = members["cone_deg"].number(1.0, 360.0, "deg") if "cone_deg" in members else 360.0
     return RoomPlace(
         parts,
-        at_m=_triple(members["at_m"], 100.0, "m"),
+        at_m=members["at_m"].triple(-100.0, 100.0, "m"),
         aim=aim,
         range_m=members["range_m"].number(0.01, 100.0, "m") if "range_m" in members else 100.0,
         cone_deg=cone_deg,

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -52,7 +51,6 @@ def import_node_map(
     path: Path,
     device_id: str,
     folder: Path | None = None,
-    models: Callable[[str], PerceptualModel] = load_model,
 ) -> Path:
     """Make a configuration of a node map, and keep it with the user's own devices.
 
@@ -74,9 +72,9 @@ def import_node_map(
         raise InputError(f"{made}: exists already; choose another name.")
     document = read(path)
     if unitouch_layout.is_layout(document):
-        content = unitouch_layout.configuration_of(document, device_id, models(MODEL))
+        content = unitouch_layout.configuration_of(document, device_id, load_model(MODEL))
     else:
-        content = configuration_of(document, device_id, models(MODEL))
+        content = configuration_of(document, device_id, load_model(MODEL))
     made.parent.mkdir(parents=True, exist_ok=True)
     with atomic_file(made) as file:
         file.write(json.dumps(content, indent=2).encode() + b"\n")
@@ -121,7 +119,7 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
         "version": 1,
         "id": device_id,
         "name": device_id.replace("_", " "),
-        "description": f"Imported from the node map {path.name}; amplitudes are a guess.",
+        "description": f"Imported from the node map {path.name}; amplitudes are guessed.",
         "actuator_types": {
             "motor": {
                 "modality": "vibration",

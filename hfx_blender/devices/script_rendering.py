@@ -243,8 +243,6 @@ class _Worker:
 
     Parameters
     ----------
-    script : DeviceScript
-    device : DeviceConfig
     answers : (T, columns) float64
         Is filled row by row.
     """
@@ -381,7 +379,7 @@ class _Worker:
                 self._answers[self._answered] = values
                 self._answered += 1
             else:
-                return "it spoke without being asked"
+                return "it sent an answer without a question"
             self._went_on_at = time.monotonic()
             if not self._asked - self._answered or self._answered == self._last:
                 self._news.notify()

@@ -16,6 +16,9 @@ from ..errors import InputError
 
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 16
+MAX_KEYS: Final = 100_000
+MAX_S: Final = 86_400.0
+"""Latest time of a curve, seconds: a day."""
 _SHOWN = 60  # characters of a value that a message repeats
 _STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"?', re.DOTALL)
 
@@ -67,6 +70,22 @@ class Node:
         if not isinstance(self.value, list) or not least <= len(self.value) <= most:
             self.fail(f"a list of {least} to {most} items" if least != most else f"{most} items")
         return [Node(item, self.file, f"{self.path}[{i}]") for i, item in enumerate(self.value)]
+
+    def triple(self, least: float, most: float, unit: str = "") -> tuple[float, float, float]:
+        """Get three numbers, each in the same range."""
+        x, y, z = (item.number(least, most, unit) for item in self.items(least=3, most=3))
+        return x, y, z
+
+    def curve(
+        self, *, least: int = 1, earliest_s: float = 0.0, lowest: float = 0.0, highest: float = 1.0
+    ) -> tuple[tuple[float, float], ...]:
+        """Get pairs of seconds, which never fall, and values in a range."""
+        found: list[tuple[float, float]] = []
+        for item in self.items(least=least, most=MAX_KEYS):
+            time, value = item.items(least=2, most=2)
+            last = found[-1][0] if found else earliest_s
+            found.append((time.number(last, MAX_S, "s"), value.number(lowest, highest)))
+        return tuple(found)
 
     def text(self, pattern: str = r"[^\x00-\x1f\x7f]{1,400}", described: str = "") -> str:
         """Get a string that a pattern matches as a whole."""

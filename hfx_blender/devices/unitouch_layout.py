@@ -79,7 +79,7 @@ def configuration_of(document: Node, device_id: str, model: PerceptualModel) -> 
         "name": name,
         "description": (
             f"Imported from the actuator layout {Path(document.file).name[:200]}; places are "
-            "fitted to the body, amplitudes and frequencies are a guess."
+            "fitted to the body, amplitudes and frequencies are guessed."
         ),
         "actuator_types": {
             "actuator": {

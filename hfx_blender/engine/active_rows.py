@@ -29,7 +29,7 @@ def active_rows(
     """Rows at which each effect is on and all its values are numbers."""
     if not effects:
         return []
-    if len(block.indices) == 1 and not block.history:
+    if len(block.indices) == 1 and block.own == slice(0, 1):
         values = [[*each.levels.tolist(), *each.parameters[0].tolist()] for each in block.effects]
         if all(map(isfinite, chain(*values))):
             none, only = np.zeros(0, np.int64), np.zeros(1, np.int64)
@@ -39,8 +39,7 @@ def active_rows(
     together, count = np.concatenate(parts), len(block.indices)
     if np.isfinite(together).all():
         on = together[: len(effects) * count].reshape(len(effects), count) > 0.0
-        if block.history:
-            on[:, : block.history] = False
+        _keep_own(on.T, block)
         numbers, rows = on.nonzero()
         cuts = np.searchsorted(numbers, np.arange(len(effects) + 1)).tolist()
         return [rows[first:last] for first, last in pairwise(cuts)]
@@ -54,15 +53,21 @@ def _finite_rows(
     effect: EffectDescription, animated: EffectBlock, block: AnimationBlock, counters: Counters
 ) -> I64:
     finite = np.isfinite(animated.levels) & np.isfinite(animated.parameters).all(axis=1)
-    finite[: block.history] = True
-    if not finite.all():
+    judged = finite[block.own]
+    if not judged.all():
         counters.warn(
             f"effect '{effect.name}': a value is not a finite number; it is silent there",
-            int(np.count_nonzero(~finite)),
+            int(np.count_nonzero(~judged)),
         )
     on = finite & (np.where(finite, animated.levels, 0.0) > 0.0)
-    on[: block.history] = False
+    _keep_own(on, block)
     return np.flatnonzero(on)
+
+
+def _keep_own(on: Bool, block: AnimationBlock) -> None:
+    """Clear a mask (T, ...) at the rows of the blocks before and after."""
+    on[: block.own.start] = False
+    on[block.own.stop :] = False
 
 
 def with_directions(
@@ -79,7 +84,7 @@ def with_directions(
         parameters[still, 1:4] = 0.0, 0.0, 1.0
         found = list(block.effects) if found is None else found
         found[k] = replace(animated, parameters=parameters)
-        count = int(np.count_nonzero((still & (animated.levels > 0.0))[block.history :]))
+        count = int(np.count_nonzero((still & (animated.levels > 0.0))[block.own]))
         if count and animated.matrices is None:  # contacts tell of a flattened volume
             text = f"effect '{effect.name}': its Z axis has no direction; its wind blows to +Z"
             counters.warn(text, count)

@@ -7,7 +7,7 @@ colour; colours combine where effects overlap (Danieau et al. 2018, section 3.3.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,8 +58,6 @@ FULL_COLOUR: Final[Mapping[str, float]] = {
 }
 """Strength at which an effect has its full colour."""
 
-SKIN: Final = (0.62, 0.6, 0.58)
-
 
 def set_own_palette(colours: Mapping[str, Colour]) -> None:
     """Set the colours of the palette ``OWN``, by the same names as the others."""
@@ -105,34 +103,6 @@ def colour_name(sample: Sample, is_contact: bool) -> str:
         return modality
     is_cold = float(sample.parameters[0]) < neutral_temperature_c(is_contact)
     return COLD if is_cold else modality
-
-
-def felt_shares(
-    samples: Iterable[Sample],
-    spreads: Mapping[str, Spread],
-    vertex_counts: Mapping[str, int],
-    contact_effects: frozenset[str] = frozenset(),
-) -> dict[str, F64]:
-    """Strength of each modality at each vertex of an avatar, (A,) in 0..1 as displayed.
-
-    Keys are those of a palette. The root makes the lower half of the strengths visible.
-    """
-    count = len(next(iter(spreads.values())).nearest)
-    felt: dict[str, F64] = {}
-    for sample in samples:
-        stream = sample.stream
-        is_contact = stream.effect_id in contact_effects
-        at_model = np.zeros(vertex_counts[stream.model_id])
-        at_model[sample.vertices] = strengths(sample, is_contact)
-        spread = spreads[stream.model_id]
-        name = colour_name(sample, is_contact)
-        here = np.einsum("ij,ij->i", at_model[spread.nearest], spread.shares)
-        felt[name] = felt[name] + here if name in felt else here
-    nothing = np.zeros(count)
-    return {
-        name: np.sqrt(np.clip(felt[name], 0.0, 1.0)) if name in felt else nothing
-        for name in (*MODALITIES, COLD)
-    }
 
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:

@@ -42,7 +42,6 @@ class Engine:
 
     Parameters
     ----------
-    scene : SceneDescription
     record : iterable of str
         What samples carry besides vertices and weights: any of ``ON_DEMAND`` and
         ``ON_DEMAND_HERE``.
@@ -100,7 +99,7 @@ class Engine:
             is_active[rows] = True
         count = int(np.count_nonzero(is_active))
         self.counters.times_evaluated += count
-        self.counters.times_skipped += len(block.indices) - block.history - count
+        self.counters.times_skipped += len(block.own_indices) - count
         for body, pose in zip(self.scene.bodies, block.poses, strict=True):
             warn_of_point(is_active, pose, body, self.counters)
         reach = BlockBroadPhase(block, self.scene.bodies, self._skins)

@@ -260,8 +260,8 @@ class AnimationBlock:
     """Animated state of a scene at some times of the time base.
 
     ``indices`` ascend and may have gaps (times at which nothing can be felt are left out).
-    The first ``history`` rows were evaluated before; they are only there so that velocities
-    do not depend on how time was split.
+    The first ``history`` rows belong to the block before, the last ``future`` rows to the one
+    after; they are only there so that motion does not depend on how time was split.
     """
 
     indices: I64  # (T,) sample indices
@@ -269,3 +269,14 @@ class AnimationBlock:
     poses: tuple[PoseBlock, ...]  # in the order of the scene's bodies
     history: int = 0
     live_s: F64 | None = None  # (T,) real times of samples that no time base spaces
+    future: int = 0
+
+    @property
+    def own(self) -> slice:
+        """Rows that are evaluated with this block."""
+        return slice(self.history, len(self.indices) - self.future)
+
+    @property
+    def own_indices(self) -> I64:
+        """Sample indices of :attr:`own` rows, (n,)."""
+        return self.indices[self.own]

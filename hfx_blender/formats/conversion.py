@@ -154,8 +154,11 @@ def _converted(
         found_device = _device(device, kind)
     signals, frequencies = read_signals(source)
     told = tuple(note for each in signals for note in each.left_out)
-    if all(each.is_silent for each in signals):
+    read_notes = tuple(note for each in signals for note in each.notes)
+    if not signals:
         raise InputError(f"{source}: holds no vibration.")
+    if all(each.is_silent for each in signals):
+        read_notes += ("all of it is silent",)
     _refuse_unfolding(signals, found_device, kind, source)
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
@@ -166,10 +169,10 @@ def _converted(
                 "what to play, not what is felt",
             )
         written = write_raster(raster, found_device, stem, tolerance)
-        return written + Written((), told + left_out, notes)
+        return written + Written((), told + left_out, read_notes + notes)
     assert write_signals is not None
     written = write_signals(distinct(signals), frequencies, stem, tolerance)
-    written += Written((), told)
+    written += Written((), told, read_notes)
     return _named_as_asked(written, signals[0].name, stem) if len(signals) == 1 else written
 
 

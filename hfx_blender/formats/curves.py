@@ -117,6 +117,8 @@ def simplified(
     values = curve.values
     if len(times) == 1 or tolerance.value <= 0.0:
         return Curve(times, values) if len(times) == 1 else _without_collinear(times, values)
+    if (values == values[0]).all():
+        return Curve(times[[0, -1]], values[[0, -1]])
     silent = _SILENT * tolerance.value if keeps_silence else 0.0
     reach = tolerance.value * (1.0 - _MARGIN) - silent
     low, high = _corridor(times, values, reach, 0.0)
@@ -148,6 +150,15 @@ def simplified(
         if not newly.any():
             return found
         lost |= newly
+
+
+def with_zeros(curve: Curve) -> Curve:
+    """The same curve, with keyframes where it passes 0 between two others."""
+    times, values = curve.times_s, curve.values
+    passes = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    share = values[passes] / (values[passes] - values[passes + 1])
+    zeros = times[passes] + share * (times[passes + 1] - times[passes])
+    return Curve(np.insert(times, passes + 1, zeros), np.insert(values, passes + 1, 0.0))
 
 
 def deviation(original: Curve, other: Curve) -> float:

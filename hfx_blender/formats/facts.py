@@ -21,18 +21,22 @@ _MOST_BYTES: Final = 1 << 30
 def facts_of(path: Path) -> dict[str, Any]:
     """Format, validity and content of a file.
 
+    Files of formats that other tools write may have errors that readers tolerate.
+
     Raises
     ------
     InputError
-        It is of no known format, cannot be read, or has errors.
+        It is of no known format, or cannot be read.
     """
     kind, findings = validate(path)
-    refuse_errors(findings, str(path))
+    errors = [each for each in findings if each.severity == "error"]
+    if not kind.has_signals:
+        refuse_errors(errors, str(path))
     facts: dict[str, Any] = {
         "file": str(path),
         "format": kind.title,
         "bytes": path.stat().st_size,
-        "valid": "yes",
+        "valid": f"no, {len(errors)} errors ('hfx validate' tells them)" if errors else "yes",
     }
     return facts | _TELLERS.get(kind.name, _signals)(path, kind)
 
@@ -49,6 +53,8 @@ def is_known(path: Path) -> bool:
 def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
     signals, frequencies = kind.signals(read_bytes(path), str(path))
     return {
+        **_told("notes", tuple(note for each in signals for note in each.notes)),
+        **_told("left_out", tuple(note for each in signals for note in each.left_out)),
         "lowest_hz": frequencies.lowest_hz,
         "highest_hz": frequencies.highest_hz,
         "signals": [
@@ -64,9 +70,15 @@ def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
     }
 
 
+def _told(key: str, sentences: tuple[str, ...]) -> dict[str, Any]:
+    """Sentences about how a file was read, if there are any, a line each."""
+    return {key: [{"": each} for each in sentences]} if sentences else {}
+
+
 def _hjif(path: Path, kind: FileFormat) -> dict[str, Any]:
-    document = hjif_reader.read(path)
+    document, told = hjif_reader.decode_telling(read_bytes(path), str(path))
     return {
+        **_told("notes", told),
         "description": document.description,
         "profile": f"{document.profile}, level {document.level}",
         "timescale": document.timescale,

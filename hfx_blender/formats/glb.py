@@ -36,8 +36,8 @@ _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 class Document:
     """glTF document under construction: its JSON, and one buffer."""
 
-    def __init__(self, generator: str = "HFX") -> None:
-        self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}
+    def __init__(self) -> None:
+        self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "HFX"}}
         self._bytes = bytearray()
 
     def append(self, kind: str, item: Mapping[str, Any]) -> int:

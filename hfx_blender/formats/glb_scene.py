@@ -62,7 +62,7 @@ class VolumeRecorder:
 
     def add(self, block: AnimationBlock) -> None:
         """Take the next block, in the order of time."""
-        rows = slice(block.history, None)
+        rows = block.own
         for k, volume in self._volumes.items():
             effect = block.effects[k]
             if effect.matrices is None or not effect.shapes:

@@ -16,16 +16,18 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import InputError
+from ..sentences import counted
 from . import losses
 from .checking import clean, encoded, parse, refuse_errors
 from .curves import Curve, CurveTolerance
-from .he_events import HeEvent, event_entry, events_of
+from .he_events import HeEvent, event_entry, events_of, patterns_of
 from .he_rules import (
     MAX_PATTERN_EVENTS,
     MAX_RELATIVE_MS,
     OPENHARMONY_MAX_BYTES,
     OPENHARMONY_MAX_EVENTS,
     OPENHARMONY_MAX_START_MS,
+    TRANSIENT_MS,
     findings,
 )
 from .signals import (
@@ -56,7 +58,17 @@ def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) ->
 
     Events follow each other without gaps; there may be any number of them.
     """
-    return _write(signals, stem, SUFFIX, lambda each: document(each, frequencies))
+    late = [
+        each.name
+        for each in signals
+        if any(
+            group[0].start_ms < start
+            for start, group in patterns_of(events_of(each, frequencies, falls_to_zero=False))
+        )
+    ]
+    text = f"ticks closer than {TRANSIENT_MS} ms come up to that later between two patterns"
+    written = _write(signals, stem, SUFFIX, lambda each: document(each, frequencies))
+    return written + Written((), counted(late, text))
 
 
 def write_v1(
@@ -78,7 +90,8 @@ def write_v1(
     Raises
     ------
     InputError
-        A signal does not fit however it is simplified; nothing was written.
+        No signal fits however it is simplified; nothing was written. If some do, the others
+        are told in ``left_out``.
     """
 
     def build(signal: Signal) -> dict[str, Any] | None:
@@ -121,21 +134,15 @@ def write_openharmony(
 
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     """A signal as the content of a version 2 file."""
-    patterns: list[dict[str, Any]] = []
-    group: list[HeEvent] = []
-    for event in [*events_of(signal, frequencies, falls_to_zero=False), None]:
-        is_full = len(group) == MAX_PATTERN_EVENTS or (
-            bool(group)
-            and event is not None
-            and event.start_ms - group[0].start_ms > MAX_RELATIVE_MS
-        )
-        if group and (event is None or is_full):
-            start = group[0].start_ms
-            entries = [{"Event": {**event_entry(e, e.start_ms - start), "Index": 0}} for e in group]
-            patterns.append({"AbsoluteTime": start, "Pattern": entries})
-            group = []
-        if event is not None:
-            group.append(event)
+    patterns = [
+        {
+            "AbsoluteTime": start,
+            "Pattern": [
+                {"Event": {**event_entry(e, max(e.start_ms - start, 0)), "Index": 0}} for e in group
+            ],
+        }
+        for start, group in patterns_of(events_of(signal, frequencies, falls_to_zero=False))
+    ]
     return {"Metadata": _metadata(signal, frequencies, 2), "PatternList": patterns}
 
 
@@ -167,30 +174,35 @@ def _write_fitting(
 ) -> Written:
     documents: dict[str, Any] = {}
     notes = []
+    refused: list[str] = []
     dense, simple = [], []
     for signal in signals:
         if signal.is_silent:
             continue  # told by _write
         value, found = tolerance.value, None
-        while found is None:
-            if value > max(_COARSEST, tolerance.value):
-                raise InputError(
-                    f"'{signal.name}': {limit}; this one needs more even if it is simplified "
-                    f"to {_COARSEST:.0%} of full scale. Export a shorter range."
-                )
+        while found is None and value <= max(_COARSEST, tolerance.value):
             (few,) = simplified_signals([signal], CurveTolerance(value, tolerance.time_s)).signals
             found = build(few)
             if found is not None and value > tolerance.value:
                 notes.append(f"'{signal.name}': {limit}, so it is kept within {value:.1%}")
             value *= _COARSER
+        if found is None:
+            refused.append(
+                f"'{signal.name}': {limit}; this one needs more even if it is simplified "
+                f"to {_COARSEST:.0%} of full scale. Export a shorter range"
+            )
+            continue
         documents[signal.name] = found
         dense.append(signal)
         simple.append(few)
-    written = _write(signals, stem, suffix, lambda each: documents[each.name])
+    if refused and not documents:
+        raise InputError(f"{refused[0]}.")
+    kept = [each for each in signals if each.is_silent or each.name in documents]
+    written = _write(kept, stem, suffix, lambda each: documents[each.name])
     within = (
         f"curves are within {tolerance.value:.1%} of full scale, their times whole milliseconds"
     )
-    return written + Written(notes=(within, *notes, *losses.silenced(dense, simple)))
+    return written + Written((), tuple(refused), (within, *notes, *losses.silenced(dense, simple)))
 
 
 def _metadata(signal: Signal, frequencies: FrequencyRange, version: int) -> dict[str, Any]:

@@ -11,7 +11,14 @@ from typing import Any, Final
 import numpy as np
 
 from ..engine.arrays import F64
-from .he_rules import MAX_CURVE_POINTS, MAX_DURATION_MS, MIN_CURVE_POINTS
+from .he_rules import (
+    MAX_CURVE_POINTS,
+    MAX_DURATION_MS,
+    MAX_PATTERN_EVENTS,
+    MAX_RELATIVE_MS,
+    MIN_CURVE_POINTS,
+    PatternSpacing,
+)
 from .signals import FrequencyRange, Signal, bursts, joined_times
 
 _SAME_LEVEL: Final = 0.005
@@ -67,6 +74,38 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         points = _with_long_gaps_cut(points, cuts)
         events += _cut(points, set(cuts), falls_to_zero)
     return sorted([*events, *ticks], key=lambda each: (each.start_ms, each.end_ms))
+
+
+def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
+    """Events as patterns of version 2: the absolute time of each, ms, and its events.
+
+    A pattern ends where players let the next one begin; of 16 events that leave no such place
+    the next tick comes late, with the pattern that it begins.
+    """
+    found: list[tuple[int, list[HeEvent]]] = []
+    spacing = PatternSpacing()
+    first = 0
+    while first < len(events):
+        start = max(events[first].start_ms, spacing.earliest_ms)
+        most = events[first : first + MAX_PATTERN_EVENTS]
+        most = [each for each in most if each.start_ms - start <= MAX_RELATIVE_MS]
+        times = [
+            (max(e.start_ms - start, 0), None if e.transient else e.points[-1][0]) for e in most
+        ]
+        delays = {}  # how late the next pattern would be, by the number of events in this one
+        for count in range(len(most), 0, -1):
+            following = events[first + count : first + count + 1]
+            earliest = spacing.after(start, times[:count])
+            if not following or following[0].start_ms >= earliest:
+                delays[count] = 0
+                break
+            if following[0].transient:
+                delays[count] = earliest - following[0].start_ms
+        count = min(delays, key=lambda each: delays[each], default=len(most))
+        spacing.follow(start, times[:count])
+        found.append((start, list(most[:count])))
+        first += count
+    return found
 
 
 def _kept(knots: F64, levels: F64, shares: F64) -> list[int]:

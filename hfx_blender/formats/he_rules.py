@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Final
 
@@ -26,6 +27,9 @@ MAX_RELATIVE_MS: Final = 50_000
 MAX_DURATION_MS: Final = 5_000
 MIN_CURVE_POINTS: Final = 4
 MAX_CURVE_POINTS: Final = 16
+TRANSIENT_MS: Final = 48
+"""Duration that players reckon with for a transient."""
+
 OPENHARMONY_MAX_EVENTS: Final = 128
 OPENHARMONY_MAX_START_MS: Final = 1_800_000
 OPENHARMONY_MAX_BYTES: Final = 64 << 10
@@ -126,18 +130,66 @@ def findings(found: Any) -> list[Finding]:
 def _check_pattern_list(found: dict[str, Any], report: Report) -> None:
     if found["Metadata"]["Version"] != 2:
         report.error("VERSION", (None, "Metadata"), "a file with 'PatternList' is version 2")
-    end = 0
+    pause = PatternSpacing()
     for k, entry in enumerate(found["PatternList"]):
         place = ((None, "PatternList"), k)
         start = entry["AbsoluteTime"]
-        if start < end:
-            message = f"begins at {start} ms, before the last pattern ends ({end} ms)"
+        if k and start < pause.android_ms:
+            message = (
+                f"begins at {start} ms; Android's player refuses the whole file if that is before "
+                f"{pause.android_ms} ms, when the last pattern has ended for it"
+            )
             report.error("ABSOLUTE-TIME", place, message)
+        elif k and start < pause.library_ms:
+            message = (
+                f"begins at {start} ms; versions of RichTap's library refuse the whole file if "
+                f"that is before {pause.library_ms} ms: a tick lasts {TRANSIENT_MS} ms for them"
+            )
+            report.warn("TICK-TIME", place, message)
         _check_pattern(entry["Pattern"], (place, "Pattern"), report)
-        ends = (
-            e["Event"]["RelativeTime"] + e["Event"].get("Duration", 0) for e in entry["Pattern"]
+        events = [each["Event"] for each in entry["Pattern"]]
+        pause.follow(
+            start,
+            [
+                (e["RelativeTime"], e.get("Duration") if e["Type"] == "continuous" else None)
+                for e in events
+            ],
         )
-        end = max(end, start + max(ends, default=0))
+
+
+class PatternSpacing:
+    """Earliest times of patterns of a version 2 file, as two players reckon.
+
+    Android's HapticPlayer adds the duration of the latest continuous event, of this pattern or
+    one before, to the relative time of the last event, and compares that with the next absolute
+    time. For versions of RichTap's library a pattern ends when all of its events have, a
+    transient after 48 ms. Both return without playing anything if a pattern begins earlier.
+    """
+
+    def __init__(self, last_duration_ms: int = 0) -> None:
+        self.android_ms = self.library_ms = 0
+        self._last_duration_ms = last_duration_ms
+
+    @property
+    def earliest_ms(self) -> int:
+        """Earliest time of the next pattern for either."""
+        return max(self.android_ms, self.library_ms)
+
+    def follow(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> None:
+        """Take the next pattern: relative times and durations, None for a transient."""
+        ends = [(time, TRANSIENT_MS if lasts is None else lasts) for time, lasts in events]
+        self.library_ms = start_ms + max((sum(each) for each in ends), default=0)
+        continuous = [(time, lasts) for time, lasts in events if lasts is not None]
+        self._last_duration_ms = continuous[-1][1] if continuous else self._last_duration_ms
+        last_ms = events[-1][0] if events else 0
+        ended_ms = start_ms + max((sum(each) for each in continuous), default=0)
+        self.android_ms = max(last_ms + self._last_duration_ms, ended_ms)
+
+    def after(self, start_ms: int, events: Sequence[tuple[int, int | None]]) -> int:
+        """Earliest time of a pattern after this one, which is not taken."""
+        other = PatternSpacing(self._last_duration_ms)
+        other.follow(start_ms, events)
+        return other.earliest_ms
 
 
 def _check_openharmony(found: dict[str, Any], report: Report) -> None:

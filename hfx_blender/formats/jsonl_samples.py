@@ -21,8 +21,9 @@ import numpy.typing as npt
 from ..atomic_files import atomic_file
 from ..engine.modality import MODALITIES
 from ..engine.rendering.render import blocks
-from ..engine.samples import SampleRun
+from ..engine.samples import Stream
 from ..engine.track import TrackHeader, TrackReader
+from . import jsonl_compact
 from .checking import (
     Finding,
     Flag,
@@ -40,8 +41,10 @@ from .checking import (
     read_bytes,
     refuse_errors,
 )
+from .jsonl_entries import SampleEntry, SetEntry, set_of
 
 SUFFIX: Final = ".samples.jsonl"
+COMPACT_SUFFIX: Final = f".compact{SUFFIX}"
 FORMAT: Final = "hfx-samples"
 
 _WEIGHT_STEPS: Final = 10_000
@@ -80,6 +83,7 @@ _LINES: Final[dict[str, Shape]] = {
                         "model": _TEXT,
                         "is_contact": Flag(),
                     },
+                    {"device": _TEXT, "actuators": Items(_TEXT)},
                     unknown="error",
                 )
             ),
@@ -105,13 +109,19 @@ _LINES: Final[dict[str, Shape]] = {
             "level": _SHARE,
             "parameters": Table(Number()),
         },
+        {
+            "spot": Record({"centre_m": Items(Number(), least=3, most=3), "radius_m": Number(0.0)}),
+            "actuators": Items(_SHARE),
+        },
         unknown="error",
     ),
 }
 
 
-def write(track: TrackReader, path: Path) -> None:
+def write(track: TrackReader, path: Path, *, is_compact: bool = False) -> None:
     """Write a track; positions, velocities and depths are left out.
+
+    ``is_compact`` writes what :mod:`.jsonl_compact` describes.
 
     Raises
     ------
@@ -121,9 +131,16 @@ def write(track: TrackReader, path: Path) -> None:
         The file cannot be written; nothing is left of it then.
     """
     with atomic_file(path) as file:
-        file.write(_line(_header(track.header)))
-        for line in _lines(track):
-            file.write(line)
+        header = _header(track.header)
+        if is_compact:
+            packer = jsonl_compact.Packer(header)
+            file.write(_line(packer.header))
+            for each in _entries(track):
+                file.write(_line(packer.line(each)))
+            return
+        file.write(_line(header))
+        for each in _entries(track):
+            file.write(_set_line(each) if isinstance(each, SetEntry) else _line(each.line()))
 
 
 def _header(header: TrackHeader) -> dict[str, Any]:
@@ -152,14 +169,20 @@ def _header(header: TrackHeader) -> dict[str, Any]:
                 "kind": effect.kind,
                 "model": effect.model_id,
                 "is_contact": effect.is_contact,
+                **(
+                    {"device": clean(effect.device_id), "actuators": list(effect.actuators)}
+                    if effect.device_id is not None
+                    else {}
+                ),
             }
             for effect in header.effects
         ],
     }
 
 
-def _lines(track: TrackReader) -> Iterator[bytes]:
-    last: dict[Any, tuple[bytes, int]] = {}  # each stream's latest set
+def _entries(track: TrackReader) -> Iterator[SetEntry | SampleEntry]:
+    """Sets and samples in the order of time; a set comes before the first sample with it."""
+    last: dict[Stream, tuple[bytes, int]] = {}  # each stream's latest set
     count = 0
     for block in blocks(track.header, track.runs()):
         entries = sorted(
@@ -167,37 +190,18 @@ def _lines(track: TrackReader) -> Iterator[bytes]:
         )
         for _, b, k in entries:
             run = block[b]
-            vertices, weights = _set(run, k)
+            vertices, weights = set_of(run, k)
             content = vertices.tobytes() + weights.tobytes()
             if run.stream not in last or last[run.stream][0] != content:
+                yield SetEntry(count, run.stream, vertices, weights)
                 last[run.stream] = (content, count)
-                yield _set_line(count, vertices, weights)
                 count += 1
-            names = MODALITIES[run.stream.modality].parameter_names
-            yield _line(
-                {
-                    "type": "sample",
-                    "t": round(float(run.times_s[k]), 9),
-                    "effect": clean(run.stream.effect_id),
-                    "body": clean(run.stream.body_id),
-                    "set": last[run.stream][1],
-                    "level": round(float(run.levels[k]), 6),
-                    "parameters": {
-                        name: round(value, 6)
-                        for name, value in zip(names, run.parameters[k].tolist(), strict=True)
-                    },
-                }
-            )
+            yield SampleEntry(run, k, last[run.stream][1])
 
 
-def _set(run: SampleRun, k: int) -> tuple[Any, Any]:
-    j = k if run.sets is None else int(run.sets[k])
-    part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
-    return run.vertices[part], run.weights[part]
-
-
-def _set_line(number: int, vertices: Any, weights: Any) -> bytes:
+def _set_line(entry: SetEntry) -> bytes:
     """Encode a set as a line, quickly: its numbers are looked up as text, all at once."""
+    number, vertices, weights = entry.number, entry.vertices, entry.weights
     steps = np.rint(weights * float(_WEIGHT_STEPS)).astype(np.int64)
     highest = int(vertices[-1]) if len(vertices) else 0
     if highest < _LARGEST_TABLE:
@@ -266,9 +270,17 @@ def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Find
     effects: dict[str, dict[str, Any]] = {}
     bodies: set[str] = set()
     time = -np.inf
+    unpack: jsonl_compact.Unpacker | None = None
     for k, text in enumerate(content.splitlines()):
         place: Place = (None, f"line {k + 1}")
         value = parse(text, f"{name}, line {k + 1}")
+        if k == 0 and isinstance(value, dict) and value.get("encoding") == jsonl_compact.ENCODING:
+            unpack = jsonl_compact.Unpacker(value, name)
+            value = unpack.header
+        elif unpack is not None:
+            value = unpack.line(value, report, place)
+            if value is None:
+                continue
         kind = value.get("type") if isinstance(value, dict) else None
         if not isinstance(kind, str) or kind not in _LINES or (kind == "header") != (k == 0):
             report.error("LINE", place, "expected a header first, then sets and samples")

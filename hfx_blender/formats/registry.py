@@ -14,7 +14,7 @@ from ..engine.body.model import load_model
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
 from ..engine.track import TrackReader
-from ..errors import InputError, UsageError
+from ..errors import InputError, NothingFeltError, UsageError
 from . import ahap, csv_raster, haptic, he, jsonl_samples, losses, npz_raster, openxr, tact, wav
 from .curves import CurveTolerance
 from .hjif import from_track
@@ -263,11 +263,25 @@ def _write_jsonl(
     return Written((path,))
 
 
+def _write_compact_jsonl(
+    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: CurveTolerance
+) -> Written:
+    path = stem.with_name(stem.name + jsonl_samples.COMPACT_SUFFIX)
+    jsonl_samples.write(track, path, is_compact=True)
+    return Written((path,))
+
+
 TRACK_FORMATS: Final[dict[str, TrackFormat]] = {
     each.name: each
     for each in (
         TrackFormat("hjif", "MPEG HJIF", HJIF_SUFFIX, _write_hjif),
         TrackFormat("jsonl", "JSON Lines of samples", jsonl_samples.SUFFIX, _write_jsonl),
+        TrackFormat(
+            "jsonl-compact",
+            "compact JSON Lines of samples",
+            jsonl_samples.COMPACT_SUFFIX,
+            _write_compact_jsonl,
+        ),
     )
 }
 
@@ -334,6 +348,9 @@ def write_all(
 ) -> Written:
     """Write all formats but the track itself.
 
+    A format that can hold nothing of a device, or not all of it, is left out for that device,
+    and told; so is a format of the track in which nothing is felt.
+
     Parameters
     ----------
     formats : sequence of str
@@ -349,8 +366,6 @@ def write_all(
 
     Raises
     ------
-    InputError
-        Something does not fit into a format at all.
     OutputError
         A file cannot be written.
     """
@@ -358,18 +373,22 @@ def write_all(
     for name in formats:
         if name in TRACK_FORMATS:
             one = TRACK_FORMATS[name]
-            written += one.write(track, devices, stem, tolerance).of(one.title)
+            try:
+                written += one.write(track, devices, stem, tolerance).of(one.title)
+            except NothingFeltError:
+                written += Written(left_out=(f"nothing is felt: no {one.title}",))
             continue
         if name not in DEVICE_FORMATS:
             continue  # the track and the scene are written by those that have them
         chosen = DEVICE_FORMATS[name]
-        is_held = any(not _why_nothing(chosen, device) for device in devices)
         for suffix, device, raster in played:
             why = _why_nothing(chosen, device)
-            # Where it holds nothing of any device, writing is refused with the reason.
-            if why and (is_held or not set(chosen.modalities) & set(device.modalities)):
+            if not why:
+                try:
+                    path = stem.with_name(stem.name + suffix)
+                    written += write(name, raster, device, path, tolerance)
+                except InputError as error:
+                    why = f"device '{device.id}': {str(error).removesuffix('.')}"
+            if why:
                 written += Written(left_out=(f"{why}: no {chosen.title} for it",))
-            else:
-                path = stem.with_name(stem.name + suffix)
-                written += write(name, raster, device, path, tolerance)
     return written

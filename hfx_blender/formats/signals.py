@@ -46,6 +46,7 @@ class Signal:
     frequency_hz: Curve
     transients: tuple[Transient, ...] = ()
     left_out: tuple[str, ...] = ()  # contents of the file left out here, one sentence each
+    notes: tuple[str, ...] = ()  # how the file was read, one sentence each
 
     @property
     def duration_s(self) -> float:

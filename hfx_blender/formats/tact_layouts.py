@@ -10,6 +10,7 @@ import numpy as np
 
 from ..engine.body.model import load_model
 from ..engine.rendering.device import Actuator, BodyPlace, DeviceConfig, VertexPlace
+from ..engine.rendering.device_output import BhapticsEncoder
 
 MAX_DOTS: Final = 20
 
@@ -41,24 +42,46 @@ def _grid(columns: int, rows: int) -> tuple[tuple[float, float], ...]:
     )
 
 
+def _row(columns: int) -> tuple[tuple[float, float], ...]:
+    return tuple((round(column / (columns - 1), 3), 0.5) for column in range(columns))
+
+
 LAYOUTS: Final = {
     "Vest": Layout("Vest", "Tactot", ("VestFront", "VestBack"), _grid(4, 5)),
     "Sleeves": Layout("Tactosy2", "Tactosy2", ("ForearmL", "ForearmR"), _grid(3, 2)),
+    "Head": Layout("Head", "Tactal", ("Head",), _row(6)),
+    "Hands": Layout("Hand", "Hand", ("HandL", "HandR"), _row(3)),
+    "Feet": Layout("Foot", "Foot", ("FootL", "FootR"), _row(3)),
 }
+_KIND_OF: Final = {position: kind for kind, each in LAYOUTS.items() for position in each.positions}
 
 # The motors of the vest on the body in its rest pose: the wearer's left is +X. Dot 0 of the
 # front and of the back is at the wearer's left shoulder (two independent maps of the vest say
-# so; other software numbers the front from the right, hence the switch below).
+# so, and the shipped configuration of the vest).
 _VEST_X_M: Final = (0.105, 0.035, -0.035, -0.105)
 _VEST_Z_M: Final = (1.40, 1.31, 1.22, 1.13, 1.04)
 
 
-def motors_of(device: DeviceConfig, *, is_front_mirrored: bool = False) -> dict[str, Motor]:
+def motors_of(device: DeviceConfig) -> dict[str, Motor]:
     """Motor for each vibration actuator, by the actuator's id.
 
-    On the torso it is the nearest one in front or behind; on a forearm they are taken in
-    the order of the configuration. Actuators elsewhere have none.
+    A device that the bHaptics Player drives has the dots of its configuration, as when it is
+    played live. For others the nearest motor in front or behind on the torso, and the motors of
+    a forearm in the order of the configuration; actuators elsewhere have none.
     """
+    how = device.output.encoder if device.output is not None else None
+    if isinstance(how, BhapticsEncoder):
+        dots = how.worn_dots(is_mirrored=device.is_mirrored)
+        return {
+            actuator.id: Motor(_KIND_OF[position], position, index)
+            for actuator, (position, index) in zip(device.actuators, dots, strict=True)
+            if actuator.type.modality == "vibration"
+        }
+    return _nearest_motors(device)
+
+
+def _nearest_motors(device: DeviceConfig) -> dict[str, Motor]:
+    """Motors at the places of the actuators."""
     motors = {}
     taken = {"ForearmL": 0, "ForearmR": 0}
     for actuator in device.actuators:
@@ -78,8 +101,6 @@ def motors_of(device: DeviceConfig, *, is_front_mirrored: bool = False) -> dict[
         elif parts == ("torso",):
             column = int(np.argmin(np.abs(np.array(_VEST_X_M) - x)))
             row = int(np.argmin(np.abs(np.array(_VEST_Z_M) - z)))
-            if y < 0.0 and is_front_mirrored:
-                column = 3 - column
             position = "VestFront" if y < 0.0 else "VestBack"
             motors[actuator.id] = Motor("Vest", position, 4 * row + column)
     return motors

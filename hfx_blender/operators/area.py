@@ -20,9 +20,9 @@ BLENDS = (
     ("replace", "Replace", "The new area only"),
     ("add", "Add", "Both areas"),
     ("subtract", "Subtract", "The old area without the new one"),
-    ("multiply", "Multiply", "Where both are"),
+    ("multiply", "Multiply", "Product of both areas"),
 )
-_BLEND_TIP = "What becomes of the area that was there"
+_BLEND_TIP = "How the new area is combined with the old one"
 
 
 class _AreaOperator(HfxOperator):
@@ -51,16 +51,16 @@ class HFX_OT_area_filter(_AreaOperator):
 
     action: EnumProperty(
         name="Action",
-        description="What is done to the area",
+        description="Change of the area",
         items=(
-            ("grow", "Grow", "Reach one vertex farther"),
-            ("shrink", "Shrink", "Reach one vertex less far"),
+            ("grow", "Grow", "Grow by one vertex per step"),
+            ("shrink", "Shrink", "Shrink by one vertex per step"),
             ("smooth", "Smooth", "Soften the edge"),
-            ("invert", "Invert", "Paint what is not painted"),
+            ("invert", "Invert", "Swap painted and unpainted skin"),
             ("clear", "Clear", "Paint nothing"),
         ),
     )
-    steps: IntProperty(name="Steps", description="How many vertices far", default=1, min=1, max=50)
+    steps: IntProperty(name="Steps", description="Number of steps", default=1, min=1, max=50)
 
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
@@ -88,7 +88,7 @@ class HFX_OT_area_mirror(_AreaOperator):
 
     action: EnumProperty(
         name="Action",
-        description="What is done to the area",
+        description="Change of the area",
         items=(
             ("flip", "Swap Sides", "Left becomes right, right becomes left"),
             ("left", "Left to Right", "Copy the body's left to its right"),
@@ -115,10 +115,10 @@ class HFX_OT_area_from_image(_AreaOperator):
     bl_label = "Area from Image"
 
     image: StringProperty(name="Image", description="One of this file's images")
-    uv_map: StringProperty(name="UV Map", description="Empty: the one that is rendered")
+    uv_map: StringProperty(name="UV Map", description="Empty: the one that is active for rendering")
     channel: EnumProperty(
         name="Channel",
-        description="What of the image says how strong the area is",
+        description="Part of the image that sets the strength of the area",
         items=(
             ("brightness", "Brightness", "Bright is strong"),
             ("darkness", "Darkness", "Dark is strong"),
@@ -195,7 +195,7 @@ class HFX_OT_area_copy(_AreaOperator):
             if obj != source and obj.hfx.role == "EFFECT" and obj.hfx.kind == "PAINTED"
         ]
         if not others:
-            raise InputError("Select the painted effects to copy to, and this one last.")
+            raise InputError("Select the target painted effects first, and this effect last.")
         weights = painting.weights_of(source)
         for effect in others:
             there = areas.transferred(self.model(source), weights, self.model(effect))

@@ -34,7 +34,9 @@ class HFX_OT_add_avatar(HfxOperator):
     bl_label = "Avatar"
 
     person: EnumProperty(
-        name="Person", description="The average adult, or a variant of your own", items=_people
+        name="Person",
+        description="The average adult, or one of your own body models",
+        items=_people,
     )
 
     @classmethod
@@ -132,7 +134,7 @@ it again"""
 
     model: EnumProperty(
         name="Model",
-        description="Which of the perceptual models is shown",
+        description="Perceptual model to show",
         items=[
             (name, name.title(), f"The model that {name} is felt on")
             for name in sorted({modality.model for modality in MODALITIES.values()})
@@ -174,14 +176,10 @@ class HFX_OT_add_walk(HfxOperator):
     bl_label = "Walk"
 
     places: CollectionProperty(
-        name="Places", description="Where it comes by, at least two", type=HfxPlace
+        name="Places", description="Waypoints of the walk, at least two", type=HfxPlace
     )
-    frame_start: IntProperty(
-        name="Start", description="Frame at which it leaves the first place", default=1
-    )
-    frame_end: IntProperty(
-        name="End", description="Frame at which it is at the last place", default=250
-    )
+    frame_start: IntProperty(name="Start", description="Frame at which the walk starts", default=1)
+    frame_end: IntProperty(name="End", description="Frame at which the walk ends", default=250)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

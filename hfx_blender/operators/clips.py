@@ -8,17 +8,20 @@ from bpy.props import FloatProperty, StringProperty
 
 from ..authoring import clips, drawn_fades
 from ..errors import InputError
+from ..scene_units import fps_of
 from .shared import HfxOperator, active_effect
 
 
-def _fps(context: bpy.types.Context) -> float:
-    return context.scene.render.fps / context.scene.render.fps_base
+class _OfEffect(HfxOperator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(active_effect(context), "Select a haptic effect")
 
 
-class _ClipOperator(HfxOperator):
+class _ClipOperator(_OfEffect):
     start: FloatProperty(
         name="Start Frame",
-        description="Frame at which it starts; below 0: the current one",
+        description="Frame at which the clip starts; below 0: the current frame",
         default=-1.0,
         min=-1.0,
         options={"SKIP_SAVE"},
@@ -32,22 +35,18 @@ class _ClipOperator(HfxOperator):
     )
     fade_in: FloatProperty(
         name="Fade In",
-        description="How long it takes to full strength",
+        description="Time to reach full strength",
         default=0.0,
         min=0.0,
         unit="TIME_ABSOLUTE",
     )
     fade_out: FloatProperty(
         name="Fade Out",
-        description="How long it takes from full strength to nothing",
+        description="Time to fall from full strength to nothing",
         default=0.0,
         min=0.0,
         unit="TIME_ABSOLUTE",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_effect(context), "Select a haptic effect")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("start"):
@@ -55,7 +54,7 @@ class _ClipOperator(HfxOperator):
         return self.execute(context)
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:
-        fps = _fps(context)
+        fps = fps_of(context.scene)
         start = self.start if self.start >= 0 else float(context.scene.frame_current)
         return {
             "frame_start": start,
@@ -72,7 +71,7 @@ class HFX_OT_add_clip(_ClipOperator):
     bl_label = "Add Clip"
 
     name: StringProperty(
-        name="Name", description="How the clip is called on the timeline", default="Clip"
+        name="Name", description="Name of the clip on the timeline", default="Clip"
     )
 
     def work(self, context: bpy.types.Context) -> str:
@@ -88,7 +87,7 @@ class HFX_OT_add_heartbeat(_ClipOperator):
 
     beats_per_second: FloatProperty(
         name="Beats per Second",
-        description="How fast it beats; a heart at rest does 1 to 1.7",
+        description="Rate of the beat; a heart at rest has 1 to 1.7",
         default=1.2,
         min=0.1,
         max=20.0,
@@ -101,14 +100,8 @@ class HFX_OT_add_heartbeat(_ClipOperator):
         return ""
 
 
-class _OfEffect(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(active_effect(context), "Select a haptic effect")
-
-
 class HFX_OT_remove_clip(_OfEffect):
-    """Take a clip off the timeline; an effect without any is always on"""
+    """Remove a clip from the timeline; an effect without clips is always on"""
 
     bl_idname = "hfx.remove_clip"
     bl_label = "Remove Clip"
@@ -146,7 +139,7 @@ class HFX_OT_copy_clips(_OfEffect):
         source = context.object
         others = [o for o in context.selected_objects if o != source and o.hfx.role == "EFFECT"]
         if not others:
-            raise InputError("Select the effects to copy to, and this one last.")
+            raise InputError("Select the target effects first, and this effect last.")
         count = sum(clips.copy_clips(source, effect) for effect in others)
         return f"Added {count} clips"
 

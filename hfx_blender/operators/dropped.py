@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import bpy
 from bpy.app.handlers import persistent
 
 from ..authoring import effect_assets
+from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
 from ..errors import HfxError
 from ..printable import printable
 from .shared import HfxOperator, select_only
@@ -48,7 +47,7 @@ class HFX_OT_place_dropped(HfxOperator):
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     for update in depsgraph.updates:
         if isinstance(update.id, bpy.types.Object) and effect_assets.SENSATION in update.id:
-            _call_soon(_take)
+            call_soon(_take)
             return
 
 
@@ -56,18 +55,13 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 def _on_undo(*_: object) -> None:
     # The undo step between the drop and ours, with the bare asset, is of no use.
     if effect_assets.dropped_in(bpy.context.scene):
-        _call_soon(_undo_further)
+        call_soon(_undo_further)
 
 
 @persistent
 def _on_redo(*_: object) -> None:
     if effect_assets.dropped_in(bpy.context.scene):
-        _call_soon(_redo_further)
-
-
-def _call_soon(function: Callable[[], None]) -> None:
-    if not bpy.app.timers.is_registered(function):
-        bpy.app.timers.register(function, first_interval=0.0)
+        call_soon(_redo_further)
 
 
 def _take() -> None:
@@ -107,15 +101,10 @@ _register, _unregister = bpy.utils.register_classes_factory((HFX_OT_place_droppe
 def register() -> None:
     _register()
     if not bpy.app.background:  # where timers never fire
-        for name, handler in _HANDLERS.items():
-            getattr(bpy.app.handlers, name).append(handler)
+        add_handlers(_HANDLERS)
 
 
 def unregister() -> None:
-    for name, handler in _HANDLERS.items():
-        if handler in getattr(bpy.app.handlers, name):
-            getattr(bpy.app.handlers, name).remove(handler)
-    for timer in (_take, _undo_further, _redo_further):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    remove_handlers(_HANDLERS)
+    remove_timers(_take, _undo_further, _redo_further)
     _unregister()

@@ -9,9 +9,9 @@ from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringPr
 from ..authoring import effects
 from ..errors import InputError
 from ..properties import MODALITY_ITEMS, SHAPES
-from .shared import HfxOperator, select_only
+from .shared import HfxOperator, OnBodyOperator, select_only, target_body
 
-_NAME_TIP = "How it is called in the outliner; empty: by what it is"
+_NAME_TIP = "Name in the outliner; empty: named after its kind"
 
 
 def _show_wire_colours(context: bpy.types.Context) -> None:
@@ -31,10 +31,12 @@ class HFX_OT_add_volume(HfxOperator):
     bl_idname = "hfx.add_volume"
     bl_label = "Haptic Volume"
 
-    modality: EnumProperty(name="Modality", description="What is felt in it", items=MODALITY_ITEMS)
+    modality: EnumProperty(
+        name="Modality", description="What is felt inside the volume", items=MODALITY_ITEMS
+    )
     shape: EnumProperty(
         name="Shape",
-        description="Its form; handles in the viewport size it",
+        description="Shape of the volume; handles in the viewport change its size",
         items=SHAPES[:-1],
         default="SPHERE",
     )
@@ -48,20 +50,20 @@ class HFX_OT_add_volume(HfxOperator):
     )
     radius: FloatProperty(
         name="Radius",
-        description="Of a sphere, a cylinder or a capsule",
+        description="Radius of a sphere, a cylinder or a capsule",
         default=0.5,
         min=0.0,
         unit="LENGTH",
     )
     height: FloatProperty(
         name="Height",
-        description="Of a cylinder or a capsule, round ends included",
+        description="Height of a cylinder or a capsule, round ends included",
         default=2.0,
         min=0.0,
         unit="LENGTH",
     )
     location: FloatVectorProperty(
-        name="Location", description="Where its middle is, in the world", subtype="TRANSLATION"
+        name="Location", description="Centre in world space", subtype="TRANSLATION"
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
 
@@ -87,7 +89,9 @@ class HFX_OT_volume_from_mesh(HfxOperator):
     bl_idname = "hfx.volume_from_mesh"
     bl_label = "Haptic Volume from Mesh"
 
-    modality: EnumProperty(name="Modality", description="What is felt in it", items=MODALITY_ITEMS)
+    modality: EnumProperty(
+        name="Modality", description="What is felt inside the volume", items=MODALITY_ITEMS
+    )
     name: StringProperty(name="Name", description=_NAME_TIP)
 
     @classmethod
@@ -104,7 +108,7 @@ class HFX_OT_volume_from_mesh(HfxOperator):
         return ""
 
 
-class HFX_OT_add_painted(HfxOperator):
+class HFX_OT_add_painted(OnBodyOperator):
     """Add an effect that is painted on a haptic body; paint its area next"""
 
     bl_idname = "hfx.add_painted"
@@ -118,19 +122,11 @@ class HFX_OT_add_painted(HfxOperator):
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        found = effects.bodies_of(context.scene)
-        return cls.needs(found, "Add an avatar, or mark an armature as haptic body first")
-
     def work(self, context: bpy.types.Context) -> str:
-        found = effects.bodies_of(context.scene)
-        body = context.object if context.object in found else found[0]
-        if context.object not in found and len(found) > 1:
-            raise InputError("Several haptic bodies: select the one to paint on.")
+        body = target_body(context)
         effect = effects.add_painted(context.scene, self.modality, body, self.name or None)
         select_only(context, effect)
-        return f"'{effect.name}' is painted nowhere yet"
+        return f"'{effect.name}' has no painted area yet"
 
 
 class HFX_OT_select_effect(HfxOperator):

@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from ..export_report import ExportReport
 
 FORMAT_ITEMS = (
-    ("track", "Haptic Track", "What is felt, for any device (.hfxtrack)", 1 << 0),
+    ("track", "Haptic Track", "Everything that is felt, for any device (.hfxtrack)", 1 << 0),
     (
         "hjif",
         "MPEG HJIF",
-        "What is felt, in MPEG's haptics format, with .glb meshes",
+        "Everything that is felt, in MPEG's haptics format, with .glb meshes",
         1 << 1,
     ),
-    ("jsonl", "JSON Lines", "What is felt, sample by sample, for game engines", 1 << 2),
+    ("jsonl", "JSON Lines", "Everything that is felt, sample by sample, for game engines", 1 << 2),
     ("glb", "glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 1 << 3),
-    ("csv", "CSV", "What each device plays, a row for each sample", 1 << 4),
-    ("npz", "NPZ Raster", "What each device plays, as NumPy arrays", 1 << 5),
+    ("csv", "CSV", "Values of each device, a row for each sample", 1 << 4),
+    ("npz", "NPZ Raster", "Values of each device, as NumPy arrays", 1 << 5),
     ("wav", "WAV", "Sound for vibration actuators, 16 bits", 1 << 6),
     ("wav24", "WAV, 24 Bits", "Sound for vibration actuators, 24 bits", 1 << 7),
     ("wavfloat", "WAV, Float", "Sound for vibration actuators, 32-bit floats", 1 << 8),
@@ -43,11 +43,12 @@ FORMAT_ITEMS = (
     ("openharmony", "OpenHarmony", "Vibration patterns for OpenHarmony", 1 << 13),
     ("openxr", "OpenXR", "Parametric vibration for OpenXR controllers", 1 << 14),
     ("tact", "bHaptics .tact", "Projects for bHaptics vests and sleeves", 1 << 15),
+    ("jsonl-compact", "JSON Lines, Compact", "The same as JSON Lines in less space", 1 << 16),
 )
 _RECORD_ITEMS = (
-    ("positions", "Positions", "Where each vertex is", 1),
-    ("velocities", "Velocities", "How each vertex moves", 2),
-    ("depth", "Depth", "How deep each vertex is within a volume", 4),
+    ("positions", "Positions", "Position of each vertex", 1),
+    ("velocities", "Velocities", "Velocity of each vertex", 2),
+    ("depth", "Depth", "Depth of each vertex inside a volume", 4),
 )
 _NAMED = 3  # files that the message names
 _AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for
@@ -65,18 +66,19 @@ class HFX_OT_export(HfxOperator, ExportHelper):
     filter_glob: StringProperty(default="*.hfxtrack", options={"HIDDEN"})
     formats: EnumProperty(
         name="Formats",
-        description="Files that are written; those of devices, for each device of the scene",
+        description="Formats to write; formats of devices are written for each device of the scene",
         items=FORMAT_ITEMS,
         options={"ENUM_FLAG"},
         default={"track", "csv"},
     )
     per_clip: BoolProperty(
         name="Each Clip by Itself",
-        description="Files for each named clip, from time 0, instead of the whole timeline",
+        description="Separate files for each named clip, starting at time 0, instead of the "
+        "whole timeline",
     )
     record: EnumProperty(
         name="Also Record",
-        description="What the track holds of each vertex besides",
+        description="Additional data of each vertex in the track",
         items=_RECORD_ITEMS,
         options={"ENUM_FLAG"},
         default=set(),
@@ -191,14 +193,14 @@ class HFX_OT_export(HfxOperator, ExportHelper):
             if self.properties.is_property_set("formats") and set(formats) & set(DEVICE_FORMATS):
                 raise InputError(
                     f"Scene '{scene.name}' has no devices: add one in its Haptics panel, or choose "
-                    "formats of what is felt only."
+                    "formats that need no device."
                 )
             formats = tuple(name for name in formats if name not in DEVICE_FORMATS)
         if not formats:
             raise InputError("Choose at least one format to export.")
         path = Path(bpy.path.abspath(self.filepath))
         if not self.filepath or path.is_dir():
-            raise InputError(f"Choose a file to export to; '{self.filepath}' names none.")
+            raise InputError(f"Choose a file to export to; '{self.filepath}' is not a file name.")
         settings = ExportSettings(
             formats,
             devices,

@@ -8,7 +8,8 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..authoring import effects, global_tools
 from ..errors import InputError
-from .shared import HfxOperator, active_body, select_only
+from ..scene_units import fps_of
+from .shared import HfxOperator, OnBodyOperator, select_only, target_body
 
 SCOPES = (
     ("SELECTED", "Selected", "The selected effects"),
@@ -18,7 +19,7 @@ SCOPES = (
 
 
 class _ManyEffects(HfxOperator):
-    scope: EnumProperty(name="Scope", description="Which effects are changed", items=SCOPES)
+    scope: EnumProperty(name="Scope", description="Effects to change", items=SCOPES)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -32,7 +33,7 @@ class _ManyEffects(HfxOperator):
             own = set(context.object.users_collection) if context.object else set()
             found = [effect for effect in found if own & set(effect.users_collection)]
         if not found:
-            raise InputError("No effects there; select some, or choose another scope.")
+            raise InputError("This scope has no effects; select some, or choose another scope.")
         return found
 
 
@@ -44,7 +45,7 @@ class HFX_OT_scale_strength(_ManyEffects):
 
     factor: FloatProperty(
         name="Factor",
-        description="Times their strength; of a temperature, times its distance from neutral",
+        description="Factor for their strength; for a temperature, for its difference from neutral",
         default=1.0,
         min=0.0,
         max=100.0,
@@ -52,7 +53,7 @@ class HFX_OT_scale_strength(_ManyEffects):
 
     def work(self, context: bpy.types.Context) -> str:
         count = global_tools.scale_strength(self.chosen(context), self.factor)
-        return f"{count} effects times {self.factor:g}"
+        return f"{count} effects scaled by {self.factor:g}"
 
 
 class HFX_OT_scale_frequency(_ManyEffects):
@@ -63,7 +64,7 @@ class HFX_OT_scale_frequency(_ManyEffects):
 
     factor: FloatProperty(
         name="Factor",
-        description="Times their frequency; 2 is an octave higher",
+        description="Factor for their frequency; 2 is an octave higher",
         default=1.0,
         min=0.01,
         max=100.0,
@@ -71,7 +72,7 @@ class HFX_OT_scale_frequency(_ManyEffects):
 
     def work(self, context: bpy.types.Context) -> str:
         count = global_tools.scale_frequency(self.chosen(context), self.factor)
-        return f"{count} vibrations times {self.factor:g}"
+        return f"{count} vibrations scaled by {self.factor:g}"
 
 
 class HFX_OT_modulate(_ManyEffects):
@@ -80,10 +81,10 @@ class HFX_OT_modulate(_ManyEffects):
     bl_idname = "hfx.modulate"
     bl_label = "Modulation"
 
-    rate: FloatProperty(name="Rate", description="Swings a second", default=2.0, min=0.01)
+    rate: FloatProperty(name="Rate", description="Modulations per second", default=2.0, min=0.01)
     depth: FloatProperty(
         name="Depth",
-        description="How far the intensity falls in each swing: 1 is down to nothing",
+        description="Depth of the modulation: 1 lowers the intensity to nothing",
         default=0.5,
         min=0.0,
         max=1.0,
@@ -91,14 +92,13 @@ class HFX_OT_modulate(_ManyEffects):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        render = context.scene.render
         count = global_tools.modulate(
-            self.chosen(context), self.rate, self.depth, render.fps / render.fps_base
+            self.chosen(context), self.rate, self.depth, fps_of(context.scene)
         )
         return f"{count} effects modulated"
 
 
-class HFX_OT_add_rain(HfxOperator):
+class HFX_OT_add_rain(OnBodyOperator):
     """Make it rain on the body: adds the drops, or replaces those of the same name"""
 
     bl_idname = "hfx.add_rain"
@@ -113,14 +113,14 @@ class HFX_OT_add_rain(HfxOperator):
     )
     drop_size: FloatProperty(
         name="Drop Size (mm)",
-        description="Across the patch of skin that a drop is felt on",
+        description="Diameter of the skin area of a drop",
         default=20.0,
         min=1.0,
         max=200.0,
     )
     duration: FloatProperty(
         name="Duration",
-        description="How long it rains, from the current frame on",
+        description="Duration of the rain, from the current frame on",
         default=4.0,
         min=0.1,
         unit="TIME_ABSOLUTE",
@@ -132,31 +132,19 @@ class HFX_OT_add_rain(HfxOperator):
         min=0.0,
         max=100.0,
     )
-    seed: IntProperty(
-        name="Seed", description="Another number is another rain of the same kind", default=0, min=0
-    )
+    seed: IntProperty(name="Seed", description="Seed of the random drops", default=0, min=0)
     name: StringProperty(
         name="Name",
-        description="A shower of the same name on the same body is replaced by this one",
+        description="Replaces rain of the same name on the same body",
         default="Rain",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(effects.bodies_of(context.scene), "Add a haptic body first")
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import rain
 
-        bodies = effects.bodies_of(context.scene)
-        body = active_body(context)
-        if body not in bodies:
-            if len(bodies) > 1:
-                raise InputError("Several haptic bodies: select the one that it rains on.")
-            body = bodies[0]
         made = rain.make(
             context.scene,
-            body,
+            target_body(context),
             name=self.name or "Rain",
             drops_per_second=self.drops_per_second,
             drop_size_m=self.drop_size / 1000.0,

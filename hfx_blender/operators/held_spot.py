@@ -53,7 +53,7 @@ class HeldSpotOperator(PathOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return super().poll(context) and cls.needs(
-            context.mode == "OBJECT", "Leave the present mode: this is Object Mode's"
+            context.mode == "OBJECT", "Go to Object Mode first"
         )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

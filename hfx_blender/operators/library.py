@@ -14,9 +14,8 @@ from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from .. import file_suffixes, resources
-from ..authoring import effects
 from ..errors import HfxError, InputError
-from .shared import EnumItems, HfxOperator, active_body, active_effect, select_only
+from .shared import EnumItems, HfxOperator, select_only, target_body
 
 if TYPE_CHECKING:
     from mathutils import Vector
@@ -24,18 +23,6 @@ if TYPE_CHECKING:
     from ..authoring.effect_file import Sensation
 
 # Reading and making sensations is imported where it is done: Blender's start would wait for it.
-
-
-def _body(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Target body of areas: the active body, that of the active effect, or the only one."""
-    found = effects.bodies_of(context.scene)
-    effect = active_effect(context)
-    for body in (active_body(context), effect.hfx.body if effect is not None else None):
-        if body in found:
-            return body
-    if len(found) > 1:
-        raise InputError("Several haptic bodies: select the one that shall feel it.")
-    return found[0] if found else None
 
 
 def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector:
@@ -46,7 +33,7 @@ def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector
 def _place(context: bpy.types.Context, sensation: Sensation) -> list[bpy.types.Object]:
     if context.object is not None and context.object.mode != "OBJECT":
         raise InputError("Leave painting or editing first.")
-    body = _body(context)
+    body = target_body(context)
     from ..authoring import effect_exchange, response_exchange
 
     made = effect_exchange.place(
@@ -81,7 +68,7 @@ def _selected(context: bpy.types.Context, title: str) -> Sensation:
     found.update(each for obj in selected for each in response_exchange.volumes_of(obj))
     chosen = sorted(found, key=lambda obj: obj.name)
     bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
-    body = bodies[0] if bodies else _body(context)
+    body = bodies[0] if bodies else target_body(context)
     origin = _origin(context, body)
     return effect_exchange.sensation_of(context.scene, chosen, title, origin=origin)
 
@@ -114,7 +101,7 @@ class HFX_OT_add_from_library(HfxOperator):
 
     name: EnumProperty(
         name="Sensation",
-        description="A shipped one, or one that you saved into your folder of effects",
+        description="A shipped sensation, or one from your own effects folder",
         items=_sensation_items,
     )
 
@@ -153,7 +140,7 @@ Those in your folder of effects are in Add > Haptic > Sensation"""
 
     filename_ext = file_suffixes.EFFECT
     filter_glob: StringProperty(default=f"*{file_suffixes.EFFECT}", options={"HIDDEN"})
-    name: StringProperty(name="Name", description="Empty: that of the file")
+    name: StringProperty(name="Name", description="Empty: the name of the file")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -14,16 +14,24 @@ from .. import resources
 from ..errors import HfxError, InputError
 from ..playback import live_settings
 from ..playback.live import live
-from .shared import HfxOperator
+from .shared import HfxOperator, KeyBindings
 
 if TYPE_CHECKING:
     from ..devices.live.approval import DeviceScript
 
 KINDS = (
-    ("SIMULATOR", "Simulator", "Without hardware: bars in this panel, and a log if you like"),
-    ("DEVICE", "Device", "The real one, as its configuration says"),
-    ("AUDIO", "Sound Card", "One channel for each actuator that vibrates, from the first one on"),
-    ("CSV", "Log", "Every value into a CSV file"),
+    (
+        "SIMULATOR",
+        "Simulator",
+        "No hardware: shows bars in this panel, and writes a log if you choose a file",
+    ),
+    ("DEVICE", "Device", "The real device, as configured"),
+    (
+        "AUDIO",
+        "Sound Card",
+        "One channel for each vibration actuator, starting at the first channel",
+    ),
+    ("CSV", "Log", "Writes every value into a CSV file"),
 )
 
 
@@ -74,7 +82,7 @@ class HFX_OT_live_import(HfxOperator, ImportHelper):
 
     filename_ext = ".json"
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-    name: StringProperty(name="Name", description="Of the device; empty: that of the file")
+    name: StringProperty(name="Name", description="Name of the device; empty: the name of the file")
 
     def work(self, context: bpy.types.Context) -> str:
         from ..devices.node_map import import_node_map
@@ -110,18 +118,20 @@ class HFX_OT_live_connect(_OfDevice):
     bl_label = "Connect"
 
     kind: EnumProperty(
-        name="Connect To", description="The device itself, or something in its place", items=KINDS
+        name="Connect To", description="The device itself, or a substitute", items=KINDS
     )
     port: StringProperty(
         name="Port",
         description="Serial port, network port, or part of a sound card's name; "
         "empty: found or as configured",
     )
-    host: StringProperty(name="Host", description="Of this machine or network; empty: configured")
+    host: StringProperty(
+        name="Host", description="Host on this computer or network; empty: as configured"
+    )
     path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
     offset_ms: FloatProperty(
         name="Offset (ms)",
-        description="Held back for so long, to meet sound and picture",
+        description="Delay of the values, to be in time with sound and picture",
         default=0.0,
         min=0.0,
         max=live_settings.MAX_OFFSET_MS,
@@ -205,13 +215,13 @@ class HFX_OT_live_pulse(_OfDevice):
     def work(self, _context: bpy.types.Context) -> str:
         state = live.state(self.name)
         if state is None or not state.is_armed:
-            raise InputError(f"Device '{self.name}' does not play; connect it and press Play.")
+            raise InputError(f"Device '{self.name}' is not playing; connect it and press Play.")
         live.pulse(self.name, self.actuator)
         return ""
 
 
 class HFX_OT_live_approve(_OfDevice):
-    """Allow the script that a device brings, as it is now"""
+    """Allow the script of a device, in its present state"""
 
     bl_idname = "hfx.live_approve"
     bl_label = "Approve Device Script"
@@ -231,15 +241,15 @@ class HFX_OT_live_approve(_OfDevice):
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
         column.label(text=self.script, icon="FILE_SCRIPT")
-        column.label(text="It will run with all of your rights: files, network, everything.")
-        column.label(text="Read it first. Whenever a byte of it changes, you are asked again.")
+        column.label(text="It runs with all of your rights: files, network, everything.")
+        column.label(text="Read it first. If a byte of it changes, it must be approved again.")
 
     def _found(self) -> DeviceScript:
         from ..devices.live import approval
 
         found = approval.script_of(self.name, resources.user_devices())
         if found is None:
-            raise InputError(f"Device '{self.name}' brings no script.")
+            raise InputError(f"Device '{self.name}' has no script.")
         return found
 
     def work(self, _context: bpy.types.Context) -> str:
@@ -247,7 +257,7 @@ class HFX_OT_live_approve(_OfDevice):
 
         found = self._found()
         if self.fingerprint and found.fingerprint != self.fingerprint:
-            raise InputError(f"{found.path}: has changed just now; look at it again.")
+            raise InputError(f"{found.path}: has just changed; read it again.")
         approval.approve(found)
         live.unapproved.discard(self.name)
         if not approval.is_shipped(found.path):
@@ -255,13 +265,12 @@ class HFX_OT_live_approve(_OfDevice):
         return f"{found.path.name} approved"
 
 
-class HFX_OT_live_revoke(_LiveOperator):
+class HFX_OT_live_revoke(_OfDevice):
     """Withdraw the approval of a device's script, and stop it where it plays"""
 
     bl_idname = "hfx.live_revoke"
     bl_label = "Withdraw Approval"
 
-    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     fingerprint: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def work(self, _context: bpy.types.Context) -> str:
@@ -279,7 +288,7 @@ class HFX_OT_live_revoke(_LiveOperator):
         if running is not None and running in approval.approved():
             approval.revoke_fingerprint(running)
         if found is None and running is None:
-            raise InputError(f"Device '{self.name}' brings no script.")
+            raise InputError(f"Device '{self.name}' has no script.")
         return f"{self.name}: approval withdrawn"
 
 
@@ -298,23 +307,18 @@ _classes, _unregister_classes = bpy.utils.register_classes_factory(
     )
 )
 
-_KEYS = (("BACK_SPACE", {"ctrl": True, "shift": True}), ("PAUSE", {}))
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+_keys = KeyBindings(
+    "Window",
+    ("hfx.live_stop_all", "BACK_SPACE", {"ctrl": True, "shift": True}),
+    ("hfx.live_stop_all", "PAUSE", {}),
+)
 
 
 def register() -> None:
     _classes()
-    keyconfig = bpy.context.window_manager.keyconfigs.addon
-    if keyconfig is None:  # in the background there are no keys
-        return
-    keymap = keyconfig.keymaps.new(name="Window", space_type="EMPTY")
-    for key, modifiers in _KEYS:
-        item = keymap.keymap_items.new("hfx.live_stop_all", key, "PRESS", **modifiers)
-        _keys.append((keymap, item))
+    _keys.register()
 
 
 def unregister() -> None:
-    for keymap, item in _keys:
-        keymap.keymap_items.remove(item)
-    _keys.clear()
+    _keys.unregister()
     _unregister_classes()

@@ -35,14 +35,16 @@ class HFX_OT_live_find(HfxOperator):
     bl_options = {"REGISTER"}  # the action of a device cannot be undone
     bl_property = "which"
 
-    which: EnumProperty(name="Device", description="Which of those that were found", items=_choices)
+    which: EnumProperty(
+        name="Device", description="Device to add, of those that were found", items=_choices
+    )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         ports = _look()
         if not _found:
             there = ", ".join(ports) or "none"
             self.report(
-                {"WARNING"}, printable(f"No device was found that we know. Serial ports: {there}.")
+                {"WARNING"}, printable(f"No known device was found. Serial ports: {there}.")
             )
             return {"CANCELLED"}
         context.window_manager.invoke_search_popup(self)
@@ -50,7 +52,7 @@ class HFX_OT_live_find(HfxOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         if not self.which.isdecimal() or int(self.which) >= len(_found):
-            raise InputError("Look for devices first, and choose one.")
+            raise InputError("Press Find Devices first, and choose one.")
         found = _found[int(self.which)]
         settings = live_settings.load().get(found.device, live_settings.LiveSettings())
         settings = replace(settings, kind="DEVICE", port=found.port)
@@ -83,7 +85,7 @@ def _look() -> list[str]:
 
 
 class HFX_OT_live_offset(HfxOperator):
-    """Hold a device back, so that touch meets sound and picture; it is remembered"""
+    """Delay a device, so that touch is in time with sound and picture; the delay is stored"""
 
     bl_idname = "hfx.live_offset"
     bl_label = "Offset"
@@ -92,7 +94,7 @@ class HFX_OT_live_offset(HfxOperator):
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     offset_ms: FloatProperty(
         name="Offset (ms)",
-        description="Held back for so long; felt at once while you drag it",
+        description="Delay of the values; takes effect while you drag it",
         default=0.0,
         min=0.0,
         max=live_settings.MAX_OFFSET_MS,
@@ -116,7 +118,7 @@ class HFX_OT_live_offset(HfxOperator):
         live.set_offset(self.name, self.offset_ms)
         known = live_settings.load().get(self.name, live_settings.LiveSettings())
         live_settings.store(self.name, replace(known, offset_ms=self.offset_ms))
-        return f"{self.name} is held back by {self.offset_ms:g} ms"
+        return f"{self.name} is delayed by {self.offset_ms:g} ms"
 
 
 register, unregister = bpy.utils.register_classes_factory((HFX_OT_live_find, HFX_OT_live_offset))

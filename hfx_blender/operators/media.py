@@ -19,7 +19,7 @@ _VIDEOS = "*.mp4;*.mov;*.mkv;*.avi;*.webm;" + ";".join(f"*{each}" for each in _P
 
 
 class HFX_OT_add_sound(HfxOperator, ImportHelper):
-    """Put a sound on the timeline at the current frame; playing keeps in step with it"""
+    """Put a sound on the timeline at the current frame; playback is synchronized with it"""
 
     bl_idname = "hfx.add_sound"
     bl_label = "Sound"
@@ -43,7 +43,7 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
     filter_glob: StringProperty(default=_VIDEOS, options={"HIDDEN"})
     projection: EnumProperty(
         name="Projection",
-        description="How the picture is laid out",
+        description="Projection of the picture",
         items=(
             ("FLAT", "Flat", "An image that stands behind the body"),
             ("SPHERE", "360 Degrees", "Equirectangular, as the world around the body"),
@@ -51,7 +51,7 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
     )
     with_sound: BoolProperty(
         name="Sound",
-        description="Put the video's sound on the timeline, too; playing keeps in step with it",
+        description="Also put the video's sound on the timeline; playback is synchronized with it",
         default=True,
     )
 

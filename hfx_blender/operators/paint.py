@@ -120,7 +120,7 @@ class HFX_OT_fill_part(_PaintedOperator):
 
     part: EnumProperty(
         name="Part",
-        description="What is filled, added to what is painted",
+        description="Body part to fill; added to the painted area",
         items=[("all", "Whole Body", "All of the skin")]
         + [
             (part, label, f"All of the {label.lower()}")

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 MODES = (
-    ("PLACE", "Place", "Click where the point rests"),
-    ("STRAIGHT", "Straight", "Click places; the shortest way on the skin joins them"),
+    ("PLACE", "Place", "Click the place of the point"),
+    ("STRAIGHT", "Straight", "Click places; the shortest paths on the skin join them"),
     ("CURVE", "Curve", "Click places; a smooth curve goes through them"),
     ("FREEHAND", "Freehand", "Draw while the left button is held"),
     (
@@ -66,16 +66,18 @@ class HFX_OT_draw_path(HfxOperator):
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 
     mode: EnumProperty(
-        name="Draw", description="How the path is drawn", items=MODES, default="STRAIGHT"
+        name="Draw", description="Way of drawing the path", items=MODES, default="STRAIGHT"
     )
-    closed: BoolProperty(name="Closed", description="The path returns to its beginning")
+    closed: BoolProperty(name="Closed", description="The path returns to its start")
     stroke: CollectionProperty(
         name="Places",
         description="For scripts: [{'name': '', 'place': (x, y, z), 'time': 0.0}, ...]",
         type=HfxPathPoint,
         options={"HIDDEN", "SKIP_SAVE"},
     )
-    frame: IntProperty(name="Frame", description="Where a recording begins", options={"SKIP_SAVE"})
+    frame: IntProperty(
+        name="Frame", description="First frame of a recording", options={"SKIP_SAVE"}
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -120,7 +122,7 @@ class HFX_OT_draw_path(HfxOperator):
         body = active_spot(context).hfx.body
         try:
             if body is None:
-                raise InputError("The point is on no body; choose one first.")
+                raise InputError("The point has no body; choose one first.")
             self._picker = posed_skin.Picker(body, context.evaluated_depsgraph_get())
         except HfxError as error:
             self.report({"ERROR"}, str(error))

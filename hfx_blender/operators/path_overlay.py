@@ -11,6 +11,7 @@ import bpy
 from ..authoring import effects, paths, posed_skin
 from ..authoring.volumes import modality_colour
 from ..errors import HfxError
+from ..scene_units import metres_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -135,7 +136,7 @@ def _draw() -> None:
     if not spots and body is None:
         return
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    unit_m = paths.metres_of(scene)
+    unit_m = metres_of(scene)
     try:
         for effect in spots:
             lines = lines_of(effect, depsgraph, unit_m)

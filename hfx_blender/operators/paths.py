@@ -14,13 +14,15 @@ from .. import file_suffixes
 from ..authoring import effects, paths, posed_skin
 from ..errors import InputError
 from ..properties import MODALITY_ITEMS
+from ..scene_units import fps_of, metres_of
 from .shared import (
     EnumItems,
     HfxOperator,
-    active_body,
+    OnBodyOperator,
     active_effect,
     made_once,
     select_only,
+    target_body,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +32,7 @@ _MIDDLE_OF_BACK = (0.0, 0.047, 1.25)
 _ON_SKIN_M = 0.03
 
 INTERPOLATIONS = (
-    ("LINEAR", "Even", "The same speed all the way"),
+    ("LINEAR", "Even", "The same speed along the whole path"),
     ("BEZIER", "Smooth", "Starts and stops softly; its handles are in the Graph editor"),
     ("SINE", "Sine", "Starts softly and stops softly"),
     ("QUAD", "Accelerating", "Faster and faster"),
@@ -43,26 +45,6 @@ def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
     """Active effect, if it is a point on the skin."""
     effect = active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "SPOT" else None
-
-
-def body_of(context: bpy.types.Context) -> bpy.types.Object:
-    """Target body of a new effect: the active body, else the only one there is."""
-    found = effects.bodies_of(context.scene)
-    active = active_body(context)
-    if active in found:
-        return active
-    if len(found) > 1:
-        raise InputError("Several haptic bodies: select the one that shall feel it.")
-    return found[0]
-
-
-class _OnBody(HfxOperator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            effects.bodies_of(context.scene),
-            "Add an avatar, or mark an armature as haptic body first",
-        )
 
 
 class _OfSpot(HfxOperator):
@@ -82,7 +64,7 @@ class PathOperator(HfxOperator):
         return cls.needs(effect.get(paths.PATH), "Place the point, or draw its path first")
 
 
-class HFX_OT_add_spot(_OnBody):
+class HFX_OT_add_spot(OnBodyOperator):
     """Add a point on the skin: a disc that is felt where it is, and that may move along a path.
 
     It is put at the 3D cursor if that is on the body, else in the middle of the back
@@ -116,7 +98,7 @@ class HFX_OT_add_spot(_OnBody):
             except InputError as error:
                 self.report({"ERROR"}, str(error))
                 return {"CANCELLED"}
-            metres = paths.metres_of(context.scene)
+            metres = metres_of(context.scene)
             found = picker.nearest(context.scene.cursor.location, _ON_SKIN_M / metres)
             self.place = _MIDDLE_OF_BACK if found is None else found.tolist()
         return self.execute(context)
@@ -124,13 +106,13 @@ class HFX_OT_add_spot(_OnBody):
     def work(self, context: bpy.types.Context) -> str:
         import numpy as np
 
-        body = body_of(context)
+        body = target_body(context)
         paths.skin().on_skin([self.place])  # refused before anything is made
         effect = paths.add_spot(context.scene, self.modality, body, self.name or None)
         paths.draw(effect, np.array([self.place], np.float64))
         paths.stand_at_path(effect, context.evaluated_depsgraph_get())
         select_only(context, effect)
-        return f"'{effect.name}' rests; draw a path to move it"
+        return f"'{effect.name}' does not move; draw a path to move it"
 
 
 class HFX_OT_reverse_path(PathOperator):
@@ -182,16 +164,16 @@ class HFX_OT_move_along_path(PathOperator):
         name="Duration", description="Seconds", default=1.0, min=0.01, soft_max=60.0
     )
     repeats: bpy.props.IntProperty(
-        name="Times", description="How often it goes the way", default=1, min=1, max=1000
+        name="Times", description="Number of passes along the path", default=1, min=1, max=1000
     )
-    to_and_fro: BoolProperty(name="To and Fro", description="Every second time backwards")
+    to_and_fro: BoolProperty(name="To and Fro", description="Every second pass backwards")
     interpolation: EnumProperty(
-        name="Speed", description="How its speed changes on the way", items=INTERPOLATIONS
+        name="Speed", description="Change of speed along the path", items=INTERPOLATIONS
     )
 
     def work(self, context: bpy.types.Context) -> str:
         scene, effect = context.scene, active_spot(context)
-        step = self.seconds * scene.render.fps / scene.render.fps_base
+        step = self.seconds * fps_of(scene)
         start = float(scene.frame_current)
         keys: list[tuple[float, float]] = []
         for k in range(self.repeats):
@@ -260,7 +242,7 @@ class HFX_OT_save_path(PathOperator, ExportHelper):
 
     filename_ext = file_suffixes.PATH
     filter_glob: StringProperty(default=f"*{file_suffixes.PATH}", options={"HIDDEN"})
-    name: StringProperty(name="Name", description="Empty: that of the file")
+    name: StringProperty(name="Name", description="Empty: the name of the file")
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring import path_file

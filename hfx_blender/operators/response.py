@@ -38,7 +38,7 @@ class HFX_OT_add_response_filter(_OnVolume):
     bl_label = "Add Filter"
 
     kind: EnumProperty(
-        name="Kind", description="What the filter does", items=KINDS, default="impact"
+        name="Kind", description="Function of the filter", items=KINDS, default="impact"
     )
 
     def work(self, context: bpy.types.Context) -> str:
@@ -85,7 +85,7 @@ class HFX_OT_bake_response(_OnVolume):
 
     target: EnumProperty(
         name="To",
-        description="Which property the keyframes are written to",
+        description="Property that gets the keyframes",
         items=response_baking.TARGETS,
     )
 

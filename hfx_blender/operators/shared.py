@@ -8,8 +8,9 @@ from collections.abc import Callable
 
 import bpy
 
+from ..authoring import effects
 from ..avatars.avatar_meshes import armature_of
-from ..errors import HfxError
+from ..errors import HfxError, InputError
 from ..printable import printable
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
@@ -66,6 +67,45 @@ class HfxOperator(bpy.types.Operator):
             return True
         cls.poll_message_set(what)
         return False
+
+
+class OnBodyOperator(HfxOperator):
+    """Base of the operators that add something to a haptic body."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        found = effects.bodies_of(context.scene)
+        return cls.needs(found, "Add an avatar, or mark an armature as haptic body first")
+
+
+class KeyBindings:
+    """Keys of operators in one of Blender's keymaps, as long as the extension is on.
+
+    Parameters
+    ----------
+    keymap : str
+        Its name; of any editor.
+    entries : (operator id, key, modifiers)
+    """
+
+    def __init__(self, keymap: str, *entries: tuple[str, str, dict[str, bool]]) -> None:
+        self._keymap = keymap
+        self._entries = entries
+        self._added: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+
+    def register(self) -> None:
+        keyconfig = bpy.context.window_manager.keyconfigs.addon
+        if keyconfig is None:  # in the background there are no keys
+            return
+        keymap = keyconfig.keymaps.new(name=self._keymap, space_type="EMPTY")
+        for operator, key, modifiers in self._entries:
+            item = keymap.keymap_items.new(operator, key, "PRESS", **modifiers)
+            self._added.append((keymap, item))
+
+    def unregister(self) -> None:
+        for keymap, item in self._added:
+            keymap.keymap_items.remove(item)
+        self._added.clear()
 
 
 EnumItems = list[tuple[str, str, str]]
@@ -129,3 +169,21 @@ def active_body(context: bpy.types.Context) -> bpy.types.Object | None:
     """The active haptic body, or the one that the active mesh shows."""
     armature = active_armature(context)
     return armature if armature is not None and armature.hfx.role == "BODY" else None
+
+
+def target_body(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Body of a new effect: the active one, that of the active effect, or the only one, if any.
+
+    Raises
+    ------
+    InputError
+        There are several, and neither is active.
+    """
+    found = effects.bodies_of(context.scene)
+    effect = active_effect(context)
+    for body in (active_body(context), effect.hfx.body if effect is not None else None):
+        if body in found:
+            return body
+    if len(found) > 1:
+        raise InputError("Several haptic bodies: select the one that shall feel it.")
+    return found[0] if found else None

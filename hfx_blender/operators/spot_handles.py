@@ -12,9 +12,11 @@ from mathutils import Vector
 
 from ..authoring import paths, posed_skin
 from ..errors import InputError
+from ..scene_units import metres_of
 from . import path_overlay
 from .held_spot import HeldSpotOperator, is_for_blender, on_body, view_region
 from .paths import PathOperator, active_spot
+from .shared import KeyBindings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
 
 _LEAST_RADIUS_M = 0.001
-
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 
 
 class HFX_OT_slide_spot(HeldSpotOperator):
@@ -45,7 +45,7 @@ class HFX_OT_slide_spot(HeldSpotOperator):
     )
     along_path: BoolProperty(
         name="Along Path",
-        description="Stay on the path that is there, at the place that is nearest",
+        description="Stay on the existing path, at the nearest place",
         options={"SKIP_SAVE"},
     )
 
@@ -74,7 +74,7 @@ class HFX_OT_slide_spot(HeldSpotOperator):
         spot_placing.check_free(effect, paths.POSITION, "position")
         body = effect.hfx.body
         if body is None:
-            raise InputError("The point is on no body; choose one first.")
+            raise InputError("The point has no body; choose one first.")
         self._picker = posed_skin.Picker(body, context.evaluated_depsgraph_get())
         self._own = paths.own_path(effect)
         self._before: dict[str, Any] = {
@@ -165,7 +165,7 @@ class HFX_OT_resize_spot(HeldSpotOperator):
 
     radius: FloatProperty(
         name="Radius",
-        description="Of the disc that is felt",
+        description="Radius of the disc",
         subtype="DISTANCE",
         unit="LENGTH",
         min=0.0,
@@ -189,7 +189,7 @@ class HFX_OT_resize_spot(HeldSpotOperator):
 
         spot_placing.check_free(effect, "hfx.radius", "radius")
         self._before = effect.hfx.radius
-        least = _LEAST_RADIUS_M / paths.metres_of(context.scene)
+        least = _LEAST_RADIUS_M / metres_of(context.scene)
         self._unit = max(self._before, least)
         middle = self._window_place(context, spot_placing.place_of(effect))
         self._middle = self._at if middle is None else middle
@@ -206,7 +206,7 @@ class HFX_OT_resize_spot(HeldSpotOperator):
         effect.update_tag()
 
     def _words(self, context: bpy.types.Context) -> tuple[str, str]:
-        return f"Radius: {100.0 * self.radius * paths.metres_of(context.scene):.2f} cm", ""
+        return f"Radius: {100.0 * self.radius * metres_of(context.scene):.2f} cm", ""
 
 
 class HFX_OT_key_spot(PathOperator):
@@ -237,24 +237,16 @@ def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
 
 _classes = (HFX_OT_slide_spot, HFX_OT_resize_spot, HFX_OT_key_spot)
 _register, _unregister = bpy.utils.register_classes_factory(_classes)
+_keys = KeyBindings(
+    "Object Mode", *((each.bl_idname, key, {}) for each, key in zip(_classes, "GSI", strict=True))
+)
 
 
 def register() -> None:
     _register()
-    keyconfig = bpy.context.window_manager.keyconfigs.addon
-    if keyconfig is None:  # in background
-        return
-    keymap = keyconfig.keymaps.new(name="Object Mode", space_type="EMPTY")
-    for key, operator in (
-        ("G", HFX_OT_slide_spot),
-        ("S", HFX_OT_resize_spot),
-        ("I", HFX_OT_key_spot),
-    ):
-        _keys.append((keymap, keymap.keymap_items.new(operator.bl_idname, key, "PRESS")))
+    _keys.register()
 
 
 def unregister() -> None:
-    for keymap, item in _keys:
-        keymap.keymap_items.remove(item)
-    _keys.clear()
+    _keys.unregister()
     _unregister()

@@ -42,7 +42,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         return cls.needs(active_surface(context), "Select an object with a haptic surface")
 
     def work(self, context: bpy.types.Context) -> str:
-        raise InputError("The stroke pad needs a window; 'Stroke a Line' does without.")
+        raise InputError("The stroke pad needs a window; 'Stroke a Line' does not.")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         from ..playback.stroke_pad import StrokePad
@@ -177,7 +177,7 @@ class HFX_OT_export_stroke(HfxOperator):
         items=[
             (suffix, suffix[1:].upper(), f"A file *{suffix}") for suffix in file_suffixes.STROKES
         ],
-        description="Where the name has no suffix",
+        description="Format if the name has no suffix",
     )
 
     @classmethod

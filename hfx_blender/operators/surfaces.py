@@ -42,12 +42,10 @@ class HFX_OT_add_surface(HfxOperator):
     bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
 
-    source: EnumProperty(
-        name="Source", description="What the relief is made of", items=SOURCES[:-1]
-    )
+    source: EnumProperty(name="Source", description="Source of the relief", items=SOURCES[:-1])
     procedural: StringProperty(
         name="Library Material",
-        description="For the source Library: which of its materials",
+        description="Material, for the source Library",
         options={"SKIP_SAVE"},
     )
 
@@ -112,7 +110,7 @@ class HFX_OT_load_surface_image(_OfFile):
     bl_label = "Load Image"
 
     kind: EnumProperty(
-        name="Image Holds", description="What the image's pixels mean", items=IMAGE_KINDS
+        name="Image Holds", description="Meaning of the image's pixels", items=IMAGE_KINDS
     )
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
@@ -161,7 +159,7 @@ class HFX_OT_export_texture(_OfFile):
         description="Of a pixel of the pictures",
         items=(
             ("16", "16 Bit", "Fine steps, for rendering"),
-            ("8", "8 Bit", "Small files, for tools that read no more"),
+            ("8", "8 Bit", "Small files, for tools that read only 8 bits"),
         ),
     )
     filter_glob: StringProperty(default=f"*{file_suffixes.TEXTURE_MAP}", options={"HIDDEN"})

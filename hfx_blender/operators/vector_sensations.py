@@ -7,10 +7,9 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from .. import resources
-from ..authoring import effects, vector_sensations
+from ..authoring import vector_sensations
 from ..errors import InputError
-from .paths import body_of
-from .shared import HfxOperator, active_effect, select_only
+from .shared import HfxOperator, OnBodyOperator, active_effect, select_only, target_body
 
 _names: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
 
@@ -26,12 +25,12 @@ _MODALITIES = (
     ("FIRST", "Its First", "Of the device's first actuator"),
     ("vibration", "Vibration", "All that vibrate"),
     ("pressure", "Pressure", "All that press"),
-    ("temperature", "Temperature", "All that warm or cool"),
+    ("temperature", "Temperature", "All temperature actuators"),
     ("wind", "Wind", "All that blow"),
 )
 
 
-class HFX_OT_add_vector_sensation(HfxOperator):
+class HFX_OT_add_vector_sensation(OnBodyOperator):
     """Add an effect that drives each actuator of one device by a curve of its own. Other devices \
 play nothing of it"""
 
@@ -39,20 +38,17 @@ play nothing of it"""
     bl_label = "Vector Sensation"
     bl_property = "device"
 
-    device: EnumProperty(name="Device", description="Whose actuators are driven", items=_devices)
+    device: EnumProperty(
+        name="Device", description="Device whose actuators are driven", items=_devices
+    )
     modality: EnumProperty(
-        name="Actuators", description="Which of the device's actuators", items=_MODALITIES
+        name="Actuators",
+        description="Modality of the device's actuators to drive",
+        items=_MODALITIES,
     )
     name: StringProperty(
-        name="Name", description="How it is called in the outliner; empty: by its device"
+        name="Name", description="Name in the outliner; empty: named after its device"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            effects.bodies_of(context.scene),
-            "Add an avatar, or mark an armature as haptic body first",
-        )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         context.window_manager.invoke_search_popup(self)
@@ -64,7 +60,7 @@ play nothing of it"""
         effect = vector_sensations.add(
             context.scene,
             load_device(self.device, resources.user_devices()),
-            body_of(context),
+            target_body(context),
             modality=None if self.modality == "FIRST" else self.modality,
             name=self.name or None,
         )
@@ -80,7 +76,7 @@ class HFX_OT_key_actuators(HfxOperator):
 
     value: FloatProperty(
         name="Value",
-        description="What all of them get; -1: what each has now",
+        description="Value for all of them; -1: each keeps its present value",
         default=-1.0,
         min=-1.0,
         max=1.0,

@@ -51,7 +51,6 @@ class ColouredMesh:
 
     Parameters
     ----------
-    mesh : bpy.types.Object
     spreads : mapping of str to (Spread, int)
         By model, with the number of its vertices.
     """

@@ -23,11 +23,8 @@ def current_live_frame(
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     numbers : mapping
         Of connected devices, by name.
-    edition : int
-    playhead : Playhead
 
     Raises
     ------

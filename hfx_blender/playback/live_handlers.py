@@ -9,6 +9,7 @@ from typing import Protocol
 import bpy
 from bpy.app.handlers import persistent
 
+from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
 from ..errors import HfxError
 from ..reading import stepping
 
@@ -51,29 +52,20 @@ def listen(live: Listener) -> None:
     """Follow the open scene, and give signs of life."""
     global _live
     _live = live
-    for name, handler in _HANDLERS.items():
-        handlers = getattr(bpy.app.handlers, name)
-        if handler not in handlers:
-            handlers.append(handler)
+    add_handlers(_HANDLERS)
     if not bpy.app.timers.is_registered(_beat):
         bpy.app.timers.register(_beat, first_interval=BEAT_S, persistent=True)
 
 
 def stop_listening() -> None:
     """Remove handlers and timers, as no device is connected any more."""
-    for name, handler in _HANDLERS.items():
-        handlers = getattr(bpy.app.handlers, name)
-        if handler in handlers:
-            handlers.remove(handler)
-    for timer in (_beat, _describe):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    remove_handlers(_HANDLERS)
+    remove_timers(_beat, _describe)
 
 
 def request_update() -> None:
     """Describe and send soon; not from within an update of Blender's."""
-    if not bpy.app.timers.is_registered(_describe):
-        bpy.app.timers.register(_describe, first_interval=0.0)
+    call_soon(_describe)
 
 
 def is_playing() -> bool:

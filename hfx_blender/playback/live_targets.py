@@ -39,7 +39,7 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
     script = approval.script_of(name, folder)
     if script is not None and not script.is_approved:
         raise UnapprovedScriptError(
-            f"Device '{name}' brings the script {script.path}; {approval.how_to_approve(name)}."
+            f"Device '{name}' has the script {script.path}; {approval.how_to_approve(name)}."
         )
     return device, script
 
@@ -60,14 +60,14 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
         return {"kind": "simulator", **({"path": path} if path else {})}
     if settings.kind == "CSV":
         if not settings.path:
-            raise DeviceError(f"Device '{device.id}': name the log's file.")
+            raise DeviceError(f"Device '{device.id}': choose a file for the log.")
         return {"kind": "csv", "path": str(Path(bpy.path.abspath(settings.path)))}
     if settings.kind == "AUDIO":
         return {"kind": "audio", "interface": settings.port}
     kind = opening.kind_of(device)
     if kind is None:
         raise DeviceError(
-            f"Device '{device.id}': its configuration names no output; nothing drives it live."
+            f"Device '{device.id}': its configuration has no output, so it cannot be driven live."
         )
     if kind == "serial":
         return {"kind": kind, "port": settings.port or port_of(device, serial_ports())}

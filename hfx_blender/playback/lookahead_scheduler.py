@@ -18,6 +18,7 @@ from ..devices.live.messages import MessageError
 from ..devices.live.playhead import Playhead, parts_between
 from ..devices.live.serialization import to_bytes
 from ..errors import HfxError
+from ..scene_units import fps_of
 
 if TYPE_CHECKING:
     from ..reading.keyframe_reader import Key, KeyframeReader
@@ -103,7 +104,7 @@ class LookaheadScheduler:
             first, last = scene.frame_preview_start, scene.frame_preview_end
         frame = scene.frame_current_final
         step = self._direction.at(frame, last + 1 - first, is_playing)
-        fps = scene.render.fps / scene.render.fps_base
+        fps = fps_of(scene)
         return Playhead(frame, first, last, fps, is_playing, step)
 
     def work(self, playhead: Playhead, live: LiveScene, tell: Tell) -> None:

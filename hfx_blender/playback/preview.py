@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import bpy
 from bpy.app.handlers import persistent
 
+from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
 from ..errors import HfxError
 from ..reading import stepping
 
@@ -98,7 +98,7 @@ def on_frame(scene: bpy.types.Scene, *_: object) -> None:
     if since_s < _PLAYING_S or (since_s < _RECORDED_S and _recorded() is not None):
         return
     if _is_on():  # not from here: describing evaluates the view layer, which would call this again
-        _call_soon(describe)
+        call_soon(describe)
 
 
 @persistent
@@ -109,22 +109,17 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     updates().notice(depsgraph)
     if not _is_on():
         return
-    _call_soon(describe)
+    call_soon(describe)
     if updates().wants_time:
-        _call_soon(_record)
+        call_soon(_record)
 
 
 @persistent
 def _on_load(*_: object) -> None:
     forget()
     if _is_on():
-        _call_soon(describe)
-        _call_soon(_record)
-
-
-def _call_soon(function: Callable[[], float | None]) -> None:
-    if not bpy.app.timers.is_registered(function):
-        bpy.app.timers.register(function, first_interval=0.0)
+        call_soon(describe)
+        call_soon(_record)
 
 
 def describe() -> None:
@@ -138,7 +133,7 @@ def describe() -> None:
             _log.info("preview: %s", preview().fault)
         updates().look(bpy.context.scene)
         if updates().wants_time:
-            _call_soon(_record)
+            call_soon(_record)
     except (ReferenceError, AttributeError, HfxError):  # no scene at this moment
         forget()
     finally:
@@ -168,7 +163,7 @@ def _record() -> float | None:
         return pause
     touch()
     _redraw()
-    _call_soon(_prepare)
+    call_soon(_prepare)
     return None
 
 
@@ -198,9 +193,9 @@ def _redraw() -> None:
 def _switched(_self: object, _context: bpy.types.Context) -> None:
     touch()
     if _is_on():
-        _call_soon(describe)
-        _call_soon(_record)
-        _call_soon(_prepare)
+        call_soon(describe)
+        call_soon(_record)
+        call_soon(_prepare)
     _redraw()
 
 
@@ -279,15 +274,15 @@ _HANDLERS = {
 
 def register() -> None:
     switches = {
-        "hfx_preview": ("Show What Is Felt", "Colour the avatar by what it feels", True),
+        "hfx_preview": ("Show What Is Felt", "Colour the avatar where it feels something", True),
         "hfx_show_actuators": (
             "Show Actuators",
-            "Actuators of the chosen devices glow with what they are given",
+            "Actuators of the chosen devices glow with their values",
             True,
         ),
         "hfx_show_values": (
             "Values over Time",
-            "Draw what each effect and each actuator does over the whole timeline",
+            "Draw the values of each effect and each actuator over the whole timeline",
             False,
         ),
     }
@@ -298,8 +293,7 @@ def register() -> None:
         setattr(bpy.types.WindowManager, name, switch)
     if bpy.app.background:  # nothing is drawn there, and exports step through time
         return
-    for name, handler in _HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(handler)
+    add_handlers(_HANDLERS)
     add = bpy.types.SpaceView3D.draw_handler_add
     _draw_handles.append(add(_draw, (), "WINDOW", "POST_VIEW"))
     _draw_handles.append(add(_draw_chart, (), "WINDOW", "POST_PIXEL"))
@@ -309,12 +303,8 @@ def unregister() -> None:
     for handle in _draw_handles:
         bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
     _draw_handles.clear()
-    for name, handler in _HANDLERS.items():
-        if handler in getattr(bpy.app.handlers, name):
-            getattr(bpy.app.handlers, name).remove(handler)
-    for timer in (describe, _record, _prepare):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    remove_handlers(_HANDLERS)
+    remove_timers(describe, _record, _prepare)
     del bpy.types.WindowManager.hfx_show_values
     del bpy.types.WindowManager.hfx_show_actuators
     del bpy.types.WindowManager.hfx_preview

@@ -8,6 +8,7 @@ from functools import cache
 import bpy
 import numpy as np
 
+from ..blender_events import remove_timers
 from ..engine.texture.height_field import HeightField
 from ..engine.texture.render import render_stroke
 from ..engine.texture.signal import Signal
@@ -60,8 +61,7 @@ def play(signal: Signal, full_m_s2: float) -> None:
 
 def stop() -> None:
     """Stop the stroke."""
-    if bpy.app.timers.is_registered(_next):
-        bpy.app.timers.unregister(_next)
+    remove_timers(_next)
     if _playing.sound is not None:
         _playing.sound.close()
     if _playing.signal is not None:

@@ -63,7 +63,6 @@ class StrokePad:
     ----------
     name : str
         Of the surface, for messages.
-    texture : SurfaceTexture
     target_m_s : float
         The speed that the user tries to keep; it sets the pad's scale.
     """

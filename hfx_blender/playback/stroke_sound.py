@@ -32,10 +32,6 @@ class StrokeSound:
             _log.info("no sound: %s", error)
             self._device = None
 
-    @property
-    def is_heard(self) -> bool:
-        return self._device is not None
-
     def play(self, waveform_m_s2: npt.ArrayLike, rate_hz: float) -> None:
         """Play a piece of a waveform."""
         if self._device is None:

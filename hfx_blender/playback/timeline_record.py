@@ -105,7 +105,6 @@ def record(scene: bpy.types.Scene, *, may_step: bool) -> Iterator[TimelineRecord
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     may_step : bool
         Whether scenes may be set to other frames. It must then be run to its end in one go, as
         frames are restored there.

@@ -62,7 +62,6 @@ def chart(
 
     Parameters
     ----------
-    found : TimelineRecord
     palette : mapping
         Colours by modality.
     width, height : float

@@ -278,7 +278,7 @@ class Instances:
         self.warnings = self._sources.warnings
         self.notes = self._sources.notes
         self._keys: tuple[Key, ...] = ()
-        self._last: tuple[int, dict[Key, EffectRow]] | None = None
+        self._last: dict[int, dict[Key, EffectRow]] = {}  # of two samples
         self.descriptions: tuple[EffectDescription, ...] = ()
         if self._sources.objects:
             self._find()
@@ -336,7 +336,7 @@ class Instances:
         return replace(block, effects=(*block.effects, *more))
 
     def _rows(self, index: int, stepper: Stepper) -> dict[Key, EffectRow]:
-        if self._last is None or self._last[0] != index:
+        if index not in self._last:
             stepper.set_frame(self._time.frame(index))
             frame = np.array([float(self._time.frame(index))])
 
@@ -349,8 +349,8 @@ class Instances:
             for name, _, _ in rows.keys() - set(self._keys):
                 text = f"an instance of '{name}' that is there between two frames only is not felt"
                 self._faults.setdefault(text, set()).add(index)
-            self._last = index, rows
-        return self._last[1]
+            self._last = {k: self._last[k] for k in [*self._last][-1:]} | {index: rows}
+        return self._last[index]
 
 
 def _numbered(

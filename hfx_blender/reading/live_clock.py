@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 import bpy
 
+from ..scene_units import fps_of
+
 LONGEST_STEP_S = 0.3
 """Two moments that are farther apart have nothing to do with each other."""
 
@@ -30,7 +32,7 @@ class LiveClock:
 
     def _scene_s(self) -> float:
         scene = self._scene
-        fps = scene.render.fps / scene.render.fps_base
+        fps = fps_of(scene)
         return float(scene.frame_current_final - scene.frame_start) / fps
 
     def tick(self) -> tuple[float, float | None]:

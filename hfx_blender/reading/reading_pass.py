@@ -82,7 +82,7 @@ class Pass:
         self._full = [k for k in self._effects if k not in placed]
         model_ids = {scene.effects[k].model_id for k in placed}
         self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if placed]
-        self._last: Row | None = None
+        self._last: dict[int, Row] = {}  # the last ones, which the next block may begin with
         self._rows: dict[int, Row] = {}
         self._cell = (0, -1)
         self._near: list[Volume] = []
@@ -225,7 +225,7 @@ class Pass:
         """The same of bodies that nothing hides."""
         return {k: pose for k, pose in self._read_poses(index).items() if pose is not None}
 
-    def block(self, indices: I64, history: int = 0) -> AnimationBlock:
+    def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
         """What is where at samples without a gap between them."""
         frames = self._frames(indices)
         effects: dict[int, EffectBlock] = {
@@ -253,7 +253,7 @@ class Pass:
         self._rows = {k: row for k, row in self._rows.items() if k > beside}
         rows = [self._row(int(i), w) for i, w in zip(indices, wanted.tolist(), strict=True)]
         if self._effects:
-            self._last = rows[-1]
+            self._last = {row.index: row for row in rows[-2:]}
         for k in self._full:
             effects[k] = self._block_of(k, rows)
             if k in self._volumes:
@@ -264,16 +264,18 @@ class Pass:
         }
         poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
         if self._far:
-            effects |= self._judged(rows, [poses[k] for k in range(len(poses))], history)
+            own = rows[history : len(rows) - future]
+            effects |= self._judged(rows, [poses[k] for k in range(len(poses))], own)
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
             poses=tuple(poses[k] for k in range(len(poses))),
             history=history,
+            future=future,
         )
 
     def _judged(
-        self, rows: list[Row], poses: list[PoseBlock], history: int
+        self, rows: list[Row], poses: list[PoseBlock], own: list[Row]
     ) -> dict[int, EffectBlock]:
         """Volumes of which only the places were read: of those that come near skin, the rest.
 
@@ -288,7 +290,7 @@ class Pass:
         found: dict[int, EffectBlock] = {}
         for n, k in self._far.items():
             if not is_near[n]:
-                self._reading.count_far(k, rows[history].index, len(rows) - history)
+                self._reading.count_far(k, own[0].index, len(own))
                 if k not in self._full:
                     found[k] = self._silence(k, len(rows))
             elif self._reading.is_settled(k):
@@ -322,8 +324,8 @@ class Pass:
 
     def _row(self, index: int, is_posed: bool) -> Row:
         """What is stepped at one time."""
-        if self._last is not None and self._last.index == index:
-            return self._last
+        if index in self._last:
+            return self._last[index]
         row = Row(index)
         joint = self._adaptive is None and (is_posed or self._light is self._whole)
         stepper = self._whole if joint else self._light

@@ -33,6 +33,7 @@ from ..engine.scene import (
 )
 from ..errors import InputError
 from ..file_hash import sha256_of
+from ..scene_units import metres_of
 from ..stored_values import bad_values
 from . import (
     activation,
@@ -82,8 +83,7 @@ class HapticObjects:
     @property
     def unit_m(self) -> float:
         """Metres of a Blender unit."""
-        settings = self.scene.unit_settings
-        return 1.0 if settings.system == "NONE" else float(settings.scale_length)
+        return metres_of(self.scene)
 
 
 def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:

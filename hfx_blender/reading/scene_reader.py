@@ -101,8 +101,8 @@ class SceneReader:
     with_positions : bool
         Also read the poses of bodies on which nothing but painted effects act.
     with_velocities : bool
-        The same, exactly, and the time before each stretch, so that its first sample has a
-        velocity.
+        The same, exactly, and the samples before and after each block, so that all of its
+        velocities are central differences.
     with_far : bool
         Tell of volumes also where they are near no skin; those that have to be stepped may be
         silent then otherwise.
@@ -265,9 +265,9 @@ class SceneReader:
             for indices in _contiguous_blocks(wanted):
                 first = int(indices[0])
                 history = int(self._has_history(first))
-                if history:
-                    indices = np.insert(indices, 0, first - 1)
-                block = self._without_hidden(reading.block(indices, history))
+                future = int(self._with_velocities and self._is_in_scene(int(indices[-1]) + 1))
+                indices = np.arange(first - history, int(indices[-1]) + future + 1)
+                block = self._without_hidden(reading.block(indices, history, future))
                 if own is not None:
                     block = self._instances.extended(block, own)
                     self._shapes.counters.times_stepped += len(indices)
@@ -309,11 +309,17 @@ class SceneReader:
         )
 
     def _has_history(self, index: int) -> bool:
-        if self._with_velocities:
-            return True
+        if not self._is_in_scene(index - 1):
+            return False
         pair = np.array([index - 1, index])
-        begins = self.time.frame(index - 1) >= self.time.scene_start
-        return bool(begins and self._may_be_on(pair, scene_description.IN_SCENE).all())
+        return self._with_velocities or bool(
+            self._may_be_on(pair, scene_description.IN_SCENE).all()
+        )
+
+    def _is_in_scene(self, index: int) -> bool:
+        """Test that a sample is taken between the scene's first and last frame, which lasts one."""
+        end = max(self._found.scene.frame_end, self.time.frame_last) + 1
+        return self.time.scene_start <= self.time.frame(index) < end
 
     def _stretch_of(self, index: int) -> tuple[int, int]:
         """Samples around one over which volumes can be on, whatever range is exported.

@@ -57,7 +57,7 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
         if f"hfx.{bad.path}" in animated:
             continue  # its present value was evaluated; each sample is checked when it is read
         if not _counts(obj, bad):
-            told.append(f"{titled(obj)}: {bad}; it plays no part")
+            told.append(f"{titled(obj)}: {bad}; it is ignored")
         elif bad.taken is None or bad.top == "surface":
             raise InputError(f"{titled(obj)}: {bad}.")
         else:

@@ -88,7 +88,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         layout = self.layout
         body = active_armature(context)
         if body.hfx.role != "BODY":
-            layout.label(text=f"'{body.name}' is no haptic body yet", icon="ARMATURE_DATA")
+            layout.label(text=f"'{body.name}' is not a haptic body yet", icon="ARMATURE_DATA")
             layout.operator("hfx.mark_body", icon="ADD")
             return
         layout.label(text=body.name, icon="ARMATURE_DATA")
@@ -114,7 +114,9 @@ def how_followed(body: bpy.types.Object) -> str:
     if reason is not None:
         return f"Follows the evaluated surface, because {reason}"
     is_lossy = body.hfx.follow == "BONES" and body_binding.warning_of(body) is not None
-    return "Follows the bones" + (", although more deforms the avatar" if is_lossy else "")
+    return "Follows the bones" + (
+        ", although other modifiers deform the avatar" if is_lossy else ""
+    )
 
 
 class HFX_PT_bones(HfxPanel, bpy.types.Panel):

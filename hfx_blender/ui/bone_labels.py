@@ -36,7 +36,7 @@ _DIGIT = re.compile(r"(finger|toe|metacarpal)(\d)(?:-(\d))?")
 @cache
 def label_of(bone: str) -> str:
     """A canonical bone in words: "upperarm01.L" is "Upper Arm L"."""
-    from ..engine.body.rigs.names import FINGERS
+    from ..engine.body.rigs.vocabulary import FINGERS
 
     stem, side = _split(bone)
     words = {**_WORDS, **_SPINE, **_NECK}.get(stem)

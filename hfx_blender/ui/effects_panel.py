@@ -16,8 +16,8 @@ ICONS = {
     "wind": "FORCE_WIND",
 }
 
-_NO_BODY = "First, who feels it: select your avatar's armature, or take the built-in avatar"
-_NO_EFFECT = "Next, what is felt: a volume in space, an area painted on the body, or a sensation"
+_NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
+_NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
 
 
 class HFX_PT_effects(HfxPanel, bpy.types.Panel):

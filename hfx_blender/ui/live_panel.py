@@ -39,10 +39,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         if live.fault:
             draw_text(context, layout, live.fault, "ERROR")
         elif live.lookahead_fault and live.states:
-            text = (
-                "Latency is compensated from the second time on that playback comes by: "
-                f"{live.lookahead_fault}"
-            )
+            text = f"Latency is compensated from the second playback on: {live.lookahead_fault}"
             draw_text(context, layout, text, "INFO")
         for item in context.scene.hfx.devices:
             self._draw_device(context, layout.box(), item)

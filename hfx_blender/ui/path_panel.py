@@ -46,7 +46,7 @@ class HFX_PT_path(HfxPanel, bpy.types.Panel):
             layout.label(text=str(error), icon="ERROR")
             length = 0.0
         layout.label(
-            text=f"Path of {100.0 * length:.0f} cm" if length else "It rests: draw a path",
+            text=f"Path of {100.0 * length:.0f} cm" if length else "Does not move: draw a path",
             icon="CURVE_PATH",
         )
         layout.operator_context = "INVOKE_DEFAULT"

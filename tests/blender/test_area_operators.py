@@ -111,7 +111,7 @@ def test_an_area_is_copied_to_another_modality(effect: Any) -> None:
 
 
 def test_copying_needs_somewhere_to_copy_to(effect: Any) -> None:
-    with pytest.raises(RuntimeError, match="Select the painted effects to copy to"):
+    with pytest.raises(RuntimeError, match="Select the target painted effects"):
         bpy.ops.hfx.area_copy()
 
 

@@ -119,7 +119,8 @@ def test_fitting_again_keeps_the_id_and_what_is_painted(anna: tuple[Any, Any]) -
 def test_bones_that_nothing_recognises_can_be_assigned_by_hand(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     found = {name: bone for name, (bone, _, _) in table(rig).items() if bone}
-    bone_table.clear(rig)
+    rig.hfx.bone_map.clear()
+    rig.hfx.bone_map_convention = ""
     now = unrecognisable(rig)
     with pytest.raises(RuntimeError, match="Assign the bones by hand"):
         mark(rig, skin)

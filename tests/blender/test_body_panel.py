@@ -89,7 +89,7 @@ def test_an_armature_can_become_a_body(scene: Any) -> None:
     assert not body_panel.HFX_PT_body.poll(bpy.context)
     opened()
     assert body_panel.HFX_PT_body.poll(bpy.context)
-    assert drawn(body_panel.HFX_PT_body) == ["'Anna' is no haptic body yet", "hfx.mark_body"]
+    assert drawn(body_panel.HFX_PT_body) == ["'Anna' is not a haptic body yet", "hfx.mark_body"]
     assert drawn(body_panel.HFX_PT_bones) == ["hfx.find_bones", "hfx.load_bones"]
     assert not body_panel.HFX_PT_fit.poll(bpy.context)
 
@@ -111,7 +111,10 @@ def test_the_panel_says_what_poses_the_body_and_why(anna: tuple[Any, Any]) -> No
     said = body_panel.how_followed(rig)
     assert said == "Follows the evaluated surface, because Preserve Volume is on"
     rig.hfx.follow = "BONES"
-    assert body_panel.how_followed(rig) == "Follows the bones, although more deforms the avatar"
+    assert (
+        body_panel.how_followed(rig)
+        == "Follows the bones, although other modifiers deform the avatar"
+    )
     rig.hfx.follow, rig.hfx.avatar = "SURFACE", None
     assert "has no mesh" in body_panel.how_followed(rig)
 

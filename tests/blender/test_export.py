@@ -58,7 +58,7 @@ def test_what_a_device_plays_otherwise_is_noted(small: Any, tmp_path: Path) -> N
     ball.amplitude, ball.frequency = 1000.0, 7.0
     devices = load_device("back_pad"), load_device("fan_heater")
     notes = export(small, tmp_path, devices=devices).notes
-    cut = "device 'back_pad' cuts effect 'Ball' to what an actuator may do for 0.40 s (100%)"
+    cut = "device 'back_pad' cuts effect 'Ball' to an actuator's limits for 0.40 s (100%)"
     assert cut in notes
     assert "device 'back_pad' plays effect 'Ball' at another frequency for 0.40 s (100%)" in notes
     [lacking] = [note for note in notes if "'fan_heater' plays no" in note]

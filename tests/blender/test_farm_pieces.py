@@ -99,7 +99,7 @@ def test_a_short_scene_has_nothing_for_the_last_pieces(
     out = tmp_path / "out"
     for piece in ("5/5", "3/5", "1/5", "4/5", "2/5"):
         assert _run(moving, out, "--piece", piece) == 0
-    assert "piece 5 of 5: nothing is left for it to do" in capsys.readouterr().out
+    assert "piece 5 of 5: nothing to record" in capsys.readouterr().out
     assert _run(moving, out, "--merge") == 0
     assert contents_of(out) == whole
 
@@ -126,5 +126,5 @@ def test_without_pieces_there_is_nothing_to_merge(
     moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _run(moving, tmp_path / "out", "--merge") == 3
-    assert "there are no pieces of moving.blend" in capsys.readouterr().err
+    assert "has no pieces of moving.blend" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

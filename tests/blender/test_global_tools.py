@@ -45,7 +45,7 @@ def test_gain_changes_strength_and_keyframes_of_the_selected(three: dict[str, An
 
 def test_gain_over_everything(three: dict[str, Any]) -> None:
     bpy.ops.object.select_all(action="DESELECT")
-    with pytest.raises(RuntimeError, match="No effects there"):
+    with pytest.raises(RuntimeError, match="This scope has no effects"):
         bpy.ops.hfx.scale_strength(factor=2.0)
     bpy.ops.hfx.scale_strength(factor=2.0, scope="ALL")
     assert three["pressure"].hfx.pressure == pytest.approx(10.0)

@@ -509,7 +509,7 @@ def test_a_node_map_is_imported_and_added(log: Path, tmp_path: Path, monkeypatch
 def test_a_device_that_nothing_drives_says_so(log: Path) -> None:
     device = load_device("pressure_vest")
     if device.output is None:
-        with pytest.raises(DeviceError, match="nothing drives it live"):
+        with pytest.raises(DeviceError, match="cannot be driven live"):
             live_targets.target_of(device, live_settings.LiveSettings("DEVICE"))
 
 

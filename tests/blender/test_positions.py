@@ -342,13 +342,13 @@ def test_velocities_are_differences_of_positions(moving: Any) -> None:
     for name in ("Ball", "Head"):
         for index, sample in evaluation.samples[name].items():
             places = []
-            for at in (index - 1, index):  # the time before may be before the clip began
+            for at in (index - 1, index + 1):  # clips may begin and end between them
                 oracle.set_time(moving, time.frame(at))
                 places.append(oracle.world_vertices(moving, reference)[sample.vertices])
-            expected = (places[1] - places[0]) * 20
+            expected = (places[1] - places[0]) * 10
             assert sample.positions is None
-            # Two positions within 0.001 mm, 1/20 s apart.
-            assert np.abs(sample.velocities - expected).max() < 2e-4
+            # Two positions within 0.001 mm, 1/10 s apart.
+            assert np.abs(sample.velocities - expected).max() < 1e-4
             assert np.linalg.norm(sample.velocities, axis=1).max() > 0.3
             seen += 1
     assert seen > 15

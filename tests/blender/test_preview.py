@@ -13,8 +13,9 @@ import pytest
 from hfx_blender.authoring import clips, effects
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
-from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread, felt_shares, overlay
+from hfx_blender.engine.colouring import COLOURS, PALETTES, Spread, overlay
 from hfx_blender.engine.samples import Sample, Stream
+from hfx_blender.maintenance.felt_shares import felt_shares
 from hfx_blender.playback.coloured_mesh import Layer
 from hfx_blender.playback.preview_layers import Preview
 from hfx_blender.playback.skin_colours import SkinColours

@@ -201,11 +201,11 @@ def drawn(draw: Callable[..., None], context: Any) -> list[str]:
 def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
     assert not panels.HFX_PT_effect.poll(bpy.context)
     shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
-    assert "First, who feels" in " ".join(shown)
+    assert "First choose a body" in " ".join(shown)
     assert shown[-2:] == ["hfx.add_avatar", "HFX_MT_add"]
     bpy.ops.hfx.add_avatar()
     shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
-    assert "Next, what is felt" in " ".join(shown) and shown[-1] == "HFX_MT_add"
+    assert "Then add an effect" in " ".join(shown) and shown[-1] == "HFX_MT_add"
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
     shown = " ".join(drawn(effects_panel.HFX_PT_effects.draw, bpy.context))
     assert "First" not in shown and "Next" not in shown

@@ -237,7 +237,7 @@ def beyond(obj: Any) -> None:
     [
         (remove_uvs, "no UV map"),
         (shrink_uvs, "no area"),
-        (spoil_uvs, "no numbers"),
+        (spoil_uvs, "not numbers"),
         (overlap, "of its area twice"),
         (beyond, "Object coordinates"),
         (flatten, "no faces of any size"),

@@ -219,7 +219,7 @@ def test_a_material_without_relief_is_felt_by_its_colour_or_told_flat(plane: Any
     shader = next(n for n in tree.nodes if n.type == "BSDF_PRINCIPLED")
     tree.links.new(checker.outputs["Color"], shader.inputs["Base Color"])
     bpy.ops.hfx.bake_surface()
-    assert "its colour was taken" in plane.hfx.surface.note
+    assert "its colour was used" in plane.hfx.surface.note
     assert np.ptp(surfaces.field_of(plane).heights_m) > 1e-5
 
 

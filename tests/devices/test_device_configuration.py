@@ -309,7 +309,7 @@ def test_an_actuator_that_is_driven_as_sound_has_a_waveform(full, stored, wavefo
     ):
         load_device(stored(full))
     motor |= {"takes_waveform": False, "waveform": waveform}
-    with pytest.raises(InputError, match='allowed is left out: only with "takes_waveform": true'):
+    with pytest.raises(InputError, match='allowed is left out: it needs "takes_waveform": true'):
         load_device(stored(full))
 
 

@@ -11,6 +11,7 @@ import pytest
 from hfx_blender import own_processes, resources
 from hfx_blender.atomic_files import amend_json
 from hfx_blender.devices import surface_calibration
+from hfx_blender.maintenance import processes
 from hfx_blender.playback import live_settings
 
 COUNT = 30
@@ -41,7 +42,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_two_processes_that_write_at_the_same_time_lose_nothing(what: str) -> None:
     program = PROGRAM.format(store=STORES[what], count=COUNT)
     processes = [
-        own_processes.start(own_processes.program(program, name), stdin=-1, stdout=-1, text=True)
+        own_processes.start(processes.program(program, name), stdin=-1, stdout=-1, text=True)
         for name in ("one", "other")
     ]
     for each in processes:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine import colouring
-from hfx_blender.engine.colouring import COLOURS, FULL_COLOUR, SKIN, Spread
+from hfx_blender.engine.colouring import COLOURS, FULL_COLOUR, Spread
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import Sample, Stream
 from hfx_blender.maintenance.demo.avatar_colours import avatar_colours
+from hfx_blender.maintenance.felt_shares import SKIN, felt_shares
 
 # Two avatar vertices, each on one of the two vertices of every model.
 SPREADS = {f"hfx-{m}-1": Spread(np.array([[0], [1]]), np.ones((2, 1))) for m in MODALITIES}
@@ -103,7 +104,7 @@ def test_spread_weighs_the_nearest_by_inverse_distance() -> None:
 
 
 def test_an_overlay_is_clear_where_nothing_is_felt_and_full_at_full_strength() -> None:
-    shares = colouring.felt_shares(
+    shares = felt_shares(
         [_sample("pressure", FULL_COLOUR["pressure"])], SPREADS, COUNTS, frozenset()
     )
     felt, bare = colouring.overlay(shares)
@@ -114,13 +115,13 @@ def test_an_overlay_is_clear_where_nothing_is_felt_and_full_at_full_strength() -
 def test_a_weak_effect_is_more_clear_but_of_the_same_colour() -> None:
     """A quarter of the strength is half the opacity: the root of it."""
     quarter = FULL_COLOUR["pressure"] / 4
-    shares = colouring.felt_shares([_sample("pressure", quarter)], SPREADS, COUNTS)
+    shares = felt_shares([_sample("pressure", quarter)], SPREADS, COUNTS)
     assert colouring.overlay(shares)[0].tolist() == pytest.approx([*COLOURS["pressure"], 0.5])
 
 
 def test_effects_that_overlap_combine_their_colours() -> None:
     samples = [_sample(m, FULL_COLOUR[m]) for m in ("vibration", "pressure")]
-    mixed = colouring.overlay(colouring.felt_shares(samples, SPREADS, COUNTS))[0]
+    mixed = colouring.overlay(felt_shares(samples, SPREADS, COUNTS))[0]
     assert mixed[0] > 0.8 and mixed[1] > 0.6 and mixed[3] == 1.0
 
 
@@ -128,7 +129,7 @@ def test_effects_that_overlap_combine_their_colours() -> None:
 def test_warm_and_cold_are_told_apart(palette: str) -> None:
     colours = colouring.PALETTES[palette]
     for degrees, name in ((30.0, "temperature"), (18.0, colouring.COLD)):
-        shares = colouring.felt_shares([_sample("temperature", degrees)], SPREADS, COUNTS)
+        shares = felt_shares([_sample("temperature", degrees)], SPREADS, COUNTS)
         found = colouring.overlay(shares, colours)[0]
         assert found.tolist() == pytest.approx([*colours[name], 1.0])
 

@@ -20,11 +20,11 @@ from hfx_blender.engine.response.settling import Settling
 from hfx_blender.engine.response_filters import envelope, filters
 from hfx_blender.engine.response_filters.controls import (
     CONTROLS,
+    WIDTH,
     About,
     Filter,
     FilterKind,
     Operation,
-    defaults,
 )
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
@@ -60,7 +60,8 @@ STILL = PoseBlock(
 
 def _filter(kind: FilterKind, **controls: float) -> tuple[Filter, list[float]]:
     static = {name: controls.pop(name) for name in ("operation", "about") if name in controls}
-    values = defaults(kind)
+    values = [control.default for control in CONTROLS[kind]]
+    values += [0.0] * (WIDTH - len(values))
     names = [control.name for control in CONTROLS[kind]]
     for name, value in controls.items():
         values[names.index(name)] = value

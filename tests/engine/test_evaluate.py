@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -195,8 +196,25 @@ def test_motion_of_painted_vertices_needs_poses() -> None:
         engine.evaluate(_block([_animated(effect)], posed))
 
 
-def test_the_first_of_a_stretch_has_no_velocity() -> None:
-    """Without history, after a gap, or after a pose that is not a number."""
+def test_velocities_are_central_where_both_neighbours_are_known() -> None:
+    """x = t^2 every 10 ms: 2 t in the middle, one-sided at the ends of what is known."""
+    effect, posed = _painted(), _moving()
+    times = 0.01 * np.arange(TIMES)
+    posed.to_world[:, 0, 3] = times**2
+    engine = Engine(_scene(effect), record=("velocities",), models=_Loader())
+    (run,) = engine.evaluate(_block([_animated(effect)], posed))
+    speeds = [float(np.median(sample.velocities[:, 0])) for sample in run]
+    ends = [0.01, 2 * times[-1] - 0.01]
+    assert speeds == pytest.approx([ends[0], *(2 * times[1:-1]), ends[1]], abs=1e-4)
+    cut = replace(_block([_animated(effect)], posed, history=1), future=1)
+    (run,) = engine.evaluate(cut)
+    assert run.indices.tolist() == cut.own_indices.tolist() == [21, 22, 23]
+    speeds = [float(np.median(sample.velocities[:, 0])) for sample in run]
+    assert speeds == pytest.approx(2 * times[1:-1], abs=1e-4)
+
+
+def test_a_sample_without_neighbours_has_no_velocity() -> None:
+    """After a gap, or beside a pose that is not a number."""
     effect, posed = _painted(), _moving()
     posed.to_world[3, 0, 3] = np.nan
     block = AnimationBlock(np.array([20, 21, 30, 31, 32]), (_animated(effect),), (posed,))
@@ -204,7 +222,7 @@ def test_the_first_of_a_stretch_has_no_velocity() -> None:
     (run,) = engine.evaluate(block)
     assert run.indices.tolist() == [20, 21, 30, 32]
     speeds = [float(np.abs(sample.velocities).max()) for sample in run]
-    assert speeds == pytest.approx([0.0, 3.0, 0.0, 0.0], abs=1e-5)
+    assert speeds == pytest.approx([3.0, 3.0, 0.0, 0.0], abs=1e-5)
     assert run.positions is None
 
 

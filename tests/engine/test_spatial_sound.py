@@ -15,6 +15,7 @@ from hfx_blender.engine.spatial_sound.distance import Hearing
 from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, Layout, parse
 from hfx_blender.engine.spatial_sound.mixing import Source, SpatialMix
 from hfx_blender.engine.spatial_sound.panner import SCHEMES, Panner, Scheme
+from hfx_blender.engine.spatial_sound.propagation import absorption_db_m, doppler_hz
 from hfx_blender.engine.spatial_sound.reverberation import Reverberators
 from hfx_blender.errors import UsageError
 from hfx_blender.formats import sound_wav
@@ -71,6 +72,56 @@ def test_power_is_constant_along_a_circle(name: str, scheme: Scheme, radius_m: f
     power = np.square(dry).sum(axis=1) + np.square(wet) * passed
     assert np.ptp(10.0 * np.log10(power)) <= 0.1
     assert power[0] == pytest.approx(1.0, abs=1e-9)
+
+
+def _powers_db(name: str, places: np.ndarray) -> np.ndarray:
+    """Power of still tones from 60 to 500 Hz, one a place, in each loudspeaker, (n, C), once their
+    reverberation is there; full is 0 dB."""
+    hz = np.linspace(60, 500, len(places)).round()
+    sources = [_source(np.tile(p, (160, 1)), 1.0, f) for p, f in zip(places, hz, strict=True)]
+    sound = _sound(sources, LAYOUTS[name], 160 * 80)[-8000:]
+    tones = np.abs(np.fft.rfft(sound, axis=0)[hz.astype(int)]) / 4000.0
+    return 20.0 * np.log10(tones + 1e-9)
+
+
+@pytest.mark.parametrize("name", ["stereo", "5.0", "ring8", "cube8"])
+def test_a_tone_has_the_same_power_at_every_distance_within_the_crossfade(name: str) -> None:
+    rng = np.random.default_rng(4)
+    ways = rng.normal(size=(45, 3)) * (1.0, 1.0, 0.0 if LAYOUTS[name].is_flat else 1.0)
+    distances = np.linspace(0.1, 6.0, 45)[rng.permutation(45), None]
+    each = _powers_db(name, ways / np.linalg.norm(ways, axis=1, keepdims=True) * distances)
+    assert np.abs(10.0 * np.log10((10.0 ** (each / 10.0)).sum(axis=1))).max() < 0.5
+    far = distances[:, 0] >= 4.0
+    assert np.ptp(each[far], axis=1).max() < 0.5, "diffuse sound comes from all alike"
+
+
+def test_air_swallows_high_frequencies_as_the_standard_says() -> None:
+    """Table of ISO 9613-1 for 20 degC and 50 %, dB a kilometre."""
+    found = 1000.0 * absorption_db_m(np.array([250.0, 1000.0, 4000.0, 8000.0]))
+    np.testing.assert_allclose(found, [1.31, 4.66, 29.4, 104.0], rtol=0.02)
+    wet = Reverberators(2, RATE_HZ, 0.3)
+    loud = []
+    for air in (0.0, 100.0):
+        panner = Panner(LAYOUTS["stereo"], Hearing(air=air))
+        source = _source(np.tile([6.0, 0.0, 0.0], (100, 1)), 1.0, 1000.0)
+        mix = SpatialMix([source], panner, wet, RASTER_HZ, RATE_HZ)
+        loud.append(np.square(np.concatenate(list(mix.blocks(8000)))[-2000:]).sum())
+    assert 10.0 * np.log10(loud[0] / loud[1]) == pytest.approx(100.0 * 6.0 * 4.66e-3, abs=0.1)
+
+
+def test_pitch_rises_as_a_source_comes_nearer() -> None:
+    hz, nearer = np.full(50, 440.0), 10.0 - 0.1 * np.arange(50)  # 10 m/s at 100 Hz
+    np.testing.assert_allclose(doppler_hz(hz, nearer, 100.0), 440.0 * 343.2 / 333.2, rtol=1e-9)
+    np.testing.assert_allclose(doppler_hz(hz, nearer[::-1], 100.0), 440.0 * 343.2 / 353.2)
+    jump = np.where(np.arange(50) < 25, 1.0, 7.0)
+    np.testing.assert_allclose(doppler_hz(hz, jump, 100.0), 440.0)
+    panner = Panner(LAYOUTS["stereo"], Hearing(with_doppler=True))
+    places = np.stack([7.0 - 0.1 * np.arange(60), np.zeros(60), np.zeros(60)], axis=1)
+    mix = SpatialMix([_source(places)], panner, Reverberators(2, RATE_HZ, 0.3), RASTER_HZ, RATE_HZ)
+    sound = np.concatenate(list(mix.blocks(60 * 80)))[-2400:, 0]
+    rises = np.flatnonzero((sound[:-1] < 0) & (sound[1:] >= 0))
+    heard = RATE_HZ * (len(rises) - 1) / (rises[-1] - rises[0])
+    assert heard == pytest.approx(440.0 * 343.2 / 333.2, rel=3e-3)
 
 
 @pytest.mark.parametrize("name, scheme", CASES)

@@ -50,7 +50,7 @@ def test_a_report_tells_what_was_written_and_whether_it_is_there(
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ({}, "is no report of an export"),
+        ({}, "is not a report of an export"),
         ([], "allowed is an export's report"),
         (REPORT | {"files": 1}, "files is 1"),
         (REPORT | {"files": [{"name": "../a", "bytes": 1}]}, "files[0].name"),

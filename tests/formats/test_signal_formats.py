@@ -151,6 +151,66 @@ def test_he_versions_keep_their_limits():
     assert he_rules.validate(encoded(hold), "x") == []
 
 
+def refused_at(document):
+    """Pattern at which a player returns without playing: Android's, or RichTap's library."""
+    last_time = last_duration = library_end = 0
+    for number, each in enumerate(document["PatternList"]):
+        start = each["AbsoluteTime"]
+        if number and start < max(last_time + last_duration, library_end):
+            return number
+        for event in (entry["Event"] for entry in each["Pattern"]):
+            last_time = event["RelativeTime"]
+            if event["Type"] == "continuous":
+                last_duration = event["Duration"]
+            ends = start + last_time + (event["Duration"] if "Duration" in event else 48)
+            library_end = max(library_end, ends)
+    return None
+
+
+def ticking(gap_s, level, count=90):
+    """Short sounds that each end in a tick, or ticks alone."""
+    ticks = [Transient(gap_s * (k + 0.8), 0.8, 150.0) for k in range(count)]
+    rows = np.where(np.arange(count * 10) % 10 < 6, level, 0.0)
+    return signal(rows, rate_hz=10.0 / gap_s, transients=ticks)
+
+
+@pytest.mark.parametrize("gap_s", [0.1, 0.3, 7.0, 0.02])
+@pytest.mark.parametrize("level", [0.0, 0.7])
+def test_he_patterns_that_end_in_ticks_are_played(gap_s, level, tmp_path):
+    content = ticking(gap_s, level)
+    written = he.write([content], RANGE, tmp_path / "x")
+    found = json.loads(written.files[0].read_text())
+    assert he_rules.findings(found) == [] and refused_at(found) is None
+    assert max(len(each["Pattern"]) for each in found["PatternList"]) <= 16
+    times = [
+        each["AbsoluteTime"] + entry["Event"]["RelativeTime"]
+        for each in found["PatternList"]
+        for entry in each["Pattern"]
+        if entry["Event"]["Type"] == "transient"
+    ]
+    late = np.sort(times) - [1000.0 * tick.time_s for tick in content.transients]
+    assert late.min() >= -0.5
+    if gap_s >= 0.1:
+        assert late.max() <= 0.5 and written.left_out == ()
+    else:  # no pause of 48 ms anywhere
+        assert late.max() < 48.0 and "ticks closer" in written.left_out[0]
+
+
+def test_he_patterns_that_a_player_refuses_are_found():
+    sound = {"Type": "continuous", "RelativeTime": 0, "Duration": 60, "Index": 0}
+    sound["Parameters"] = {"Intensity": 50, "Frequency": 50}
+    tick = {**sound, "Type": "transient", "RelativeTime": 80}
+    del tick["Duration"]
+    found = {"Metadata": {"Version": 2}, "PatternList": []}
+    for start in (0, 100):
+        pattern = [{"Event": sound}, {"Event": tick}]
+        found["PatternList"].append({"AbsoluteTime": start, "Pattern": pattern})
+    assert refused_at(found) == 1
+    assert [each.code for each in he_rules.findings(found)] == ["HE-ABSOLUTE-TIME"]  # 80 + 60
+    found["PatternList"][1]["AbsoluteTime"] = 140
+    assert he_rules.findings(found) == [] and refused_at(found) is None
+
+
 def test_he_version_1_simplifies_more_or_refuses(tmp_path):
     times = np.arange(1000) / 100.0
     gentle = signal(0.5 + 0.5 * np.sin(times * 14), rate_hz=100.0)

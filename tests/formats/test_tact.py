@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -11,6 +12,7 @@ from format_cases import raster_for, signal, signals
 from hypothesis import given, settings
 
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.rendering.device_output import BhapticsEncoder
 from hfx_blender.formats import registry, tact, tact_rules
 from hfx_blender.formats.checking import encoded
 from hfx_blender.formats.tact_layouts import Motor, motors_of
@@ -57,6 +59,62 @@ def test_a_forearm_band_is_a_sleeve_on_its_side():
         motors = motors_of(load_device(f"forearm_band_{side}"))
         assert {motor.position for motor in motors.values()} == {position}
         assert sorted(m.index for m in motors.values()) == list(range(len(motors)))
+
+
+def _levels_at(document, time_ms):
+    """Strength of each dot at a time, read from a file as the Player plays it."""
+    found = {}
+    for track in document["project"]["tracks"]:
+        for effect in track["effects"]:
+            for position, mode in effect["modes"].items():
+                for feedback in mode["dotMode"]["feedback"]:
+                    start, end = (
+                        effect["startTime"] + feedback[k] for k in ("startTime", "endTime")
+                    )
+                    if start <= time_ms < end:
+                        for dot in feedback["pointList"]:
+                            found[position, dot["index"]] = dot["intensity"]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "places"),
+    [
+        (
+            "bhaptics_tactsuit_x40",
+            [(side, k) for side in ("VestFront", "VestBack") for k in range(20)],
+        ),
+        ("bhaptics_tactosy_left", [("ForearmL", k) for k in range(6)]),
+        ("bhaptics_tactosy_right", [("ForearmR", k) for k in range(6)]),
+    ],
+)
+def test_each_motor_of_a_suit_is_at_the_dot_of_its_configuration(name, places, tmp_path):
+    device = load_device(name)
+    rows = np.zeros((40, 2 * len(places)))
+    rows[:, 0::2] = 0.15 * (1 + np.arange(len(places)))  # 15 m/s^2 is full scale
+    rows[:, 1::2] = 100.0
+    written = registry.write("tact", raster_for(device, rows, len(rows)), device, tmp_path / "x")
+    (file,) = written.files
+    found = _levels_at(json.loads(file.read_text()), 100)
+    assert found == {place: (k + 1) / 100.0 for k, place in enumerate(places)}
+    assert written.left_out == ()
+
+
+def test_dots_of_head_hand_and_foot_have_a_layout():
+    encoder = BhapticsEncoder((("Head", 5), ("HandL", 2), ("FootR", 0)))
+    shipped = load_device("bhaptics_tactsuit_x40")
+    output = dataclasses.replace(shipped.output, encoder=encoder)
+    device = dataclasses.replace(shipped, actuators=shipped.actuators[:3], output=output)
+    motors = list(motors_of(device).values())
+    assert motors == [
+        Motor("Head", "Head", 5),
+        Motor("Hands", "HandL", 2),
+        Motor("Feet", "FootR", 0),
+    ]
+    for motor in motors:
+        document = tact.document([signal([1, 1], name="a")], {"a": motor}, motor.kind, "x")
+        assert tact_rules.validate(encoded(document), "x") == []
+        assert _levels_at(document, 0) == {(motor.position, motor.index): 1.0}
 
 
 def test_what_has_no_motor_is_told(tmp_path):
@@ -181,5 +239,28 @@ def test_a_device_without_motors_costs_no_other(tmp_path):
     assert [path.name for path in made.files] == ["x.back_pad.tact"]
     (sentence,) = made.left_out
     assert "'insoles' has no vibration actuators on the torso" in sentence
-    with pytest.raises(registry.InputError, match="torso or a forearm"):
-        registry.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")
+    alone = registry.write_all(("tact",), played[1:], None, (soles,), tmp_path / "y")
+    assert not alone.files and "torso or a forearm" in alone.left_out[0]
+
+
+def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
+    """Version 1 of .he holds 16 events: what one pad plays is too wild for it."""
+    pad, phone = (load_device(name) for name in ("back_pad", "phone_wide_band"))
+    wild = raster_for(pad)
+    wild.values[:, 2::2] = 12.0 * (np.arange(200)[:, None] // 2 % 2)
+    calm = raster_for(phone)
+    played = [(".pad", pad, wild), (".phone", phone, calm)]
+    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
+    names = {path.name for path in made.files}
+    assert {"x.pad.csv", "x.phone.csv", "x.phone.phone.v1.he"} <= names
+    # The first actuator is gentle enough: it alone has a file.
+    assert {name for name in names if name.endswith(".v1.he")} == {
+        "x.phone.phone.v1.he",
+        "x.pad.r1c1.v1.he",
+    }
+    assert all("16 events" in each for each in made.left_out) and len(made.left_out) == 19
+    wild.values[:, 0] = wild.values[:, 4]
+    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "y")
+    assert "y.phone.phone.v1.he" in {path.name for path in made.files}
+    (sentence,) = made.left_out
+    assert "'back_pad'" in sentence and "16 events" in sentence

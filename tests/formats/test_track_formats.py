@@ -6,13 +6,26 @@ from __future__ import annotations
 import io
 import json
 import struct
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 from test_hjif import BEAT, track_of
 
+from hfx_blender import file_limits
 from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.samples import Drive, SampleRun, Stream
+from hfx_blender.engine.scene import TimeBase
+from hfx_blender.engine.track import (
+    TrackBody,
+    TrackEffect,
+    TrackHeader,
+    TrackModel,
+    TrackReader,
+    TrackWriter,
+)
+from hfx_blender.errors import InputError
 from hfx_blender.formats import glb, jsonl_samples
 from hfx_blender.formats.checking import encoded
 
@@ -38,6 +51,128 @@ def test_samples_are_those_of_the_track(tmp_path, modality):
     assert len(sets) == 1 and sets[0]["vertices"] == runs[0].vertices.tolist()
     assert [line["level"] for line in samples] == runs[0].levels.tolist()
     assert [line["t"] for line in samples] == pytest.approx(runs[0].times_s.tolist())
+
+
+def _track_with_spot_and_actuators(folder):
+    """A spot that moves, and a curve for two actuators of a device."""
+    model = load_model("hfx-vibration-1")
+    time = TimeBase(Fraction(25), Fraction(25), 0, 0, 9)
+    streams = tuple(Stream(id, "b", "vibration", model.id) for id in ("s", "a"))
+    header = TrackHeader(
+        time=time,
+        models=(TrackModel(model.id, model.modality, model.content_hash, len(model)),),
+        bodies=(TrackBody("b", "Zoë"),),
+        effects=(
+            TrackEffect("s", "Spot", "vibration", "spot", model.id),
+            TrackEffect(
+                "a",
+                "Curves",
+                "vibration",
+                "actuators",
+                model.id,
+                device_id="mango_pad",
+                actuators=("r1c1", "r1c2"),
+            ),
+        ),
+        streams=streams,
+    )
+    rows = np.arange(10)
+    common = {"indices": rows, "times_s": time.times_s(rows), "levels": np.ones(10)}
+    common["parameters"] = np.tile([10.0, 80.0], (10, 1))
+    focus = np.column_stack([rows / 10.0, rows * 0.0, rows * 0.0 + 1.25, rows * 0.0 + 0.03])
+    drive = Drive("mango_pad", ("r1c1", "r1c2"), np.float32(np.outer(rows / 10.0, [0.5, 1.0])))
+    spot = SampleRun(
+        stream=streams[0],
+        **common,
+        offsets=np.arange(11) * 3,
+        vertices=np.int32(np.concatenate([k + np.arange(3) for k in rows])),
+        weights=np.tile(np.float32([0.2, 1.0, 0.2]), 10),
+        focus=np.float32(focus),
+    )
+    driven = SampleRun(
+        stream=streams[1],
+        **common,
+        offsets=np.zeros(11, np.int64),
+        vertices=np.int32([]),
+        weights=np.float32([]),
+        drive=drive,
+    )
+    path = folder / "spot.hfxtrack"
+    with TrackWriter(path, header, full_precision=True) as writer:
+        writer.append([spot, driven])
+    return TrackReader(path)
+
+
+@pytest.mark.parametrize("is_compact", [False, True])
+def test_spots_and_actuators_are_in_the_lines(tmp_path, is_compact):
+    jsonschema = pytest.importorskip("jsonschema")
+    path = tmp_path / "x.samples.jsonl"
+    with _track_with_spot_and_actuators(tmp_path) as track:
+        jsonl_samples.write(track, path, is_compact=is_compact)
+    assert jsonl_samples.validate(path.read_bytes(), "x") == []
+    judge = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    assert not [error for line in lines for error in judge.iter_errors(line)]
+    kinds = {each["name"]: each for each in lines[0]["effects"]}
+    assert kinds["Curves"]["device"] == "mango_pad"
+    assert kinds["Curves"]["actuators"] == ["r1c1", "r1c2"]
+    samples = [line for line in lines if line["type"] == "sample"]
+    spots = [line["spot"] for line in samples if "spot" in line]
+    assert [each["centre_m"] for each in spots] == [[k / 10.0, 0.0, 1.25] for k in range(10)]
+    assert {each["radius_m"] for each in spots} == {0.03}
+    values = [line["actuators"] for line in samples if "actuators" in line]
+    assert values == [[pytest.approx(k / 20.0), pytest.approx(k / 10.0)] for k in range(10)]
+
+
+def test_the_compact_form_says_the_same_in_less(tmp_path):
+    """Read by its page alone: gaps, changes of an earlier set, parameters that stay."""
+    with _track_with_spot_and_actuators(tmp_path) as track:
+        for name in ("plain", "small"):
+            path = tmp_path / f"{name}.samples.jsonl"
+            jsonl_samples.write(track, path, is_compact=name == "small")
+    plain = [*jsonl_samples.read(tmp_path / "plain.samples.jsonl")]
+    small = [json.loads(line) for line in (tmp_path / "small.samples.jsonl").open("rb")]
+    sets, wanted, parameters, found = {}, {}, {}, []
+    for line in plain[1:]:
+        if line["type"] == "set":
+            wanted[line["set"]] = dict(zip(line["vertices"], line["weights"], strict=True))
+    for line in small[1:]:
+        if line["type"] == "set":
+            content, vertex = dict(sets.get(line.get("from"), {})), 0
+            for gap, weight in zip(line["gaps"], line["weights"], strict=True):
+                vertex += gap
+                content[vertex] = weight / 255.0
+            sets[line["set"]] = {v: w for v, w in content.items() if w}
+            assert sets[line["set"]] == pytest.approx(wanted[line["set"]], abs=0.5 / 255)
+        else:
+            key = line["effect"], line["body"]
+            parameters[key] = line.get("parameters", parameters.get(key))
+            effect, body = (
+                small[0][k][i]["id"] for k, i in (("effects", key[0]), ("bodies", key[1]))
+            )
+            found.append((line["t"], effect, body, line["set"], parameters[key]))
+    assert found == [
+        (s["t"], s["effect"], s["body"], s["set"], [*s["parameters"].values()])
+        for s in plain
+        if s["type"] == "sample"
+    ]
+    again = [*jsonl_samples.read(tmp_path / "small.samples.jsonl")]
+    assert [s for s in again if s["type"] == "sample"] == [
+        s for s in plain if s["type"] == "sample"
+    ]
+
+
+def test_a_compact_file_cannot_ask_for_all_memory(tmp_path):
+    with _track_with_spot_and_actuators(tmp_path) as track:
+        jsonl_samples.write(track, tmp_path / "x.samples.jsonl", is_compact=True)
+    header = (tmp_path / "x.samples.jsonl").read_bytes().splitlines()[0]
+    whole = {"type": "set", "set": 0, "gaps": [1] * 10_000, "weights": [255] * 10_000}
+    more = b"".join(
+        encoded({"type": "set", "set": k, "from": 0, "gaps": [], "weights": []})
+        for k in range(1, 40)
+    )
+    with file_limits.raised(1 / 64), pytest.raises(InputError, match="would take"):
+        jsonl_samples.validate(header + b"\n" + encoded(whole) + more, "x")
 
 
 @pytest.mark.parametrize(

@@ -26,12 +26,12 @@ from test_hjif import BEAT, sample, track_of  # noqa: E402
 from hfx_blender import resources  # noqa: E402
 from hfx_blender.authoring import path_file  # noqa: E402
 from hfx_blender.devices.configuration import load_device  # noqa: E402
-from hfx_blender.engine.body import model as body_model  # noqa: E402
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights, load_model  # noqa: E402
 from hfx_blender.engine.texture.device_range import DeviceRange  # noqa: E402
 from hfx_blender.engine.texture.haptic_map import HapticMap  # noqa: E402
 from hfx_blender.formats import files, glb, registry, texture_map  # noqa: E402
 from hfx_blender.formats.signals import Transient  # noqa: E402
+from hfx_blender.maintenance.body_building import model_file  # noqa: E402
 
 MOST_BYTES = 8 << 10  # of one file: small ones are changed and read quickly
 _LONG_LIST = 2  # items that a list of a shortened document keeps
@@ -129,7 +129,7 @@ def _models(folder: Path) -> list[bytes]:
     }  # fmt: skip
     arrays = {name: np.zeros(shape, kind) for name, (kind, shape) in kinds.items()}
     weights = SkinWeights(np.arange(5, dtype="i4"), np.zeros(4, "i4"), np.ones(4, "f4"))
-    body_model.save(
+    model_file.save(
         PerceptualModel(
             "x", "vibration", **arrays, bone_names=("b",), weights=weights, provenance={}
         ),

@@ -113,7 +113,7 @@ def approve(script: DeviceScript) -> None:
         It cannot be stored.
     """
     if fingerprint(script.path, script.configuration) != script.fingerprint:
-        raise InputError(f"{script.path}: has changed just now; look at it again.")
+        raise InputError(f"{script.path}: has just changed; read it again.")
     path = str(script.path.absolute())
     amend_json(resources.approved_scripts(), lambda: {**_read(), script.fingerprint: path})
 

@@ -62,13 +62,11 @@ class LiveClient:
         folder: Path | None = None,
         script: Mapping[str, Any] | None = None,
         offset_ms: float = 0.0,
-        is_armed: bool = True,
     ) -> DeviceState:
-        """Open a device under a given name; replaces an open one of that name.
+        """Open a device under a given name, to play at once; replaces an open one of that name.
 
         Parameters
         ----------
-        name : str
         configuration : str or Path
             As :func:`~hfx_blender.devices.configuration.load_device` takes it.
         output : mapping
@@ -80,8 +78,6 @@ class LiveClient:
             the user has not approved these bytes, it is not run and the device has a fault.
         offset_ms : float
             How long its values are held back.
-        is_armed : bool
-            Whether it plays as soon as it is open.
 
         Raises
         ------
@@ -104,8 +100,7 @@ class LiveClient:
             "offset_ms": offset_ms,
         }
         self._pipe.tell(MessageKind.CONNECT, known.number, json_to(wish))
-        if is_armed:
-            self._pipe.tell(MessageKind.ARM, known.number)
+        self._pipe.tell(MessageKind.ARM, known.number)
         return known
 
     def disconnect(self, name: str) -> None:
@@ -164,7 +159,6 @@ class LiveClient:
         body : bytes
             A :class:`~hfx_blender.devices.live.keyed_scene.KeyedScene`, which replaces the one
             before and all that came with it, or a ``KeyedBlock`` of it; as ``to_bytes`` makes it.
-        is_scene : bool
         """
         self._pipe.tell(MessageKind.KEYED_SCENE if is_scene else MessageKind.KEYED_BLOCK, body=body)
 

@@ -81,14 +81,12 @@ class DeviceThread:
     ----------
     number : int
         The device's number in messages.
-    device : DeviceConfig
     open_output : callable
         Opens the output; called in the lane's thread, as it may take its time.
     report : callable
         ``report(event, device, text="", ...)``; must not block.
     offset_s : float
         How long values are held back, so that they meet sound and picture.
-    clock : Clock
     accounts : callable, optional
         Finds the device's accounts of time on; called in the lane's thread.
     """

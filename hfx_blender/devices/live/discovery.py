@@ -111,6 +111,6 @@ def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
     there = ", ".join(f"{each.name} ({each.description})" for each in ports) or "none"
     if matching:
         raise DeviceError(
-            f"Device '{device.id}' is on several ports ({', '.join(matching)}); say which."
+            f"Device '{device.id}' is on several ports ({', '.join(matching)}); choose one."
         )
     raise DeviceError(f"Device '{device.id}' was not found; serial ports: {there}.")

@@ -28,7 +28,6 @@ class Channels:
 
     Parameters
     ----------
-    device : DeviceConfig
     strengths_only : bool
         One channel for each actuator: for devices that take no frequency.
     """
@@ -106,7 +105,6 @@ class FrameEncoder:
 
     Parameters
     ----------
-    device : DeviceConfig
     how : BytesEncoder or TextEncoder
     """
 

@@ -23,12 +23,7 @@ LONGEST_RISE_S: Final = 0.05
 
 
 class Guard:
-    """Guard of one device; it remembers the last values of each actuator.
-
-    Parameters
-    ----------
-    device : DeviceConfig
-    """
+    """Guard of one device; it remembers the last values of each actuator."""
 
     def __init__(self, device: DeviceConfig) -> None:
         self._kinds = [actuator.type for actuator in device.actuators]

@@ -97,7 +97,6 @@ def packed(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) ->
 
     Parameters
     ----------
-    time_s : float
     felt : sequence of (run, gains)
         A run of one sample, and how strongly it reaches each actuator (A,).
     values : (columns,)

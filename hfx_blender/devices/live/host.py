@@ -279,7 +279,7 @@ class Host:
             for lane in lanes:
                 lane.freeze(f"Blender did not answer for {self._patience_s * 1000:.0f} ms")
         if self._rendering.is_overdue(now):
-            self._cannot_render("what is felt could not be rendered in time")
+            self._cannot_render("the samples could not be rendered in time")
         for lane in lanes:
             if lane.is_stuck(now):
                 lane.fault("its output does not answer")
@@ -292,7 +292,7 @@ class Host:
         gap_s = now - self._last_turn_s
         if gap_s > FREEZE_S:
             for lane in list(self._lanes.values()):
-                lane.stop(f"the computer slept or stood still for {gap_s:.1f} s")
+                lane.stop(f"the computer slept or did not run for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
         """Stop every device and give back its port, at the end."""
@@ -338,7 +338,7 @@ def main() -> None:
         host._report("ready", text=str(os.getpid()))
         host.watch()
     except SystemExit:
-        reason = "the output process was told to end"
+        reason = "the output process was ended"
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         host.silence(reason)

@@ -24,8 +24,8 @@ _MAX_EVENTS: Final = 1000
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
-"""Time limit for the confirmation of a stop, seconds; then the output process is ended, and its
-ports close with it."""
+"""Time limit for the confirmation of a stop, seconds, by a process that has reported ready (no
+port is open before); then the output process is ended, and its ports close with it."""
 
 
 class HostPipe:
@@ -40,6 +40,7 @@ class HostPipe:
         self._silences = 0  # how often everything before became void
         self._is_closing = False
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
+        self._is_ready = False
         self._asked_silence_s: float | None = None
         self.places: Mapping[Stream, int] = {}  # of the scene that moments are of
 
@@ -76,6 +77,7 @@ class HostPipe:
         except OSError as error:
             raise DeviceError(f"The output process cannot be started ({error}).") from None
         self._process, self._is_closing, self._asked_silence_s = process, False, None
+        self._is_ready = False
         self._wake, self._urgent, self._newest = SimpleQueue(), deque(), {}
         for target in (self._write, self._listen):
             threading.Thread(target=target, args=(process,), daemon=True).start()
@@ -109,7 +111,10 @@ class HostPipe:
         if not self.is_running:
             return
         self.void()
-        self._urgent.appendleft(message(MessageKind.STOP, EVERY_DEVICE, reason.encode()))
+        stop = message(MessageKind.STOP, EVERY_DEVICE, reason.encode())
+        if self._urgent:
+            self._urgent.append(stop)  # what waits may arm a device: a stop follows it, too
+        self._urgent.appendleft(stop)
         if self._asked_silence_s is None:
             self._asked_silence_s = time.monotonic()
         self._nudge()
@@ -117,7 +122,9 @@ class HostPipe:
     def watch(self) -> None:
         """End the process if it has not confirmed a stop in time."""
         asked = self._asked_silence_s
-        if asked is not None and time.monotonic() - asked > STOP_PATIENCE_S and self.is_running:
+        if not self._is_ready or asked is None:
+            return
+        if time.monotonic() - asked > STOP_PATIENCE_S and self.is_running:
             if self._process is not None:
                 self._process.kill()
             self._asked_silence_s = None
@@ -205,8 +212,12 @@ class HostPipe:
             return
         if event.event == "silent":
             self._asked_silence_s = None
-        else:
-            self._events.append(event)
+            return
+        if event.event == "ready":
+            if self._asked_silence_s is not None:
+                self._asked_silence_s = time.monotonic()
+            self._is_ready = True
+        self._events.append(event)
 
 
 def _taken(take: Callable[[], _Taken]) -> Iterator[_Taken]:

@@ -33,7 +33,6 @@ def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
 
     Parameters
     ----------
-    path : Path
     is_ours : callable, optional
         Tells from all that an old file holds whether it may be overwritten; None: none may. An
         empty one may.
@@ -78,7 +77,9 @@ def _opened(path: Path, is_ours: Callable[[bytes], bool] | None) -> int:
 def _require_regular(path: Path, found: os.stat_result) -> None:
     if stat.S_ISREG(found.st_mode):
         if found.st_nlink > 1:
-            raise OutputLostError(f"{path} has another name, too; a log is a file of its own.")
+            raise OutputLostError(
+                f"{path} has another name as well (a hard link); a log needs a file of its own."
+            )
         return
     kinds = {stat.S_IFLNK: "a link", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe"}
     kind = kinds.get(stat.S_IFMT(found.st_mode), "no regular file")

@@ -32,7 +32,6 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
     Parameters
     ----------
-    device : DeviceConfig
     target : mapping
         ``kind`` is one of :data:`KINDS`. ``serial`` needs ``port``. ``udp`` and ``websocket``
         take ``host`` and ``port``, else those of the configuration. ``csv`` needs ``path`` and
@@ -53,7 +52,7 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     if kind == "audio":
         return _audio(device, target)
     if kind not in KINDS:
-        raise OutputLostError(f"'{kind}' is no kind of output; there are: {', '.join(KINDS)}.")
+        raise OutputLostError(f"'{kind}' is not a kind of output; there are: {', '.join(KINDS)}.")
     if kind != kind_of(device):
         named = kind_of(device) or "none"
         raise OutputLostError(f"Device '{device.id}' is connected by: {named}; not by {kind}.")
@@ -74,7 +73,7 @@ def _audio(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
     interface, first = target.get("interface", ""), target.get("first_channel", 1)
     if not isinstance(interface, str):
-        raise OutputLostError("A sound card is named by a text.")
+        raise OutputLostError("The name of a sound card must be text.")
     if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= 1000:
         raise OutputLostError(f"'{str(first)[:20]}' is no channel; allowed is 1 to 1000.")
     return SoundCard(device, interface, first)

@@ -20,7 +20,6 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
     Parameters
     ----------
-    device : DeviceConfig
     target : mapping
         ``{"kind": "simulator"}``, with the ``path`` of a log if one is wanted; other kinds as
         :func:`~hfx_blender.devices.live.opening.open_output` takes them.

@@ -42,7 +42,6 @@ class Ramp:
 
     Parameters
     ----------
-    device : DeviceConfig
     tick : float
         Seconds between two calls of :meth:`at`.
     """

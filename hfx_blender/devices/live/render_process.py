@@ -40,7 +40,6 @@ class RenderProcess:
         Takes a message for one device, ANSWER, HAPTICS or FAULT, and the questions it answers.
     fault : callable
         Takes one sentence, which concerns all devices. Both are called from a thread.
-    clock : Clock
     """
 
     def __init__(

@@ -84,12 +84,7 @@ def with_gain(values: F64, device: DeviceConfig, gain: float) -> F64:
 
 
 class Renderers:
-    """Renderers of all devices that follow one scene.
-
-    Parameters
-    ----------
-    scene : SceneMessage
-    """
+    """Renderers of all devices that follow one scene."""
 
     def __init__(self, scene: SceneMessage) -> None:
         self._streams = scene.header.streams

@@ -8,7 +8,6 @@ in a minute the script stays off.
 
 from __future__ import annotations
 
-import logging
 import os
 import signal
 import subprocess
@@ -40,8 +39,6 @@ _NUMBERS: Final = 1 << 16
 WITHDRAWN: Final = "the approval of its script was withdrawn"
 _WATCH_S: Final = 0.05
 
-_log = logging.getLogger(__name__)
-
 
 class ScriptProcess:
     """A device's script.
@@ -52,7 +49,6 @@ class ScriptProcess:
         ``path``, ``configuration``, ``fingerprint``, ``device`` and ``folder``.
     fault, log : callable
         Take one sentence; called from a thread, as answers are.
-    clock : Clock
     """
 
     def __init__(
@@ -89,7 +85,7 @@ class ScriptProcess:
             if len(self._faults) == FAULTS and self._faults[-1] - self._faults[0] < FAULTS_WITHIN_S:
                 raise ScriptRefusedError(
                     f"its script stays off after {FAULTS} faults within "
-                    f"{FAULTS_WITHIN_S:.0f} s; connect the device anew to try again"
+                    f"{FAULTS_WITHIN_S:.0f} s; connect the device again to retry"
                 )
             self._process = own_processes.start(
                 own_processes.command("devices.live.script_worker"),
@@ -197,7 +193,7 @@ class ScriptProcess:
                             and found.device == self._number
                         )
                         if self._deadline_s is None or not (is_ready or is_answer):
-                            text = "its script spoke without being asked"
+                            text = "its script sent an answer without a question"
                             break
                         self._is_ready, self._deadline_s = True, None
                         answer, self._answer = self._answer, None

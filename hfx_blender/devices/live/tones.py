@@ -50,7 +50,6 @@ def of_partials(partials: Iterable[Partial], numbers: Mapping[str, int], width: 
         Of one row.
     numbers : mapping
         By effect; the tone of several has that of the first.
-    width : int
     """
     found: list[tuple[int, F64, F64]] = []
     for each in partials:
@@ -83,12 +82,7 @@ def frame_of(values: F64, tones: Tones) -> F64:
 
 
 class Sounding:
-    """Actuators of a device that take a waveform, and their tones within their limits.
-
-    Parameters
-    ----------
-    device : DeviceConfig
-    """
+    """Actuators of a device that take a waveform, and their tones within their limits."""
 
     def __init__(self, device: DeviceConfig) -> None:
         counts = [len(actuator.type.controls) for actuator in device.actuators]

@@ -31,7 +31,6 @@ class Waiting:
 
     Parameters
     ----------
-    device : DeviceConfig
     tick : float
         Seconds between two updates of the device.
     keep_s : float

@@ -31,7 +31,6 @@ class Oscillators:
     Parameters
     ----------
     waveforms : sequence of C of {"sine", "square", "noise"}
-    rate_hz : float
     begins_at : int
         Samples that have been played before.
     """
@@ -108,7 +107,6 @@ class SumOfTones:
     ----------
     waveforms : sequence of C of {"sine", "square", "noise"}
         Of each channel: all its tones are of the same.
-    rate_hz : float
     """
 
     def __init__(self, waveforms: Sequence[Waveform], rate_hz: float) -> None:

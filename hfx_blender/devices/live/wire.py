@@ -18,7 +18,6 @@ VERSION: Final = 1
 DEAD_MAN_MS: Final = 250
 """Time without valid values after which the board is silent until it is configured anew, ms."""
 
-MAX_CHANNELS: Final = 32
 MAX_FRAME: Final = 96
 """Longest frame as sent, bytes."""
 
@@ -105,7 +104,7 @@ def configuration(session: int, channels: int, maximum_on_ms: int, rest_ms: int 
     session : int
         A number of 32 bits that differs each time.
     channels : int
-        1 to :data:`MAX_CHANNELS`.
+        1 to 32.
     maximum_on_ms : int
         0: the board's own maximum.
     rest_ms : int

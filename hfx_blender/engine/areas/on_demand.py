@@ -37,20 +37,31 @@ def motion(
 ) -> tuple[F32, F32]:
     """World positions and velocities of the vertices of each row, concatenated (total, 3).
 
-    Velocities are differences to the sample before, so that they do not look ahead; where the
-    block does not hold it, they are 0.
+    Velocities are central differences, of the sample after and the one before; where one of
+    them is not known (no neighbour of that sample in the block, no pose), of the other and the
+    sample itself; without both, 0.
     """
-    posed = frozenset(posed_rows(pose).tolist())
+    is_posed = np.zeros(len(indices), np.bool_)
+    is_posed[posed_rows(pose)] = True
+    # Whether a row follows the one before it, with one more for the end.
+    follows = np.zeros(len(indices) + 1, np.bool_)
+    follows[1:-1] = is_posed[1:] & is_posed[:-1] & (np.diff(indices) == 1)
+
+    def places(row: int, ids: I32) -> F64:
+        return model.points(ids, pose, row, pose.to_world[row])
+
     positions, velocities = [], []
-    for row, ids in zip(rows, vertices, strict=True):
-        here = model.points(ids, pose, int(row), pose.to_world[row])
-        speed = np.zeros_like(here)
-        known = int(row) - 1 in posed and indices[row - 1] == indices[row] - 1
-        if with_velocities and known:
-            before = model.points(ids, pose, int(row) - 1, pose.to_world[row - 1])
-            speed = (here - before) / step_s
+    for row, ids in zip(rows.tolist(), vertices, strict=True):
+        here = places(row, ids)
         positions.append(here.T)
-        velocities.append(speed.T)
+        before, after = row - int(follows[row]), row + int(follows[row + 1])
+        if not with_velocities or before == after:
+            velocities.append(np.zeros_like(here.T))
+            continue
+        way = (places(after, ids) if after > row else here) - (
+            places(before, ids) if before < row else here
+        )
+        velocities.append(way.T / (step_s * (after - before)))
     return np.concatenate(positions).astype(np.float32), np.concatenate(velocities).astype(
         np.float32
     )

@@ -22,11 +22,8 @@ class SampleRunBuilder:
 
     Parameters
     ----------
-    scene : SceneDescription
     record : frozenset of str
         What samples carry besides vertices and weights.
-    skins : BoundSkins
-    counters : Counters
     """
 
     def __init__(

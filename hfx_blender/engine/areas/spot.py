@@ -64,10 +64,6 @@ class SpotSkin:
 
     A vertex stands for its cell of skin: what covers half of the way to the neighbours counts
     half. A disc smaller than the cells is felt between the nearest vertices, as strong as ever.
-
-    Parameters
-    ----------
-    model : PerceptualModel
     """
 
     def __init__(self, model: PerceptualModel) -> None:
@@ -87,7 +83,6 @@ class SpotSkin:
         ----------
         focus : (3,) float64
             The disc's centre, rest space; the nearest place on the model is meant.
-        radius_m : float
         falloff : Falloff
             From the rim to the centre.
         """
@@ -113,8 +108,6 @@ class SpotSkin:
         focus : (T, 4) float32
             See :class:`~hfx_blender.engine.samples.SampleRun`.
         radii_m : (T,) float64
-        falloff : Falloff
-        own_sets : bool
         """
         which = np.zeros(len(focus), np.int64)
         found: list[tuple[I32, F32]] = []

@@ -156,7 +156,6 @@ def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:
 
     Parameters
     ----------
-    model_id : str
     provenance : mapping
         Of that model: a variant names what it varies as ``canonical``.
 

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import F64, I64, Bool
 
@@ -56,6 +58,16 @@ def edges_of(triangles: I64, count: int) -> Edges:
     return Edges(
         np.column_stack((unique // count, unique % count)), triangle, across, unique, count
     )
+
+
+def edge_graph(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Any:
+    """Lengths of a mesh's edges as a sparse matrix (V, V), for scipy's graph searches."""
+    from scipy.sparse import coo_array, csr_array
+
+    points = np.asarray(vertices, np.float64)
+    ends = edges_of(np.asarray(triangles, np.int64), len(points)).ends
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    return csr_array(coo_array((lengths, tuple(ends.T)), shape=(len(points),) * 2))
 
 
 def expand(offsets: I64, rows: I64) -> tuple[I64, I64]:

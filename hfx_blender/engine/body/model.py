@@ -23,7 +23,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ... import file_limits, resources
-from ...atomic_files import atomic_file
 from ...errors import InputError
 from ..arrays import F32, I32, U8
 from . import library
@@ -144,54 +143,30 @@ _Stored = TypeVar("_Stored", PerceptualModel, Avatar, WalkCycle)
 _Hashed = TypeVar("_Hashed", PerceptualModel, Avatar)
 
 
-def _arrays(item: Any, prefix: str = "") -> dict[str, npt.NDArray[Any]]:
+def stored_arrays(item: Any, prefix: str = "") -> dict[str, npt.NDArray[Any]]:
+    """Arrays of a model by the names that they have in its file, those of its parts too."""
     found: dict[str, npt.NDArray[Any]] = {}
     for field in fields(item):
         value = getattr(item, field.name)
         if isinstance(value, np.ndarray):
             found[prefix + field.name] = value
         elif isinstance(value, SkinWeights | Skeleton):
-            found |= _arrays(value, f"{prefix}{field.name}.")
+            found |= stored_arrays(value, f"{prefix}{field.name}.")
     return found
-
-
-def _facts(item: Any) -> dict[str, Any]:
-    facts: dict[str, Any] = {}
-    for field in fields(item):
-        value = getattr(item, field.name)
-        if isinstance(value, Skeleton):
-            facts[field.name] = {"bone_names": list(value.bone_names)}
-        elif not isinstance(value, np.ndarray | SkinWeights):
-            facts[field.name] = list(value) if isinstance(value, tuple) else value
-    return facts
 
 
 def _content_hash(item: PerceptualModel | Avatar) -> str:
     digest = hashlib.sha256()
     names = item.bone_names if isinstance(item, PerceptualModel) else item.skeleton.bone_names
     digest.update("\0".join((item.id, *names)).encode())
-    for name, array in sorted(_arrays(item).items()):
+    for name, array in sorted(stored_arrays(item).items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         digest.update(np.ascontiguousarray(array).reshape(-1).data)
     return digest.hexdigest()
 
 
-def save(item: PerceptualModel | Avatar | WalkCycle, path: Path) -> None:
-    """Write a model, the avatar or a walk cycle as ``.npz`` (same bytes for the same content).
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; what was there before is untouched.
-    """
-    meta = {"format": type(item).__name__, "version": FORMAT_VERSION, **_facts(item)}
-    meta_bytes = np.frombuffer(json.dumps(meta, sort_keys=True).encode(), np.uint8)
-    with atomic_file(path) as file:
-        np.savez_compressed(file, meta=meta_bytes, **_arrays(item))
-
-
 def load(kind: type[_Stored], path: Path) -> _Stored:
-    """Read what :func:`save` wrote.
+    """Read a file of body_models/ or of a variant.
 
     Raises
     ------
@@ -291,7 +266,7 @@ def _skeleton(meta: dict[str, Any], arrays: dict[str, Any]) -> Skeleton:
 def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
     """Read facts and arrays of a file, or only those of a part; see :func:`load`."""
     try:
-        arrays = _stored_arrays(path, part)
+        arrays = _storedstored_arrays(path, part)
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
@@ -311,7 +286,7 @@ _WORTH_THREADS = 1 << 18
 """Bytes of a file from which on two threads unpack it: they need not wait for each other."""
 
 
-def _stored_arrays(path: Path, part: str) -> dict[str, Any]:
+def _storedstored_arrays(path: Path, part: str) -> dict[str, Any]:
     with np.load(path, allow_pickle=False) as stored:
         if not isinstance(stored, np.lib.npyio.NpzFile):
             raise ValueError("one array, not an archive of some")

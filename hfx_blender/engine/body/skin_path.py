@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ..arrays import F64, I64
-from .mesh_edges import edges_of
+from .mesh_edges import edge_graph
 from .surface_locator import SurfaceLocator
 
 STEP_M: Final = 0.004
@@ -187,12 +187,7 @@ class SkinPaths:
 
     @cached_property
     def _graph(self) -> Any:
-        from scipy.sparse import coo_array, csr_array
-
-        ends = edges_of(self._triangles, len(self._points)).ends
-        lengths = np.linalg.norm(self._points[ends[:, 0]] - self._points[ends[:, 1]], axis=1)
-        count = len(self._points)
-        return csr_array(coo_array((lengths, (ends[:, 0], ends[:, 1])), shape=(count, count)))
+        return edge_graph(self._points, self._triangles)
 
 
 def _steps(path: F64) -> F64:

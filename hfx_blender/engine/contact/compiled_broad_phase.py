@@ -129,7 +129,7 @@ class CompiledBroadPhase:
             raise IndexError(f"row {target.rows[-1]} has no boxes")
         self._flags = np.empty(count * clusters, np.uint8)
         self._at, self._near = np.empty(count, np.int64), np.empty(clusters, np.int64)
-        self._target, self._outline = target, outline
+        self._target = target
         follows, reported = (np.ascontiguousarray(each, np.bool_) for each in (follows, reported))
         self._arrays = target.rows, i64(rows), *map(f64, boxes), follows, reported
         self._pointers = _Broad(

@@ -159,7 +159,7 @@ class _Look:
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
         points = None if posing.points is None else f64(posing.points)
         allowed_m = None if posing.allowed_m is None else f64(posing.allowed_m)
-        room = np.empty(2 * pointers.most_room + 24 * most_bones + 2)
+        room = np.empty(2 * pointers.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
         self._kept = (
             *(pairs, pointers, posing, target, drift, weights, column_of),

@@ -16,7 +16,7 @@ from ..volume.analytic import Cuboid
 from ..volume.mesh import MeshVolume
 from ..volume.parting import parted
 from ..volume.shape import Falloff, FalloffKind, Shape
-from ..volume.sweep import clearance, passage, passage_along
+from ..volume.sweep import passage, passage_along
 from ..ways import Ways
 
 _NEXT: Final = np.array([1, 2, 0])
@@ -77,7 +77,7 @@ class Target:
         return weights
 
     def clearances(self, points: F64, rows: I64) -> F64:
-        """See :func:`clearance`, (N,)."""
+        """See :meth:`Shape.clearance`, (N,)."""
         if len(self.shapes) == 1:
             return self._clearance(self.shapes[0], points)
         found = np.zeros(points.shape[1])
@@ -88,7 +88,7 @@ class Target:
         return found
 
     def _clearance(self, shape: Shape, points: F64) -> F64:
-        clear = clearance(shape, points)
+        clear = shape.clearance(points)
         if isinstance(shape, MeshVolume) and not self.falloff.is_flat:
             # The slope of the strength depends on the mesh: inside samples are needed.
             np.maximum(clear, 0.0, out=clear)

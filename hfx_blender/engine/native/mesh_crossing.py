@@ -73,12 +73,10 @@ def crossings(tree: NativeTree, slack: float, middle: F64, ways: Ways) -> tuple[
 
     Parameters
     ----------
-    tree : NativeTree
     slack : float
         How much its boxes are too small.
     middle : (3,) float64
         What the tree is about, in the points' space.
-    ways : Ways
 
     Returns
     -------

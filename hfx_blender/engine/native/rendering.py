@@ -44,7 +44,6 @@ def strongest(
     reached : (m,) int32
     factors : (m,) float32, optional
         How strongly.
-    actuator_count : int
 
     Returns
     -------

@@ -138,7 +138,6 @@ class Clusters:
 
     Parameters
     ----------
-    bound : BoundClusters
     pair_starts, pair_bones : (C + 1,), (P,) int64
         See :meth:`BoundClusters.bone_boxes`.
 
@@ -157,7 +156,8 @@ class Clusters:
         self._bound, self._starts, self._bones = bound, i64(pair_starts), i64(pair_bones)
         self._bone_counts = np.diff(self._starts)
         self.most_bones = int(self._bone_counts.max(initial=0))
-        self._unlinked = np.zeros(int(bound.place_counts.max(initial=0)))
+        most = (bound.place_counts * np.diff(self._starts)).max(initial=0)
+        self._unlinked = np.zeros(max(int(most), int(bound.place_counts.max(initial=0))))
         self._kept: dict[int, list[npt.NDArray[Any]]] = {}
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
@@ -212,8 +212,9 @@ class Clusters:
         self._is_known[clusters] = True
 
     def _link(self, clusters: I64, table: Table) -> None:
-        at = _starts(table.unit_counts[clusters])
-        distances, differences = np.empty((2, at[-1]))
+        units = table.unit_counts[clusters]
+        at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
+        arrays = distances, differences = [np.empty(last) for last in at[:, -1]]
         room = np.empty(2 * self.most_bones)
         _library().hfx_find_links(
             ctypes.byref(table_of(table)),
@@ -221,10 +222,10 @@ class Clusters:
             len(clusters),
             *map(pointer, (clusters, at, room, distances, differences)),
         )
-        for field, array in ((6, distances), (7, differences)):
-            self._rows[clusters, field] = array.ctypes.data + at[:-1] * array.itemsize
+        for field, array, first in zip((6, 7), arrays, at, strict=True):
+            self._rows[clusters, field] = array.ctypes.data + first[:-1] * array.itemsize
             for k, cluster in enumerate(clusters.tolist()):
-                self._kept[cluster][field] = array[at[k] : at[k + 1]]
+                self._kept[cluster][field] = array[first[k] : first[k + 1]]
         self._is_linked[clusters] = True
 
 

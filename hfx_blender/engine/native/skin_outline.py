@@ -35,7 +35,6 @@ def outlined(mesh: Mesh, starts: I64, units: I32, cluster_of: I64) -> tuple[list
 
     Parameters
     ----------
-    mesh : Mesh
     starts : (C + 1,) int64
         Each cluster's first unit.
     units : (V,) int32

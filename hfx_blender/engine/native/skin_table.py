@@ -87,4 +87,4 @@ def table_of(table: Table) -> Any:
 
 def _rooms(table: Table) -> I64:
     """Numbers that the library notes of each cluster at a row; see ``hfx_look_at_skin``."""
-    return 6 * table.place_counts + 2 * table.unit_counts + np.diff(table.cell_starts)
+    return 6 * table.place_counts + 3 * table.unit_counts + np.diff(table.cell_starts)

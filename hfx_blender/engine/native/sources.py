@@ -18,10 +18,10 @@ def files(folder: Path = FOLDER) -> list[Path]:
     return sorted(path for end in ("*.c", "*.h", "flags.txt") for path in folder.glob(end))
 
 
-def digest(folder: Path = FOLDER) -> str | None:
+def digest() -> str | None:
     """Digest of the sources, 16 hexadecimal digits; None without sources."""
     found = hashlib.sha256()
-    paths = files(folder)
+    paths = files()
     for path in paths:
         text = path.read_bytes().replace(b"\r\n", b"\n")  # git's line ends on Windows
         found.update(b"%s\0%d\0%s" % (path.name.encode(), len(text), text))

@@ -79,7 +79,7 @@ def evaluated(
                 continue
             head = begun.popleft()
             yield head.block, head.ended()
-            count = len(head.block.indices) - head.block.history
+            count = len(head.block.own_indices)
             samples -= count
             if is_alone or number == ahead:  # the first loads models
                 continue

@@ -8,7 +8,7 @@ acts on them. A configuration never names a serial port or a file: who connects 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 NumberFormat = Literal["u8", "u16le", "u16be"]
 Checksum = Literal["none", "xor", "sum"]
@@ -84,11 +84,24 @@ class ButtplugEncoder:
     outputs: tuple[tuple[int, str], ...]  # for each actuator: feature, output type
 
 
+_OTHER_SIDE: Final = {
+    f"{part}{side}": f"{part}{other}"
+    for part in ("Forearm", "Hand", "Foot")
+    for side, other in ("LR", "RL")
+}
+
+
 @dataclass(frozen=True)
 class BhapticsEncoder:
     """Frames for the bHaptics Player (SDK1 messages)."""
 
     dots: tuple[tuple[str, int], ...]  # for each actuator: position, index
+
+    def worn_dots(self, *, is_mirrored: bool) -> tuple[tuple[str, int], ...]:
+        """Dots of a device on the side that it is worn on."""
+        if not is_mirrored:
+            return self.dots
+        return tuple((_OTHER_SIDE.get(position, position), index) for position, index in self.dots)
 
 
 Encoder = WireEncoder | BytesEncoder | TextEncoder | OscEncoder | ButtplugEncoder | BhapticsEncoder

@@ -29,8 +29,6 @@ class FocusPanning:
 
     Parameters
     ----------
-    layout : PannedLayout
-    model : PerceptualModel
     is_mirrored : bool
         The layout is written for the other side of the body.
     """

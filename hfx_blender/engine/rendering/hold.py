@@ -25,7 +25,6 @@ def held(values: F64, neutral: F64, rate_hz: Fraction, interval_ms: float) -> F6
         Strong is what is far from ``neutral[0]``.
     rate_hz : Fraction
         Of the rows.
-    interval_ms : float
 
     Returns
     -------

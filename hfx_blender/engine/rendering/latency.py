@@ -25,7 +25,6 @@ def advanced(values: F64, neutral: F64, rate_hz: Fraction, latency_ms: float) ->
         What is given at the end, when nothing follows.
     rate_hz : Fraction
         Of the rows.
-    latency_ms : float
 
     Returns
     -------

@@ -40,7 +40,6 @@ class MomentRenderer:
     ----------
     scene : SceneDescription or TrackHeader
         A scene, or its :func:`moment_header`.
-    device : DeviceConfig
     models : callable
         Loads a perceptual model by its id.
     body_id : str, optional

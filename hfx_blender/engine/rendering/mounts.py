@@ -61,7 +61,6 @@ class Pad:
 
     Parameters
     ----------
-    mount : Mount
     centres : (A, 3) float64
         Of the actuators, rest space, metres.
     spacing_m : float

@@ -45,11 +45,9 @@ def render(
 
     Parameters
     ----------
-    header : TrackHeader
     runs : iterable of SampleRun
         Block after block in time; within a block in the order of ``header.streams``, as
         ``TrackReader.runs()`` and ``Engine.evaluate`` yield them. One block is held at a time.
-    device : DeviceConfig
     models : callable
         Loads a perceptual model by its id.
     body_id : str, optional

@@ -113,7 +113,6 @@ def room_gains(place: RoomPlace, on_parts: Bool, run: SampleRun, points: F64) ->
 
     Parameters
     ----------
-    place : RoomPlace
     on_parts : (V,) bool
         Vertices of the run's model on parts that it is meant for.
     run : SampleRun

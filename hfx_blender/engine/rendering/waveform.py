@@ -52,7 +52,6 @@ def cycles_since_the_beginning(hz: F64, seconds: float, repeats: F64) -> F64:
     Parameters
     ----------
     hz : (...) float64
-    seconds : float
     repeats : (...) float64
         Cycles after which a wave comes again.
     """

@@ -41,16 +41,10 @@ class Memory:
 
 
 class Settling:
-    """The memories of all streams of a scene.
+    """The memories of all streams of a scene."""
 
-    Parameters
-    ----------
-    memories : dict, optional
-        To go on from; as :attr:`memories` of the one that did what was before.
-    """
-
-    def __init__(self, memories: dict[Stream, Memory] | None = None) -> None:
-        self.memories: dict[Stream, Memory] = {} if memories is None else dict(memories)
+    def __init__(self) -> None:
+        self.memories: dict[Stream, Memory] = {}
 
     def settle(self, touches: Touches) -> SampleRun | None:
         """Samples of a stream's next touches; None without any."""

@@ -93,7 +93,6 @@ class Moments:
 
         Parameters
         ----------
-        stream : Stream
         parameters : (T, P) float64
             Of the effect, in its modality's ranges.
         run : SampleRun or None

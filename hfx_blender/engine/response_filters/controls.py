@@ -98,9 +98,3 @@ class Filter:
         """Test that the filter has a value for each vertex."""
         in_space = self.kind is FilterKind.SINE and self.about is not About.TIME
         return in_space or self.kind is FilterKind.DISTANCE
-
-
-def defaults(kind: FilterKind) -> list[float]:
-    """Default controls of a filter, padded to :data:`WIDTH`."""
-    values = [control.default for control in CONTROLS[kind]]
-    return values + [0.0] * (WIDTH - len(values))

@@ -21,6 +21,12 @@ _NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")
 _LARGEST_MISFIT: Final = 0.12
 """RMS distance of the joints of torso, legs and head from a person's, as a share of the height."""
 
+_UPRIGHT: Final = -0.3
+"""Largest cosine between legs and trunk of a person; -1 stands straight, 0 is a quadruped."""
+
+_WIDTHS: Final = (0.05, 3.0)
+"""Range of the distance between both hips or shoulders, in lengths of the trunk."""
+
 _FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
 """Fingers that a rig may have as a single one."""
 
@@ -66,6 +72,7 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         raise InputError("The armature's joints all lie at one place, or are not numbers.")
     from_target = np.linalg.inv(to_target)
     joints = {joint: apply(from_target, place) for joint, place in joints.items()}
+    _check_posture(joints)
     misfit = np.array([joints[joint] - canonical[joint] for joint in used])
     if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * np.ptp(
         avatar.vertices[:, 2]
@@ -92,6 +99,34 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         target_shares,
         _feet_forward(points, dominant(target_shares), joints),
     )
+
+
+def _check_posture(joints: Mapping[str, F64]) -> None:
+    """Refuse joints that no upright person has, whatever they are called."""
+    hips, chest = (
+        (joints[f"{joint}.L"] + joints[f"{joint}.R"]) / 2 for joint in ("hip", "shoulder")
+    )
+    trunk, faults = chest - hips, []
+    length = float(np.linalg.norm(trunk))
+    for joint in ("ankle", "knee"):
+        if f"{joint}.L" in joints and f"{joint}.R" in joints:
+            legs = (joints[f"{joint}.L"] + joints[f"{joint}.R"]) / 2 - hips
+            if float(legs @ trunk) > _UPRIGHT * length * float(np.linalg.norm(legs)):
+                faults.append("its legs do not stand below its trunk")
+            break
+    top = joints.get("head", joints.get("neck", chest + trunk))
+    if float((top - hips) @ trunk) < length * length:
+        faults.append("its head is not above its shoulders")
+    for joint in ("hip", "shoulder"):
+        width = float(np.linalg.norm(joints[f"{joint}.L"] - joints[f"{joint}.R"]))
+        if not _WIDTHS[0] * length <= width <= _WIDTHS[1] * length:
+            faults.append(f"its {joint}s are {width / max(length, 1e-12):.2g} trunks apart")
+    if faults:
+        raise InputError(
+            f"The armature is not that of an upright person: {' and '.join(faults)}. Only a human "
+            "avatar that stands or sits in rest pose can become a haptic body; if it is one, "
+            "correct its bones in the table, or its rest pose."
+        )
 
 
 def _filled(shares: F64, points: F64) -> F64:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -83,19 +83,34 @@ class Quality:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings: a sentence for each part that fits badly, and for sides that are swapped."""
-        found = [
+        parts = [
             f"{part.part.replace('_', ' ')} {fault}" for part in self.parts for fault in part.faults
         ]
-        for joint, off_mm in self.joints_mm.items():
-            if off_mm > JOINT_MM:
-                stem, _, side = joint.partition(".")
-                name = f"{'left' if side == 'L' else 'right'} {stem}"
-                found.append(f"{name} is up to {off_mm:.0f} mm from where the rig has it")
+        return (*parts, *joint_faults([self]), *self.whole_faults)
+
+    @property
+    def whole_faults(self) -> tuple[str, ...]:
+        """Faults that are no single part's."""
+        found = []
         if self.sides < RIGHT_WAY:
             found.append("left and right are swapped")
         if self.feet_forward < 1.0:
             found.append("front and back are swapped, or a foot is turned backwards")
         return tuple(found)
+
+
+def joint_faults(qualities: Sequence[Quality]) -> list[str]:
+    """Joints whose skin lies beside them, as text, each by the model that fits it worst."""
+    worst: dict[str, float] = {}
+    for quality in qualities:
+        for joint, off_mm in quality.joints_mm.items():
+            worst[joint] = max(off_mm, worst.get(joint, 0.0))
+    return [
+        f"{'left' if joint.endswith('.L') else 'right'} {joint.partition('.')[0]} is up to "
+        f"{off_mm:.0f} mm from where the rig has it"
+        for joint, off_mm in worst.items()
+        if off_mm > JOINT_MM
+    ]
 
 
 def judge(

@@ -189,19 +189,35 @@ def _skin_weights(model: PerceptualModel, warped: Warp, anchors: SurfaceAnchors)
     found = at @ own
     bare = np.asarray(found.sum(axis=1)).ravel() < 1e-6
     if bare.any():
-        index = {name: number for number, name in enumerate(target.bone_names)}
-        follows = {**warped.mapping.fallbacks, **warped.mapping.bones}
-        pairs = [
-            (number, index[rig_bone])
-            for number, name in enumerate(model.bone_names)
-            if (rig_bone := follows.get(name)) in index
-        ]
-        of, onto = np.array(pairs).reshape(-1, 2).T
-        shape = (len(model.bone_names), len(target.bone_names))
-        mapped = coo_array((np.ones(len(of)), (of, onto)), shape=shape).tocsr()
-        canonical = _matrix(model.weights, len(model.bone_names)) @ mapped
+        canonical = _mapped(model, target, warped.mapping)
         found = found + diags_array(bare.astype(np.float64)) @ canonical
-    found = found.tocsr()
+    return _skin_weights_of(found.tocsr())
+
+
+def mapped_weights(
+    model: PerceptualModel, target: TargetAvatar, mapping: RigMapping
+) -> SkinWeights:
+    """The canonical skin weights of a model, on the target's bones that stand for the canonical."""
+    return _skin_weights_of(_mapped(model, target, mapping).tocsr())
+
+
+def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: RigMapping) -> Any:
+    from scipy.sparse import coo_array
+
+    index = {name: number for number, name in enumerate(target.bone_names)}
+    follows = {**mapping.fallbacks, **mapping.bones}
+    pairs = [
+        (number, index[rig_bone])
+        for number, name in enumerate(model.bone_names)
+        if (rig_bone := follows.get(name)) in index
+    ]
+    of, onto = np.array(pairs).reshape(-1, 2).T
+    shape = (len(model.bone_names), len(target.bone_names))
+    chosen = coo_array((np.ones(len(of)), (of, onto)), shape=shape).tocsr()
+    return _matrix(model.weights, len(model.bone_names)) @ chosen
+
+
+def _skin_weights_of(found: Any) -> SkinWeights:
     found.data[found.data < _LEAST_WEIGHT] = 0.0
     found.eliminate_zeros()
     found.sort_indices()

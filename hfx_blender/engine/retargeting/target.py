@@ -26,6 +26,9 @@ _PINCHED_EDGES: Final = 0.01
 _DOUBLED_FACES: Final = 0.1
 """Share of faces that may lie there twice: both sides of lashes and eyelids."""
 
+_INSIDE_OUT: Final = 0.1
+"""Share of a mesh's volume that must be negative: an open sheet encloses about none."""
+
 _UNSKINNED: Final = 0.2
 """Share of vertices that may have no weight of any bone."""
 
@@ -67,14 +70,18 @@ class TargetAvatar:
     metres: float = 1.0  # length of one unit
 
 
-def check(target: TargetAvatar, name: str) -> None:
-    """Refuse a mesh that no body can be fitted to.
+def check(target: TargetAvatar, name: str) -> str | None:
+    """Refuse a mesh that no body can be fitted to; tell of one whose surface cannot be followed.
+
+    Returns
+    -------
+    str or None
+        Why it is no surface: it is in many pieces, or several sheets meet at its edges.
 
     Raises
     ------
     InputError
-        It has no faces, holds something else than numbers, has no size, is not skinned, is in
-        many pieces or is no surface (several sheets meet at its edges).
+        It has no faces, holds something else than numbers, has no size or is not skinned.
     """
     if not len(target.triangles):
         raise InputError(f"Avatar '{name}' has no faces that a body could be fitted to.")
@@ -98,10 +105,10 @@ def check(target: TargetAvatar, name: str) -> None:
     shares = np.bincount(pieces, areas) / areas.sum()
     large = shares[shares >= _LARGE_PIECE].sum()
     if large < _LARGE_PIECES:
-        raise InputError(
-            f"Avatar '{name}' is in {len(shares)} pieces, of which the largest is only "
-            f"{100 * shares.max():.2g} % of the surface; join or merge them to one skin (pieces "
-            f"of {100 * _LARGE_PIECE:.0f} % must make {100 * _LARGE_PIECES:.0f} % at least)."
+        return (
+            f"'{name}' is in {len(shares)} pieces, of which the largest is only "
+            f"{100 * shares.max():.2g} % of the surface (pieces of {100 * _LARGE_PIECE:.0f} % "
+            f"must make {100 * _LARGE_PIECES:.0f} % at least)"
         )
     single = welded[Trimesh(target.vertices, welded, process=False).unique_faces()]
     if len(single) < (1.0 - _DOUBLED_FACES) * len(welded):
@@ -111,10 +118,22 @@ def check(target: TargetAvatar, name: str) -> None:
     counts = np.bincount(grouping.unique_rows(ends)[1])
     pinched = int(np.count_nonzero(counts > 2))
     if pinched > _PINCHED_EDGES * len(counts):
-        raise InputError(
-            f"Avatar '{name}' is not a surface: at {pinched} of its {len(counts)} edges more than "
-            "two faces meet (non-manifold). Clean the mesh up, or choose another."
+        return (
+            f"'{name}' is not a surface: at {pinched} of its {len(counts)} edges more than two "
+            "faces meet (non-manifold)"
         )
+    return None
+
+
+def is_inside_out(target: TargetAvatar) -> bool:
+    """Test a mesh for faces that look inwards: the volume that they enclose is negative."""
+    corners = target.vertices[target.triangles]
+    areas = areas_of(target.vertices, target.triangles)
+    if not areas.sum() > 0.0:
+        return False
+    a, b, c = np.moveaxis(corners - np.average(corners.mean(axis=1), axis=0, weights=areas), 1, 0)
+    volumes = np.einsum("fi,fi->f", a, np.cross(b, c))
+    return float(volumes.sum()) < -_INSIDE_OUT * float(np.abs(volumes).sum())
 
 
 def weld(points: F64) -> I64:

@@ -23,7 +23,6 @@ class BoundSkins:
     ----------
     models : callable
         Loads a perceptual model by its id; called at the first moment it is needed.
-    tolerance : Tolerance
     counters : Counters
         Told of each model that is loaded.
     """

@@ -90,8 +90,6 @@ class SkinCoverage:
 
     Parameters
     ----------
-    model : PerceptualModel
-    tolerance : Tolerance
     finer : PerceptualModel, optional
         The model of :func:`finer_id`; without it the model's own triangles are its skin.
 

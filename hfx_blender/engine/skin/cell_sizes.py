@@ -103,7 +103,6 @@ class CellSizes:
         Parameters
         ----------
         clusters : (k,) int64
-        pose : PoseBlock
         rows : (n,) int64
             Of the pose.
         to_target : (n, 4, 4) float64

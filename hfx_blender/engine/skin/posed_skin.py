@@ -30,7 +30,7 @@ class PosedSkin:
     rows: I64  # (pairs,)
     points: F64  # (3, N) the places of each pair
     gaps: F64  # (slots,) how far a unit's neighbours can be from it
-    clear: F64  # (N,) a bound of each point's distance to the boundary, see sweep.clearance
+    clear: F64  # (N,) a bound of each point's distance to the boundary, see Shape.clearance
     allowed_m: F64  # (pairs,) how far skin may be from its samples, as it is posed
 
     @cached_property

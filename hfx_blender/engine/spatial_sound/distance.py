@@ -25,11 +25,15 @@ class Hearing:
     reference_m: float = 2.0
     audible_m: float = 8.0  # silence from here on
     spread_m: float = 0.5  # nearer than this, a source comes from more and more loudspeakers
+    air: float = 0.0  # absorption of high frequencies, as a multiple of that of air
+    with_doppler: bool = False
 
     def __post_init__(self) -> None:
         for name in ("reference_m", "audible_m", "spread_m"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name}: expected more than 0, got {getattr(self, name)}")
+        if not 0.0 <= self.air < np.inf:
+            raise ValueError(f"air: expected 0 or more, got {self.air}")
 
     def gains(self, distances_m: F64) -> tuple[F64, F64]:
         """Gains (n,) of the dry and the wet part; the sum of their squares is 1 where audible."""

@@ -21,7 +21,6 @@ class Listener:
 
     Parameters
     ----------
-    binding : SkinBinding
     model : PerceptualModel
         Whose torso is the listener; the bone that moves most of it counts.
     """

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ..arrays import F64
 from .panner import Panner
+from .propagation import absorption_db_m, doppler_hz
 from .reverberation import Reverberators
 
 
@@ -35,14 +36,10 @@ class SpatialMix:
     Parameters
     ----------
     sources : sequence of Source
-    panner : Panner
-    reverberators : Reverberators
     raster_hz : Fraction
         Rate of the sources' times.
     rate_hz : int
         Audio rate.
-    gain : float
-        Times everything.
     """
 
     def __init__(
@@ -52,13 +49,14 @@ class SpatialMix:
         reverberators: Reverberators,
         raster_hz: Fraction,
         rate_hz: int,
-        gain: float = 1.0,
     ) -> None:
         self._reverberators = reverberators
         self._step = (raster_hz / rate_hz).as_integer_ratio()
         self._raster_hz = float(raster_hz)
         self._channels = reverberators.impulses.shape[0]
-        self._voices = [_Voice.of(source, panner, self._raster_hz, gain) for source in sources]
+        self._voices = [
+            _Voice.of(source, panner, reverberators, self._raster_hz) for source in sources
+        ]
         self._rows = len(sources[0].amplitudes) if sources else 0
 
     def blocks(self, sample_count: int) -> Iterator[F64]:
@@ -86,7 +84,9 @@ class SpatialMix:
                 + 0.5 * share * (voice.frequencies[row + 1] - voice.frequencies[row])
             )
             signal = np.sin(2.0 * np.pi * turns) * inside
-            bus += signal * _between(voice.wet, row, share)
+            apart = _between(voice.apart, row, share)
+            wet = np.sin(2.0 * np.pi * (turns + apart)) * inside
+            bus += wet * _between(voice.wet, row, share)
             for channel in np.flatnonzero(voice.dry[span].any(axis=0)).tolist():
                 mixed[:, channel] += signal * _between(voice.dry[:, channel], row, share)
         return mixed + self._reverberators.process(bus)
@@ -96,21 +96,32 @@ class SpatialMix:
 class _Voice:
     """A source at the raster's rows, and silence after the last of them: (T + 1, ...)."""
 
-    dry: F64  # (T + 1, C) amplitude times gain
+    dry: F64  # (T + 1, C) amplitude times the panner's gain
     wet: F64  # (T + 1,)
     loudness: F64  # (T + 1,)
     frequencies: F64  # (T + 1,)
     turns: F64  # (T + 1,) played before each row
+    apart: F64  # (T + 1,) turns by which the wet part leads the dry one
 
     @classmethod
-    def of(cls, source: Source, panner: Panner, raster_hz: float, gain: float) -> _Voice:
+    def of(
+        cls, source: Source, panner: Panner, reverberators: Reverberators, raster_hz: float
+    ) -> _Voice:
         dry, wet = panner.gains(source.places_m)
-        amplitudes = np.nan_to_num(source.amplitudes) * gain
+        distances = np.linalg.norm(source.places_m, axis=1)
+        hearing, heard = panner.hearing, source.frequencies_hz
+        if hearing.with_doppler:
+            heard = doppler_hz(heard, np.nan_to_num(distances), raster_hz)
+        amplitudes = np.nan_to_num(source.amplitudes)
+        if hearing.air > 0.0:
+            loss_db = hearing.air * absorption_db_m(heard) * np.nan_to_num(distances)
+            amplitudes *= 10.0 ** (-loss_db / 20.0)
         dry, wet = dry * amplitudes[:, None], wet * amplitudes
-        frequencies = np.append(source.frequencies_hz, source.frequencies_hz[-1:])
+        frequencies = np.append(heard, heard[-1:])
         steps = 0.5 * (frequencies[1:] + frequencies[:-1]) / raster_hz
         turns = np.concatenate([[0.0], np.cumsum(steps)])
         turns[1:] = np.mod(turns[1:], 1.0)
+        apart = _quadrature(dry, reverberators, heard)
         silence = np.zeros((1, dry.shape[1]))
         return cls(
             np.vstack([dry, silence]),
@@ -118,7 +129,24 @@ class _Voice:
             np.append(np.abs(dry).sum(axis=1) + np.abs(wet), 0.0),
             frequencies,
             turns,
+            np.append(apart, apart[-1:]),
         )
+
+
+def _quadrature(dry: F64, reverberators: Reverberators, frequencies_hz: F64) -> F64:
+    """Turns (T,) by which the wet part has to lead so that its power adds to that of the dry one.
+
+    A sine and its reverberation interfere. Summed over the channels, the product of dry gains
+    (T, C) and the reverberators' response has one phase; a quarter turn from it the sum is 0.
+    """
+    each, which = np.unique(frequencies_hz, return_inverse=True)
+    together = np.einsum("tc,tc->t", dry, reverberators.response(each)[which])
+    known = np.flatnonzero(np.abs(together) > 1e-12)
+    if not len(known):
+        return np.zeros(len(dry))
+    # Either sign will do: the one that is nearer to the row before.
+    half = 0.5 * np.unwrap(np.pi - 2.0 * np.angle(together[known]))
+    return np.asarray(np.interp(np.arange(len(dry)), known, half / (2.0 * np.pi)))
 
 
 def _between(values: F64, row: npt.NDArray[np.int64], share: F64) -> F64:

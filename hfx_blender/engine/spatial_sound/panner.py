@@ -23,8 +23,6 @@ class Panner:
 
     Parameters
     ----------
-    layout : Layout
-    hearing : Hearing
     scheme : {"vbap", "ring"}
         Vector-base amplitude panning, or constant power between neighbours on a ring, as the
         belt is driven; rings are flat.
@@ -37,7 +35,7 @@ class Panner:
 
     def __init__(self, layout: Layout, hearing: Hearing, scheme: Scheme = "vbap") -> None:
         self._layout = layout
-        self._hearing = hearing
+        self.hearing = hearing
         self._is_flat = layout.is_flat
         self._scheme: VectorBasePanning | RingPanning
         if scheme == "ring":
@@ -64,7 +62,7 @@ class Panner:
         known = np.isfinite(places_m).all(axis=1)
         places = np.where(known[:, None], places_m, 0.0)
         distances = np.where(known, np.linalg.norm(places, axis=1), np.inf)
-        dry, wet = self._hearing.gains(distances)
+        dry, wet = self.hearing.gains(distances)
         seen = places[:, :2] if self._is_flat else places
         lengths = np.linalg.norm(seen, axis=1)
         if isinstance(self._scheme, RingPanning):
@@ -72,7 +70,7 @@ class Panner:
         else:
             panned = self._scheme.gains(seen)
         # Through the listener's head a source must not jump from one side to the other.
-        share = np.clip(1.0 - lengths / self._hearing.spread_m, 0.0, 1.0)[:, None]
+        share = np.clip(1.0 - lengths / self.hearing.spread_m, 0.0, 1.0)[:, None]
         everywhere = 1.0 / len(self._layout)
         power = (1.0 - share) * np.square(panned) + share * everywhere
         return np.sqrt(power) * dry[:, None], wet

@@ -59,11 +59,6 @@ class ContactPaths:
         return len(self.ids)
 
     @property
-    def pieces_m(self) -> F64:
-        """Path pieces, (n, 2, 2, 2): piece, begin and end, coordinate."""
-        return self.ends_m.transpose(2, 0, 1).reshape(-1, 2, 2, 2)
-
-    @property
     def way_m(self) -> F64:
         """Length of each path in surface coordinates, (n,)."""
         steps = self.ends_m[1::2] - self.ends_m[::2]
@@ -81,7 +76,6 @@ class ContactFollower:
 
     Parameters
     ----------
-    mesh : SurfaceMesh
     reach_m : float
         Skin that is no farther from the surface touches it.
     max_contacts : int

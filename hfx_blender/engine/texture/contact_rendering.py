@@ -31,7 +31,6 @@ class ContactRenderer:
 
     Parameters
     ----------
-    texture : SurfaceTexture
     step_s : float
         Time from sample to sample.
     """

@@ -67,16 +67,6 @@ class HeightField:
         return columns * self.texel_m[0], rows * self.texel_m[1]
 
     @cached_property
-    def slopes(self) -> F64:
-        """Slope along x and y at the texels' middles, metres per metre, (2, H, W)."""
-        return np.stack(
-            [
-                _difference(self.heights_m, axis, self.texel_m[1 - axis], self.tiles)
-                for axis in (1, 0)
-            ]
-        )
-
-    @cached_property
     def _pairs(self) -> npt.NDArray[np.complex128]:
         """Heights paired with their right neighbours as complex numbers, one row and column more
         than (H, W).
@@ -129,11 +119,6 @@ class HeightField:
             Metres.
         """
         return sample_grid(self.heights_m, points_m, self.texel_m, self.tiles, order)
-
-    def gradient(self, points_m: F64) -> F64:
-        """Slope along x and y at any points, metres per metre: (..., 2) to (..., 2)."""
-        parts = [sample_grid(s, points_m, self.texel_m, self.tiles) for s in self.slopes]
-        return np.stack(parts, axis=-1)
 
 
 def from_image(
@@ -285,11 +270,3 @@ def _catmull_rom(t: F64) -> tuple[F64, F64, F64, F64]:
         0.5 * (4.0 * squared - 3.0 * cubed + t),
         0.5 * (cubed - squared),
     )
-
-
-def _difference(heights: F64, axis: int, spacing: float, tiles: bool) -> F64:
-    if tiles:
-        return (np.roll(heights, -1, axis) - np.roll(heights, 1, axis)) / (2.0 * spacing)
-    if heights.shape[axis] < 2:
-        return np.zeros_like(heights)
-    return np.asarray(np.gradient(heights, spacing, axis=axis))

@@ -59,7 +59,6 @@ def make_map(
 
     Parameters
     ----------
-    field : HeightField
     roughness : (h, w) float, optional
         0 smooth to 1 rough, linear, bottom row first; covers the same rectangle and may have
         another resolution. None: ``settings.default_roughness`` everywhere.

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Roughness of a profile and of a surface: Ra, Rz and Rmax.
+"""Roughness of a profile and of a surface: parameters of ISO 4287 with their estimates of ISO 4288.
 
-Definitions: ISO 4287 (Ra, Rz), with Rmax the largest single depth of the sampling lengths, as
-the textile paper uses it. Filter: the Gaussian profile filter of ISO 16610-21 (formerly
-ISO 11562), whose transmission is one half at the cut-off.
+Rmax is the largest single depth of the sampling lengths, as the textile paper uses it (DIN 4768;
+ISO 4287 has no name for it). Filter: the Gaussian profile filter of ISO 16610-21 (formerly
+ISO 11562), whose transmission is one half at the cut-off. The mean line of all R parameters is
+that filter's: nothing is taken away a second time within a sampling length.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ...errors import InputError
 from ..arrays import F64
@@ -22,22 +24,43 @@ CUTOFF_M: Final = 2.5e-3
 
 SAMPLING_LENGTHS: Final = 5
 
+LENGTHS: Final = ("ra_m", "rq_m", "rz_m", "rmax_m", "pt_m", "rsm_m")
+SHAPES: Final = ("rsk", "rku")
+"""Parameters in the order in which they are shown: lengths, and those without a unit."""
+
 _ALPHA: Final = float(np.sqrt(np.log(2.0) / np.pi))
+
+
+_LEAST_HEIGHT: Final = 0.1
+_LEAST_WIDTH: Final = 0.01
+"""Height, as a share of Rz, and width, as a share of a sampling length, of the least peak or
+valley that counts for RSm (ISO 4287, 3.2.8)."""
+
+_FLAT: Final = 1e-12
+"""Deviations below this share of the profile's own heights are rounding."""
 
 
 @dataclass(frozen=True)
 class Roughness:
-    """Roughness parameters, metres."""
+    """Roughness parameters; lengths in metres.
+
+    All but Rmax, RSm and Pt are means of their values in each sampling length.
+    """
 
     ra_m: float  # arithmetic mean deviation
-    rz_m: float  # mean over the sampling lengths of highest peak to lowest valley
-    rmax_m: float  # the largest of those
+    rq_m: float  # root mean square deviation
+    rz_m: float  # highest peak to lowest valley
+    rmax_m: float  # the largest of those in a single sampling length
+    pt_m: float  # highest peak to lowest valley before the filter, over all sampling lengths
+    rsk: float | None  # skewness; None: a flat profile has none
+    rku: float | None  # kurtosis, 3 for Gaussian heights
+    rsm_m: float | None  # mean width of a peak with its valley; None: there is no whole one
     cutoff_m: float
     sampling_lengths: int
 
 
 def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUTOFF_M) -> Roughness:
-    """Roughness of a measured profile.
+    """Roughness of a measured profile, of which the form (a tilt) has been taken away.
 
     One cut-off at each end is the filter's run-up and is not evaluated. The rest holds as many
     sampling lengths (each one cut-off long) as fit, five at most.
@@ -46,7 +69,6 @@ def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUT
     ----------
     heights_m : (N,) float64
         Evenly spaced.
-    spacing_m : float
 
     Raises
     ------
@@ -69,17 +91,53 @@ def roughness_of_profile(heights_m: F64, spacing_m: float, cutoff_m: float = CUT
         )
     evaluated = heights[reach : reach + lengths * per_length]
     waves = np.convolve(heights, _kernel(reach, spacing_m, cutoff_m), "valid")
-    parts = (evaluated - waves[: len(evaluated)]).reshape(lengths, per_length)
-    # The mean line of each sampling length is its own.
-    parts = parts - parts.mean(axis=1, keepdims=True)
+    deviations = evaluated - waves[: len(evaluated)]
+    parts = deviations.reshape(lengths, per_length)
     depths = parts.max(axis=1) - parts.min(axis=1)
+    squares = np.mean(parts**2, axis=1)
+    is_rough = np.sqrt(squares) > _FLAT * np.abs(evaluated).max()
+    rz = float(depths.mean())
     return Roughness(
-        float(np.abs(parts).mean()),
-        float(depths.mean()),
-        float(depths.max()),
-        cutoff_m,
-        int(lengths),
+        ra_m=float(np.abs(parts).mean()),
+        rq_m=float(np.sqrt(squares).mean()),
+        rz_m=rz,
+        rmax_m=float(depths.max()),
+        pt_m=float(np.ptp(evaluated)),
+        rsk=_mean(np.mean(parts[is_rough] ** 3, axis=1) / squares[is_rough] ** 1.5),
+        rku=_mean(np.mean(parts[is_rough] ** 4, axis=1) / squares[is_rough] ** 2),
+        rsm_m=_mean_width_m(deviations, spacing_m, rz, cutoff_m) if is_rough.any() else None,
+        cutoff_m=cutoff_m,
+        sampling_lengths=int(lengths),
     )
+
+
+def _mean(values: npt.ArrayLike) -> float | None:
+    found = np.asarray(values, np.float64)
+    return float(found.mean()) if found.size else None
+
+
+def _mean_width_m(deviations: F64, spacing_m: float, rz_m: float, cutoff_m: float) -> float | None:
+    """RSm: mean width of the profile elements, each a peak and the valley beside it.
+
+    Peaks and valleys lie between crossings of the mean line. One that is too low or too narrow
+    belongs to what is before it. Elements that begin with a peak and those that begin with a
+    valley count alike, so that a profile and its mirror image have the same width.
+    """
+    is_above = deviations > 0.0
+    last = np.flatnonzero(is_above[1:] != is_above[:-1])
+    if len(last) < 3:
+        return None
+    crossings = last + deviations[last] / (deviations[last] - deviations[last + 1])
+    ends = np.concatenate([[0.0], crossings, [len(deviations) - 1.0]])
+    heights = np.maximum.reduceat(np.abs(deviations), np.concatenate([[0], last + 1]))
+    counts = heights >= _LEAST_HEIGHT * rz_m
+    counts &= np.diff(ends) * spacing_m >= _LEAST_WIDTH * cutoff_m
+    which = np.flatnonzero(counts)
+    if not len(which):
+        return None
+    is_peak = is_above[np.append(0, last + 1)][which]
+    edges = ends[which[1:][is_peak[1:] != is_peak[:-1]]]
+    return _mean((edges[2:] - edges[:-2]) * spacing_m)
 
 
 def roughness_of_surface(
@@ -88,7 +146,6 @@ def roughness_of_surface(
     *,
     direction_rad: float = 0.0,
     profiles: int = 16,
-    seed: int = 0,
 ) -> Roughness:
     """Mean roughness of some profiles across a surface, all in one direction.
 
@@ -104,7 +161,7 @@ def roughness_of_surface(
     way = np.array([np.cos(direction_rad), np.sin(direction_rad)])
     full = (SAMPLING_LENGTHS + 2) * cutoff_m
     size = np.asarray(field.size_m)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     if field.tiles:
         starts = rng.uniform(0.0, size, (profiles, 2))
         length = full
@@ -118,13 +175,11 @@ def roughness_of_surface(
         roughness_of_profile(field.sample(start + along[:, None] * way), spacing, cutoff_m)
         for start in starts
     ]
-    return Roughness(
-        float(np.mean([each.ra_m for each in found])),
-        float(np.mean([each.rz_m for each in found])),
-        float(np.mean([each.rmax_m for each in found])),
-        cutoff_m,
-        found[0].sampling_lengths,
-    )
+    means: dict[str, Any] = {
+        name: _mean([value for each in found if (value := getattr(each, name)) is not None])
+        for name in (*LENGTHS, *SHAPES)
+    }
+    return replace(found[0], **means)
 
 
 def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:

@@ -94,11 +94,6 @@ class Stroke:
             times = np.append(times, self.times_s[-1])
         return Stroke(times, self.at(times))
 
-    def turned(self, angle_rad: float) -> Stroke:
-        """Turned about the origin, counter-clockwise."""
-        c, s = np.cos(angle_rad), np.sin(angle_rad)
-        return Stroke(self.times_s, self.points_m @ np.array([[c, s], [-s, c]]))
-
 
 def line(
     start_m: tuple[float, float],

@@ -48,7 +48,6 @@ def weighted_rms(heights_m: F64, rate_hz: float) -> F64:
     Parameters
     ----------
     heights_m : (..., n) float64
-    rate_hz : float
 
     Returns
     -------

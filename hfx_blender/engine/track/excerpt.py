@@ -30,12 +30,10 @@ def write_excerpt(
 
     Parameters
     ----------
-    track : TrackReader
     effect_ids : collection of str
         Effects of the track; the new one names no others.
     clip : Clip
         Its frames are the track's; it becomes the only clip of the new track's effects.
-    path : Path
 
     Returns
     -------

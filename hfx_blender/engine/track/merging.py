@@ -19,7 +19,6 @@ def merge(parts: Iterable[Path], path: Path) -> None:
     parts : iterable of Path
         Tracks with the same header, in the order of time. Each holds whole chunks
         (``layout.SAMPLES_PER_CHUNK``) that none of the others holds.
-    path : Path
 
     Raises
     ------

@@ -11,33 +11,26 @@ from .header import TrackHeader
 
 @dataclass(frozen=True)
 class NamedClip:
-    """Clip with the effects that share its name and frames."""
+    """Clip of an effect."""
 
     name: str  # tells it from all others of the track, whether case counts or not
     clip: Clip
-    effect_ids: tuple[str, ...]
+    effect_ids: tuple[str, ...]  # its own
 
 
 def named_clips(header: TrackHeader) -> list[NamedClip]:
-    """The clips of a track in the order of time.
+    """The clips of a track in the order of time, each of one effect.
 
-    Effects that share a clip's name and frames belong together (a sensation of several
-    modalities). Where clips share a name only, the later ones get their effect's name behind
-    it, and a number if that is not enough.
+    Where clips share a name the later ones get their effect's name behind it, and a number if
+    that is not enough.
     """
-    groups: dict[tuple[str, float, float], list[tuple[str, str, Clip]]] = {}
-    for effect in header.effects:
-        for clip in effect.clips:
-            key = (clip.name, clip.frame_start, clip.frame_end)
-            groups.setdefault(key, []).append((effect.id, effect.name, clip))
+    clips = [(clip, effect) for effect in header.effects for clip in effect.clips]
     found: list[NamedClip] = []
     taken: set[str] = set()
-    for key in sorted(groups, key=lambda key: (key[1], key[2])):
-        members = groups[key]
-        name = _free_name(key[0], members[0][1], taken)
+    for clip, effect in sorted(clips, key=lambda each: (each[0].frame_start, each[0].frame_end)):
+        name = _free_name(clip.name, effect.name, taken)
         taken.add(name.casefold())
-        ids = tuple(dict.fromkeys(effect_id for effect_id, _, _ in members))
-        found.append(NamedClip(name, members[0][2], ids))
+        found.append(NamedClip(name, clip, (effect.id,)))
     return found
 
 

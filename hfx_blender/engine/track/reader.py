@@ -60,10 +60,6 @@ class StreamSummary:
 class TrackReader:
     """Plays a track back; a context manager. Needs no body model.
 
-    Parameters
-    ----------
-    path : Path
-
     Attributes
     ----------
     header : TrackHeader

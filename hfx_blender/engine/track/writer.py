@@ -47,8 +47,6 @@ class TrackWriter:
 
     Parameters
     ----------
-    path : Path
-    header : TrackHeader
     full_precision : bool
         Keep weights as float32. Otherwise they are rounded to 1/255, and never to 0.
 

@@ -15,19 +15,12 @@ import numpy as np
 from ..arrays import F64, Bool
 from .ellipsoid import Ellipsoid
 
-_UNIT_BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
-
 
 def _squared_norm(points: F64) -> F64:
     # Faster than np.linalg.norm and np.hypot; far points overflow to inf, which is outside, and
     # einsum does not warn of it.
     squared: F64 = np.einsum("ij,ij->j", points, points)
     return squared
-
-
-def _rise(share: F64) -> F64:
-    """Linear rise: 1 at share 0, falling to 0 at share 1 and beyond, 0 for NaN."""
-    return np.fmax(1.0 - share, 0.0)
 
 
 def _half_widths(linear: F64) -> F64:
@@ -54,23 +47,38 @@ def _across(linear: F64) -> Ellipsoid:
     return Ellipsoid.of_map(sides - np.outer(axis, axis @ sides))
 
 
-@dataclass(frozen=True)
-class Cuboid:
-    """|x|, |y|, |z| <= 1."""
+class _Convex:
+    """Shape that is a unit ball of a measure of its own: what is common to all of them."""
 
     is_convex: ClassVar[bool] = True
     steepest_rise: ClassVar[float] = 1.0
 
     @property
     def bounds(self) -> F64:
-        return _UNIT_BOX.copy()
+        return np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+
+    def _squared(self, points: F64) -> F64:
+        """Square of the measure of points (3, N): 0 at the core, 1 on the boundary, (N,)."""
+        raise NotImplementedError
 
     def contains(self, points: F64) -> Bool:
-        inside: Bool = np.max(np.abs(points), axis=0) <= 1.0
-        return inside
+        return self._squared(points) <= 1.0
 
     def rise(self, points: F64) -> F64:
-        return _rise(np.max(np.abs(points), axis=0))
+        return np.fmax(1.0 - np.sqrt(self._squared(points)), 0.0)
+
+    def clearance(self, points: F64) -> F64:
+        return np.sqrt(self._squared(points)) - 1.0
+
+
+@dataclass(frozen=True)
+class Cuboid(_Convex):
+    """|x|, |y|, |z| <= 1."""
+
+    def _squared(self, points: F64) -> F64:
+        with np.errstate(over="ignore"):
+            squared: F64 = np.max(np.abs(points), axis=0) ** 2
+        return squared
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Least distance to the six planes; see :meth:`Shape.depth_m`. 0 outside."""
@@ -81,21 +89,11 @@ class Cuboid:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Convex):
     """x^2 + y^2 + z^2 <= 1; an ellipsoid in the world."""
 
-    is_convex: ClassVar[bool] = True
-    steepest_rise: ClassVar[float] = 1.0
-
-    @property
-    def bounds(self) -> F64:
-        return _UNIT_BOX.copy()
-
-    def contains(self, points: F64) -> Bool:
-        return _squared_norm(points) <= 1.0
-
-    def rise(self, points: F64) -> F64:
-        return _rise(np.sqrt(_squared_norm(points)))
+    def _squared(self, points: F64) -> F64:
+        return _squared_norm(points)
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to the ellipsoid; see :meth:`Shape.depth_m`. 0 outside."""
@@ -106,22 +104,11 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(_Convex):
     """x^2 + y^2 <= 1, |z| <= 1."""
 
-    is_convex: ClassVar[bool] = True
-    steepest_rise: ClassVar[float] = 1.0
-
-    @property
-    def bounds(self) -> F64:
-        return _UNIT_BOX.copy()
-
-    def contains(self, points: F64) -> Bool:
-        inside: Bool = (_squared_norm(points[:2]) <= 1.0) & (np.abs(points[2]) <= 1.0)
-        return inside
-
-    def rise(self, points: F64) -> F64:
-        return _rise(np.maximum(np.sqrt(_squared_norm(points[:2])), np.abs(points[2])))
+    def _squared(self, points: F64) -> F64:
+        return np.maximum(_squared_norm(points[:2]), _squared_norm(points[2:]))
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to caps and side; see :meth:`Shape.depth_m`. 0 outside.
@@ -139,7 +126,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(_Convex):
     """Points within 1 of the segment from -half_segment to +half_segment on Z.
 
     Its radius is 1, so a capsule of another size is placed by its world matrix times a
@@ -152,26 +139,17 @@ class Capsule:
         if not (math.isfinite(self.half_segment) and self.half_segment >= 0.0):
             raise ValueError(f"half_segment: expected 0 or more, got {self.half_segment}")
 
-    is_convex: ClassVar[bool] = True
-    steepest_rise: ClassVar[float] = 1.0
-
     @property
     def bounds(self) -> F64:
-        box: F64 = _UNIT_BOX * np.array([1.0, 1.0, 1.0 + self.half_segment])
+        box: F64 = super().bounds * np.array([1.0, 1.0, 1.0 + self.half_segment])
         return box
 
-    def _from_segment(self, points: F64) -> F64:
+    def _squared(self, points: F64) -> F64:
         """Squared distance to the segment, (N,)."""
         beyond = np.maximum(np.abs(points[2]) - self.half_segment, 0.0)
         with np.errstate(over="ignore"):
             squared: F64 = _squared_norm(points[:2]) + beyond * beyond
         return squared
-
-    def contains(self, points: F64) -> Bool:
-        return self._from_segment(points) <= 1.0
-
-    def rise(self, points: F64) -> F64:
-        return _rise(np.sqrt(self._from_segment(points)))
 
     def depth_m(self, points: F64, to_world: F64) -> F64:
         """Distance to side and caps; see :meth:`Shape.depth_m`. 0 outside.

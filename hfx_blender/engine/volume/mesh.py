@@ -195,7 +195,7 @@ class MeshVolume:
         return self._placed_tree(linear).distances(linear @ about)
 
     def clearance(self, points: F64) -> F64:
-        """A bound of the distance to the boundary, see :func:`sweep.clearance`.
+        """A bound of the distance to the boundary, see :meth:`Shape.clearance`.
 
         In the box and around it told by the compiled tree; without, only that to the box is known,
         as looking at samples costs less.

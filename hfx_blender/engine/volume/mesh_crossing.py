@@ -25,7 +25,6 @@ def crossings(tree: TriangleTree, middle: F64, ways: Ways) -> tuple[F64, F64]:
 
     Parameters
     ----------
-    tree : TriangleTree
     middle : (3,) float64
         What the tree is about, in the points' space.
     ways : Ways

@@ -23,7 +23,6 @@ def nearest_surface(shape: Shape, points: F64, to_world: F64) -> tuple[F64, F64]
 
     Parameters
     ----------
-    shape : Shape
     points : (3, N) float64
         Inside, or outside within rounding; shape space.
     to_world : (4, 4) float64

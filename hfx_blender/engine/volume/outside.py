@@ -19,7 +19,6 @@ def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:
 
     Parameters
     ----------
-    shape : Shape
     points : (3, n, V) float64
         Shape space.
     to_world : (n, 4, 4) float64

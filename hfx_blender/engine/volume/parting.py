@@ -24,7 +24,6 @@ def parted(shape: Shape, corners: Sequence[F64], margins: F64) -> Bool:
 
     Parameters
     ----------
-    shape : Shape
     corners : sequence of (3, N) float64
         The corners of N hulls; shape space.
     margins : (N,) float64

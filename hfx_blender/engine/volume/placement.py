@@ -105,7 +105,6 @@ def world_bounds(shape: Shape, matrices: F64) -> F64:
 
     Parameters
     ----------
-    shape : Shape
     matrices : (T, 4, 4) float64
         Shape space to world.
 

@@ -36,6 +36,14 @@ class Shape(Protocol):
         the way inwards; 0 outside and for NaN. Invariant under the placing matrix.
         """
 
+    def clearance(self, points: F64) -> F64:
+        """Bound of the distance to the boundary of points (3, N), in shape space, (N,).
+
+        Within less than its absolute value all points are on the same side of the boundary: it is
+        positive outside, negative inside, 0 where no such bound is known without looking, and NaN
+        for NaN.
+        """
+
     @property
     def steepest_rise(self) -> float:
         """Upper bound of the change of :meth:`rise` over a distance of 1 in shape space."""

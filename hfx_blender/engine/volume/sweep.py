@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clearance of points from a volume's boundary, and passage of moving points through it."""
+"""Passage of moving points through a volume."""
 
 from __future__ import annotations
 
@@ -14,39 +14,6 @@ from .mesh import MeshVolume
 from .shape import Shape
 
 
-def clearance(shape: Shape, points: F64) -> F64:
-    """A bound of the distance to the boundary, in shape space.
-
-    Within less than its absolute value all points are on the same side of the boundary: it is
-    positive outside, negative inside, and 0 where no such bound is known without looking.
-
-    Parameters
-    ----------
-    shape : Shape
-    points : (3, N) float64
-        Shape space.
-
-    Returns
-    -------
-    (N,) float64
-        NaN for NaN points.
-    """
-    if isinstance(shape, Cuboid):
-        return np.asarray(np.abs(points).max(axis=0) - 1.0)
-    if isinstance(shape, Sphere):
-        return np.asarray(np.sqrt(np.einsum("ij,ij->j", points, points)) - 1.0)
-    if isinstance(shape, Cylinder):
-        around = np.sqrt(np.einsum("ij,ij->j", points[:2], points[:2]))
-        return np.asarray(np.maximum(around, np.abs(points[2])) - 1.0)
-    if isinstance(shape, Capsule):
-        beyond = np.maximum(np.abs(points[2]) - shape.half_segment, 0.0)
-        with np.errstate(over="ignore"):
-            squared = np.einsum("ij,ij->j", points[:2], points[:2]) + beyond * beyond
-        return np.asarray(np.sqrt(squared) - 1.0)
-    assert isinstance(shape, MeshVolume)
-    return shape.clearance(points)
-
-
 def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
     """First and last time at which points in straight, even motion are inside.
 
@@ -55,7 +22,6 @@ def passage(shape: Shape, starts: F64, ends: F64) -> tuple[F64, F64]:
 
     Parameters
     ----------
-    shape : Shape
     starts, ends : (3, N) float64
         Shape space.
 

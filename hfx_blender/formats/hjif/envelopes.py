@@ -4,37 +4,44 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
 from math import gcd
 from typing import Final
 
 import numpy as np
 
 from ...engine.arrays import F64
+from ..curve_grid import on_grid
 from ..curves import Curve, CurveTolerance, simplified
-from ..signals import joined_times
 from .model import Band, Effect, Keyframe
 from .semantics import MAX_TIMESCALE
 
 MAX_HZ: Final = 1000
+_WHOLE_HZ: Final = 0.5  # that rounding to whole hertz may take
 _SHORTEST: Final = 3  # keyframes of a curve: the reference synthesizer is silent with fewer
 _FINE_TICKS: Final = 8000  # a second, where that divides well
 
+MAX_POSITION: Final = 2**16 - 1
+"""Ticks from the beginning of an effect to its last keyframe: the binary form has 16 bits."""
 
-def timescale_of(*rates_hz: Fraction) -> int:
+
+def timescale_of(*rates_hz: Fraction, seconds: float = 0.0) -> int:
     """Timescale, in ticks a second, with a whole number of ticks per period of each rate, if
     possible.
 
     The first rate counts most. 48000 is the standard's most; rates that need more are met
-    within a tick.
+    within a tick. Where that many ``seconds`` fit into one effect, the timescale is one with
+    which they do.
     """
     ticks = 1
     for rate in rates_hz:
         both = ticks * rate.numerator // gcd(ticks, rate.numerator)
         if both <= MAX_TIMESCALE:
             ticks = both
-    return ticks * max(1, _FINE_TICKS // ticks)
+    finest = min(_FINE_TICKS, int(MAX_POSITION / seconds)) if seconds > 0.0 else _FINE_TICKS
+    return ticks * max(1, finest // ticks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +114,8 @@ def wave_bursts(
         key = np.round(np.concatenate([times, levels, hertz]), 9).tobytes()
         if key not in known:
             known[key] = _wave_keyframes(times, levels, hertz, timescale, tolerance, pitch_hz)
-        found.append((_ticks(float(dense.times_s[start]), timescale), known[key]))
+        begin = round(float(dense.times_s[start]) * timescale)
+        found += [(begin + tick, part) for tick, part in _split(known[key])]
     return found
 
 
@@ -119,50 +127,85 @@ def _wave_keyframes(
     tolerance: CurveTolerance,
     pitch_hz: float,
 ) -> tuple[Keyframe, ...]:
-    amplitude = simplified(
-        Curve(times, levels), tolerance, lowest=0.0, highest=1.0, keeps_silence=True
+    strength, tone = Curve(times, levels), Curve(times, hertz)
+    few = simplified(strength, tolerance, lowest=0.0, highest=1.0, keeps_silence=True)
+    amplitude = on_grid(few, strength, tolerance.value, timescale)
+    left_hz = max(pitch_hz - _WHOLE_HZ, 0.0)
+    few = simplified(
+        tone, CurveTolerance(left_hz), lowest=float(hertz.min()), highest=float(hertz.max())
     )
-    pitch = simplified(
-        Curve(times, hertz),
-        CurveTolerance(pitch_hz),
-        lowest=float(hertz.min()),
-        highest=float(hertz.max()),
-    )
-    knots = joined_times([amplitude, pitch], 0.0, float(times[-1]))
+    pitch = on_grid(few, tone, left_hz, timescale)
+    knots = np.union1d(amplitude[0], pitch[0])
     return tuple(
         Keyframe(tick, round(min(max(level, 0.0), 1.0), 6), round(frequency))
         for tick, level, frequency in zip(
-            _ascending_ticks(knots, timescale),
-            amplitude.at(knots).tolist(),
-            pitch.at(knots).tolist(),
+            knots.tolist(),
+            np.interp(knots, *amplitude).tolist(),
+            np.interp(knots, *pitch).tolist(),
             strict=True,
         )
     )
 
 
-def curve_effect(dense: Dense, timescale: int, tolerance: CurveTolerance) -> Effect:
-    """A pressure, temperature or wind over the whole time: one effect at position 0."""
-    few = simplified(
-        Curve(dense.times_s, dense.strength),
-        tolerance,
-        lowest=-1.0,
-        highest=1.0,
-        keeps_silence=True,
+def _split(frames: tuple[Keyframe, ...]) -> list[tuple[int, tuple[Keyframe, ...]]]:
+    """Cut keyframes so that each part fits into an effect: its first tick, and its keyframes.
+
+    A part begins with the last keyframe of the one before.
+    """
+    ticks = [each.relative_position or 0 for each in frames]
+    if ticks[-1] <= MAX_POSITION:
+        return [(0, frames)]
+    firsts = [*range(ticks[0], ticks[-1], MAX_POSITION), ticks[-1]]
+    return [
+        (first, _shifted(_between(frames, first, stop), first)) for first, stop in pairwise(firsts)
+    ]
+
+
+def _between(frames: Sequence[Keyframe], first: int, stop: int) -> list[Keyframe]:
+    """Keyframes from one tick to another, both with one of their own, on the straight lines."""
+    ticks = np.array([each.relative_position for each in frames])
+    inside = np.flatnonzero((ticks > first) & (ticks < stop)).tolist()
+
+    def at(tick: int) -> Keyframe:
+        level = np.interp(tick, ticks, [each.amplitude_modulation or 0.0 for each in frames])
+        if frames[0].frequency_modulation is None:
+            return Keyframe(tick, round(float(level), 6))
+        hertz = np.interp(tick, ticks, [each.frequency_modulation or 0.0 for each in frames])
+        return Keyframe(tick, round(float(level), 6), round(float(hertz)))
+
+    return [at(first), *(frames[k] for k in inside), at(stop)]
+
+
+def _shifted(frames: Sequence[Keyframe], ticks: int) -> tuple[Keyframe, ...]:
+    return tuple(
+        replace(each, relative_position=(each.relative_position or 0) - ticks) for each in frames
     )
-    times, values = few.times_s.tolist(), few.values.tolist()
-    while len(times) < _SHORTEST:
-        end = times[-1] + (2.0 / timescale if len(times) == 1 else 0.0)
-        times = [times[0], (times[0] + end) / 2.0, end]
-        values = [values[0], (values[0] + values[-1]) / 2.0, values[-1]]
-    ticks = _ascending_ticks(np.array(times), timescale)
-    return Effect(
-        "Basis",
-        position=0,
-        keyframes=tuple(
-            Keyframe(tick, round(min(max(value, -1.0), 1.0), 6))
-            for tick, value in zip(ticks, values, strict=True)
-        ),
+
+
+def curve_effects(dense: Dense, timescale: int, tolerance: CurveTolerance) -> list[Effect]:
+    """A pressure, temperature or wind over the whole time: one effect at position 0, if it fits."""
+    strength = Curve(dense.times_s, dense.strength)
+    few = simplified(strength, tolerance, lowest=-1.0, highest=1.0, keeps_silence=True)
+    ticks, values = on_grid(few, strength, tolerance.value, timescale)
+    if len(ticks) == 1:
+        ticks, values = np.array([ticks[0], ticks[0] + 2]), np.repeat(values, 2)
+    frames = tuple(
+        Keyframe(tick, round(min(max(value, -1.0), 1.0), 6))
+        for tick, value in zip(ticks.tolist(), values.tolist(), strict=True)
     )
+    return [
+        Effect("Basis", position=first, keyframes=_with_enough_keyframes(part))
+        for first, part in _split(frames)
+    ]
+
+
+def _with_enough_keyframes(frames: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
+    """Three keyframes at least, without changing the curve."""
+    first, stop = frames[0].relative_position or 0, frames[-1].relative_position or 0
+    if len(frames) >= _SHORTEST or stop - first < 2:
+        return frames
+    middle = (first + stop) // 2
+    return (*_between(frames, first, middle), frames[-1])
 
 
 def wave_band(effects: Sequence[Effect]) -> Band:
@@ -170,17 +213,6 @@ def wave_band(effects: Sequence[Effect]) -> Band:
     return Band("VectorialWave", 0, MAX_HZ, tuple(effects))
 
 
-def curve_band(effect: Effect) -> Band:
+def curve_band(effects: Sequence[Effect]) -> Band:
     """A band for anything else."""
-    return Band("Curve", 0, MAX_HZ, (effect,), curve_type="Linear")
-
-
-def _ticks(seconds: float, timescale: int) -> int:
-    return round(seconds * timescale)
-
-
-def _ascending_ticks(times: F64, timescale: int) -> list[int]:
-    """Round to whole ticks, each later than the one before."""
-    steps = np.arange(len(times))
-    rounded = np.rint(times * timescale).astype(np.int64)
-    return [int(each) for each in np.maximum.accumulate(rounded - steps) + steps]
+    return Band("Curve", 0, MAX_HZ, tuple(effects), curve_type="Linear")

@@ -54,7 +54,7 @@ def _compose(
     columns = {(each.actuator, each.parameter): k for k, each in enumerate(raster.columns)}
     times = raster.times_s - raster.times_s[0]
     times = np.append(times, times[-1] + 1.0 / float(raster.rate_hz))
-    timescale = timescale_of(raster.rate_hz)
+    timescale = timescale_of(raster.rate_hz, seconds=float(times[-1]))
     perceptions: list[Perception] = []
     weak: list[str] = []
     for modality in device.modalities:

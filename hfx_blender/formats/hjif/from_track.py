@@ -93,7 +93,8 @@ def compose(
 ) -> tuple[Hjif, list[PerceptualModel], Written]:
     """A document, its models, and, without files, what of the track it does not hold."""
     header = track.header
-    timescale = timescale_of(header.time.fps, header.time.rate_hz)
+    seconds = (header.time.sample_count + 1) / float(header.time.rate_hz)
+    timescale = timescale_of(header.time.fps, header.time.rate_hz, seconds=seconds)
     used = list(dict.fromkeys(stream.model_id for stream in header.streams))
     loaded = {id: _checked(models(id), id, track) for id in used}
     masks = {id: vertex_masks(model) for id, model in loaded.items()}

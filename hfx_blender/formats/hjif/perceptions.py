@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -14,7 +15,7 @@ from ..checking import clean
 from ..curves import CurveTolerance
 from ..signals import MAX_HZ, Transient
 from .body_parts import place_mask
-from .envelopes import Dense, Library, curve_band, curve_effect, wave_band, wave_bursts
+from .envelopes import Dense, Library, curve_band, curve_effects, wave_band, wave_bursts
 from .model import (
     Avatar,
     Band,
@@ -37,11 +38,11 @@ PERCEPTIONS: Final = {
     "temperature": "Temperature",
     "wind": "Wind",
 }
-UNITS: Final = {  # of full scale: words, and the power of ten of the SI unit
-    "vibration": ("m/s^2", 0),
-    "pressure": ("kPa", 3),
-    "temperature": ("K from neutral", 0),
-    "wind": ("m/s", 0),
+UNITS: Final = {  # of full scale
+    "vibration": "m/s^2",
+    "pressure": "kPa",
+    "temperature": "K from neutral",
+    "wind": "m/s",
 }
 PITCH_HZ: Final = 1.0
 
@@ -68,7 +69,17 @@ def document_of(
     timescale: int,
     avatars: tuple[Avatar, ...] = (),
 ) -> Hjif:
-    """A whole document, of the lowest level that allows so many channels."""
+    """A whole document, of the lowest level that allows so many channels.
+
+    Channels are numbered over the whole file: decoders look them up so.
+    """
+    numbers = itertools.count()
+    perceptions = [
+        replace(
+            each, channels=tuple(replace(channel, id=next(numbers)) for channel in each.channels)
+        )
+        for each in perceptions
+    ]
     count = sum(len(each.channels) for each in perceptions)
     return Hjif(
         date=DATE,
@@ -95,7 +106,6 @@ def perception_of(
     Without units the strengths are shares of a full scale that nobody knows.
     """
     full = (max(_peak(place) for place in places) or 1.0) if has_units else 1.0
-    unit, exponent = UNITS[modality]
     library = Library()
     bands: list[list[Band]] = []
     waves = []
@@ -106,7 +116,7 @@ def perception_of(
             waves.append(library.band(wave_bursts(dense, timescale, tolerance, PITCH_HZ)))
             bands.append([])
         else:
-            bands.append([curve_band(curve_effect(dense, timescale, tolerance))])
+            bands.append([curve_band(curve_effects(dense, timescale, tolerance))])
     effects = library.settle()
     for band, wave in zip(bands, waves, strict=False):  # curves have no waves
         band.append(wave_band(wave))
@@ -115,7 +125,7 @@ def perception_of(
             band.append(_transient_band(place.transients, timescale))
     reference = []
     if has_units:
-        title = f"full scale: {full:.6g} {unit}"
+        title = f"full scale: {full:.6g} {UNITS[modality]}"
         reference.append(ReferenceDevice(1, title, maximum_amplitude=full))
     reference += _devices(devices, modality, len(reference))
     return Perception(
@@ -126,7 +136,7 @@ def perception_of(
         effect_library=effects,
         reference_devices=tuple(reference),
         unit_exponent=-3,
-        perception_unit_exponent=exponent,
+        perception_unit_exponent=0,  # players multiply by its power of ten, and cut at 1
         channels=tuple(
             Channel(
                 id=k,

@@ -5,25 +5,45 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..checking import parse, read_bytes, refuse_errors
+from ..checking import Report, Told, check, parse, read_bytes, refuse_but, refuse_errors
+from .foreign import standardized
 from .model import Hjif, from_json
-from .rules import findings
+from .rules import DOCUMENT, findings
+
+_STRUCTURAL = {f"HJIF-{word}" for word in ("MISSING", "TYPE", "RANGE", "CHOICE", "COUNT")}
+_STRUCTURAL |= {"HJIF-MODALITY", "HJIF-VERSION"}
+_FATAL = _STRUCTURAL - {"HJIF-RANGE"}  # amplitudes of early wavelets
 
 
 def read(path: Path) -> Hjif:
     """A file's content.
 
+    Files of other tools and of versions before the standard are taken, as far as their meaning
+    is clear; unknown members are left out.
+
     Raises
     ------
     InputError
-        It cannot be read or breaks the standard; unknown members are left out.
+        It cannot be read.
     """
     return decode(read_bytes(path), str(path))
 
 
 def decode(content: bytes, name: str) -> Hjif:
     """:func:`read` from bytes."""
+    return decode_telling(content, name)[0]
+
+
+def decode_telling(content: bytes, name: str) -> tuple[Hjif, Told]:
+    """:func:`read` from bytes, and what about them is not valid but was read."""
     found = parse(content, name)
-    refuse_errors([each for each in findings(found) if each.code != "HJIF-UNKNOWN"], name)
+    faults = findings(found)
+    if any(each.code in _STRUCTURAL and each.severity == "error" for each in faults):
+        found = standardized(DOCUMENT, found)
+        report = Report("HJIF")
+        check(DOCUMENT, found, report)
+        refuse_errors([each for each in report.findings if each.code in _FATAL], name)
+    faults = [each for each in faults if each.code != "HJIF-UNKNOWN"]
+    told = refuse_but(faults, name, lambda code: True)
     document: Hjif = from_json(found)
-    return document
+    return document, told

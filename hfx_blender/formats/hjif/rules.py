@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..checking import Finding, Items, Number, Record, Report, Shape, Text, check, parse
+from .foreign import with_tool
 from .semantics import check_semantics
 
 MODALITIES: Final = (
@@ -155,7 +156,7 @@ _AVATAR = Record(
     unknown="error",
 )
 _SYNC = Record({"timestamp": _COUNT}, {"timescale": _POSITIVE}, unknown="error")
-_DOCUMENT = Record(
+DOCUMENT = Record(
     {
         "version": Text(pattern=r"[0-9]{4}(-[0-9])?", code="VERSION"),
         "profile": Text(),
@@ -188,8 +189,8 @@ def validate(content: bytes, name: str) -> list[Finding]:
 def findings(found: Any) -> list[Finding]:
     """Faults of a parsed document."""
     report = Report("HJIF")
-    check(_DOCUMENT, found, report)
+    check(DOCUMENT, found, report)
     structural = [each for each in report.findings if each.code != "HJIF-UNKNOWN"]
     if not structural:
         check_semantics(found, report)
-    return report.findings
+    return [with_tool(each) for each in report.findings]

@@ -190,6 +190,8 @@ def _check_band(
     if "curve_type" in band and kind != "Curve":
         report.error("CURVE-TYPE", (place, "curve_type"), f"a {kind} band has no curve_type")
     length = band.get("block_length")
+    if length is None and kind == "WaveletWave":
+        report.error("BLOCK-LENGTH", place, "'block_length' of wavelets is missing")
     if length is not None and length & (length - 1):
         report.error("BLOCK-LENGTH", (place, "block_length"), f"{length} is no power of two")
     if band["upper_frequency_limit"] < band["lower_frequency_limit"]:
@@ -199,10 +201,21 @@ def _check_band(
         report.error("WAVELET-PROFILE", (place, "band_type"), message)
     for key in ("lower_frequency_limit", "upper_frequency_limit"):
         if not isinstance(band[key], int):
-            message = "the reference software needs a whole number"
-            report.warn("REFERENCE-WHOLE", (place, key), message)
+            message = "the standard's readers leave a band out whose limit is no whole number"
+            report.error("BAND-WHOLE", (place, key), message)
     for k, effect in enumerate(band["effects"]):
         _check_effect(effect, ((place, "effects"), k), report, library, is_simple, kind)
+
+
+def _check_content(effect: dict[str, Any], place: Place, report: Report, band: str) -> None:
+    """Report members of a basis effect without which the standard's readers leave it out."""
+    if band == "WaveletWave" and "wavelet_stream" not in effect:
+        report.error("WAVELET-STREAM", place, "'wavelet_stream' is missing")
+    if band != "WaveletWave" and "keyframes" not in effect:
+        report.error("EFFECT-KEYFRAMES", place, "'keyframes' is missing")
+    for key in ("phase", "base_signal"):
+        if band == "VectorialWave" and key not in effect:
+            report.error("EFFECT-WAVE", place, f"'{key}' of a wave is missing")
 
 
 def _check_effect(
@@ -224,6 +237,10 @@ def _check_effect(
     if keywords is not None and keywords not in SEMANTICS:
         here = (place, "semantic_keywords")
         report.error("SEMANTIC-KEYWORDS", here, "is not of the standard's list")
+    if "position" not in effect:
+        report.error("EFFECT-POSITION", place, "'position' is missing: readers leave it out")
+    if kind == "Basis" and band is not None:
+        _check_content(effect, place, report, band)
     if band == "WaveletWave" and effect.get("keyframes"):
         report.error("WAVELET-KEYFRAMES", (place, "keyframes"), "a wavelet has no keyframes")
     for k, keyframe in enumerate(effect.get("keyframes", ())):

@@ -6,20 +6,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from ... import file_limits
-from ...errors import InputError
 from ..curves import Curve
 from ..signals import FrequencyRange, Piece, Signal, Transient, mixed
-from .model import Band, Channel, Effect, Hjif, Keyframe, Perception
-from .reader import decode as decode_document
+from ..waveforms import Waveform, added, piece_of
+from . import bands, wavelets
+from .model import Band, Channel, Hjif, Perception
+from .reader import decode_telling
+from .unfolding import Unfolding
 
-DEFAULT_HZ: Final = 100.0
-_DEEPEST: Final = 8
+VIBRATIONS: Final = ("Vibrotactile", "Other")
+"""Modalities that are vibration; the reference encoder says Other for every sound and AHAP."""
+
+_LARGEST_GAIN: Final = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,33 +47,29 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     Raises
     ------
     InputError
-        It cannot be read, breaks the standard, or unfolds to more effects than is sane.
+        It cannot be read, or unfolds to more effects than is sane.
     """
-    document = decode_document(content, name)
+    document, told = decode_telling(content, name)
     signals = []
     lost: Counter[str] = Counter()  # channels that are no signal, by the reason
     for each in envelopes(document, name):
-        if each.modality == "Vibrotactile" and each.frequency_hz is not None:
-            values = np.clip(np.abs(each.strength.values), 0.0, 1.0)
-            lost_here = each.left_out
-            if values.any() and (np.abs(each.strength.values) > 1.0).any():
-                lost_here += (f"'{each.channel}': is louder than full scale: cut to it",)
-            signals.append(
-                Signal(
-                    each.channel,
-                    Curve(each.strength.times_s, values),
-                    each.frequency_hz,
-                    each.transients,
-                    lost_here,
-                )
-            )
-        elif each.modality == "Vibrotactile":
-            lost["vibration as curves without frequency"] += 1
-        else:
+        if each.frequency_hz is None or each.modality not in VIBRATIONS:
             lost[f"modality {each.modality}"] += 1
-    if signals and lost:
-        told = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
-        signals[0] = replace(signals[0], left_out=told + signals[0].left_out)
+            continue
+        values = np.clip(each.strength.values, 0.0, 1.0)
+        lost_here = each.left_out
+        if (each.strength.values > 1.0).any():
+            lost_here += (f"'{each.channel}': is louder than full scale: cut to it",)
+        strength = Curve(each.strength.times_s, values)
+        signals.append(
+            Signal(each.channel, strength, each.frequency_hz, each.transients, lost_here)
+        )
+    if signals:
+        left_out = tuple(f"{count} channels: {reason}" for reason, count in lost.items())
+        if any(each.perception_modality == "Other" for each in document.perceptions):
+            told += ("modality Other is taken as vibration",)
+        first = signals[0]
+        signals[0] = replace(first, left_out=left_out + first.left_out, notes=told)
     hertz = [
         float(f)
         for each in signals
@@ -83,14 +82,14 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
 def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
     """Envelopes of all channels: all bands, references resolved, compositions unfolded.
 
-    Wavelet bands are left out, which each envelope tells. ``name`` is the file's, for messages.
+    ``name`` is the file's, for messages.
 
     Raises
     ------
     TooLargeError
         References unfold to more effects, or envelopes last longer, than a file may ask for.
     """
-    unfolding = _Unfolding(name)
+    unfolding = Unfolding(name)
     timescale = document.timescale or 1000
     for perception in document.perceptions:
         devices = {each.id: each for each in perception.reference_devices or ()}
@@ -104,37 +103,75 @@ def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:
             yield found
 
 
+class _Parts:
+    """Contents of a channel's bands."""
+
+    def __init__(self, is_vibration: bool, gain: float) -> None:
+        self.pieces: list[Piece] = []
+        self.transients: list[Transient] = []
+        self.curves: list[Curve] = []
+        self.waveforms: list[Waveform] = []
+        self.lost: Counter[str] = Counter()
+        self._is_vibration, self._gain = is_vibration, gain
+
+    def add(self, band: Band, timescale: int, unfolding: Unfolding) -> None:
+        """Take a band's effects."""
+        placed = list(unfolding.effects(band.effects, 0, 0))
+        self.lost.update(unfolding.take_unknown())
+        if band.band_type == "Transient":
+            for tick in (tick for each in placed for tick in bands.ticks(band, each, timescale)):
+                level = self._gain * tick.amplitude
+                if level > 1.0:
+                    self.lost["are ticks louder than full scale: cut to it"] += 1
+                self.transients.append(replace(tick, amplitude=min(level, 1.0)))
+        elif band.band_type == "VectorialWave":
+            for each in placed:
+                if each[1].keyframes:
+                    self._add_tone(bands.tone(band, each, timescale))
+                    if each[1].base_signal not in (None, "Sine"):
+                        self.lost[f"are waves of the shape {each[1].base_signal}: as Sine"] += 1
+        elif band.band_type == "WaveletWave":
+            found, lost = wavelets.waveform(band, placed, timescale, unfolding.name)
+            self.lost.update(lost)
+            self.waveforms += [found] if found else []
+        else:
+            values = bands.curve(band, placed, timescale)
+            if values is not None and self._is_vibration:
+                self.waveforms.append(bands.curve_as_waveform(band, values, unfolding.name))
+            elif values is not None:
+                self.curves.append(Curve(values.times_s, self._gain * values.values))
+
+    def _add_tone(self, found: Piece) -> None:
+        amplitude = Curve(found.amplitude.times_s, self._gain * found.amplitude.values)
+        self.pieces.append(replace(found, amplitude=amplitude))
+
+
 def _envelope(
     perception: Perception,
     channel: Channel,
     timescale: int,
     full_scale: float | None,
-    unfolding: _Unfolding,
+    unfolding: Unfolding,
 ) -> Envelope:
     unfolding.library = {effect.id: effect for effect in perception.effect_library}
-    lost: Counter[str] = Counter()
-    pieces: list[Piece] = []
-    transients: list[Transient] = []
-    curves: list[Curve] = []
+    is_vibration = perception.perception_modality in VIBRATIONS
+    gain = min(channel.gain, _LARGEST_GAIN)
+    if is_vibration:  # others tell their unit by it
+        gain *= 10.0 ** min(max(perception.perception_unit_exponent or 0, -30), 6)
+    parts = _Parts(is_vibration, gain)
     for band in channel.bands:
-        for start, effect in unfolding.effects(band.effects, 0, 0):
-            frames = effect.keyframes or ()
-            if band.band_type == "Transient":
-                ticks = list(_ticks(frames, start, timescale, channel.gain, band))
-                loud = sum(each.amplitude > 1.0 for each in ticks)
-                if loud:
-                    lost["are ticks louder than full scale: cut to it"] += loud
-                transients += [replace(t, amplitude=min(t.amplitude, 1.0)) for t in ticks]
-            elif band.band_type == "Curve" and frames:
-                curves.append(_curve(frames, start, timescale, channel.gain))
-            elif band.band_type == "VectorialWave" and frames:
-                pieces.append(_piece(frames, start, timescale, channel.gain, band))
-            else:
-                lost[f"of a {band.band_type} band have no keyframes"] += 1
+        parts.add(band, timescale, unfolding)
     name = channel.description or f"channel {channel.id}"
-    if curves and (pieces or transients):
-        lost["are curves beside waves or ticks"] += len(curves)
-    left_out = tuple(f"'{name}': {count} effects {why}" for why, count in lost.items())
+    lasts_s = 0.0
+    if channel.frequency_sampling and channel.sample_count:
+        lasts_s = channel.sample_count / channel.frequency_sampling
+        file_limits.SECONDS.check(lasts_s, unfolding.name, "its channels last")
+    if parts.waveforms:
+        whole = added(parts.waveforms, unfolding.name).until(lasts_s)
+        parts.pieces.append(piece_of(whole, gain))
+    if parts.curves and (parts.pieces or parts.transients):
+        parts.lost["are curves beside waves or ticks"] += len(parts.curves)
+    left_out = tuple(f"'{name}': {count} effects {why}" for why, count in parts.lost.items())
     shared = (
         perception.description,
         perception.perception_modality,
@@ -142,10 +179,10 @@ def _envelope(
         channel.body_part_mask or 0,
         channel.vertices or (),
     )
-    if curves and not pieces and not transients:
-        strength = _one_after_another(curves)
+    if parts.curves and not parts.pieces and not parts.transients:
+        strength = bands.one_after_another(parts.curves)
         return Envelope(*shared, strength, None, (), full_scale, left_out)
-    signal = mixed(name, pieces, transients)
+    signal = mixed(name, parts.pieces, parts.transients, lasts_s)
     return Envelope(
         *shared,
         signal.amplitude,
@@ -154,104 +191,3 @@ def _envelope(
         full_scale,
         left_out + signal.left_out,
     )
-
-
-class _Unfolding:
-    """Expansion of a file's effects with all references, counted."""
-
-    def __init__(self, name: str) -> None:
-        self.library: dict[int | None, Effect] = {}
-        self._name = name
-        self._count = 0
-
-    def effects(
-        self, effects: tuple[Effect, ...], start: int, depth: int
-    ) -> Iterator[tuple[int, Effect]]:
-        """Basis effects and their positions, ticks."""
-        if depth > _DEEPEST:
-            raise InputError(
-                f"{self._name}: effects refer to each other more than {_DEEPEST} levels deep."
-            )
-        for effect in effects:
-            self._count += 1 + len(effect.keyframes or ())
-            file_limits.UNFOLDED.check(self._count, self._name, "its references unfold to")
-            position = start + (effect.position or 0)
-            if effect.effect_type == "Reference":
-                target = self.library.get(effect.id)
-                if target is not None:
-                    yield from self.effects((target,), position, depth + 1)
-            elif effect.effect_type == "Composite":
-                yield from self.effects(effect.composition or (), position, depth + 1)
-            else:
-                yield position, effect
-
-
-def _columns(
-    frames: tuple[Keyframe, ...], start: int, timescale: int, gain: float
-) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """Amplitudes and frequencies with their times; a keyframe need not have both."""
-    levels, hertz = [], []
-    for frame in frames:
-        time = (start + (frame.relative_position or 0)) / timescale
-        if frame.amplitude_modulation is not None:
-            levels.append((time, gain * frame.amplitude_modulation))
-        if frame.frequency_modulation is not None:
-            hertz.append((time, float(frame.frequency_modulation)))
-    return sorted(levels, key=_time), sorted(hertz, key=_time)
-
-
-def _time(point: tuple[float, float]) -> float:
-    return point[0]
-
-
-def _points(points: list[tuple[float, float]], otherwise: tuple[float, float]) -> Curve:
-    times, values = np.array(points or [otherwise], np.float64).T
-    return Curve(times, values)
-
-
-def _curve(frames: tuple[Keyframe, ...], start: int, timescale: int, gain: float) -> Curve:
-    levels, _ = _columns(frames, start, timescale, gain)
-    return _points(levels, (start / timescale, 0.0))
-
-
-def _piece(
-    frames: tuple[Keyframe, ...], start: int, timescale: int, gain: float, band: Band
-) -> Piece:
-    levels, hertz = _columns(frames, start, timescale, gain)
-    begin = start / timescale
-    middle = (band.lower_frequency_limit + band.upper_frequency_limit) / 2.0
-    amplitude = _points([(time, abs(level)) for time, level in levels], (begin, gain))
-    pitch = _points(hertz, (begin, middle or DEFAULT_HZ))
-    ends = [float(amplitude.times_s[-1]), float(pitch.times_s[-1])]
-    first = min(float(amplitude.times_s[0]), float(pitch.times_s[0]))
-    return Piece(first, max(ends), amplitude, pitch)
-
-
-def _ticks(
-    frames: tuple[Keyframe, ...], start: int, timescale: int, gain: float, band: Band
-) -> Iterator[Transient]:
-    middle = (band.lower_frequency_limit + band.upper_frequency_limit) / 2.0
-    for frame in frames:
-        time = (start + (frame.relative_position or 0)) / timescale
-        level = 1.0 if frame.amplitude_modulation is None else abs(frame.amplitude_modulation)
-        hertz = frame.frequency_modulation
-        pitch = middle if hertz is None else float(hertz)
-        yield Transient(time, gain * level, pitch)
-
-
-def _one_after_another(curves: list[Curve]) -> Curve:
-    """Join curves in the order of time; where they overlap the later one goes on."""
-    curves = sorted(curves, key=lambda each: float(each.times_s[0]))
-    times, values = [curves[0].times_s], [curves[0].values]
-    for before, after in pairwise(curves):
-        kept = times[-1] <= after.times_s[0]
-        times[-1], values[-1] = times[-1][kept], values[-1][kept]
-        gap = float(after.times_s[0]) > float(before.times_s[-1])
-        if gap:  # silent in between
-            times.append(np.array([before.times_s[-1], after.times_s[0]]))
-            values.append(np.zeros(2))
-        times.append(after.times_s)
-        values.append(after.values)
-    joined = np.concatenate(times)
-    order = np.argsort(joined, kind="stable")
-    return Curve(joined[order], np.concatenate(values)[order])

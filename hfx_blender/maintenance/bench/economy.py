@@ -230,7 +230,7 @@ def _live(tolerance: Tolerance, short: bool) -> dict[str, float]:
 
 def _single_times(block: AnimationBlock) -> list[AnimationBlock]:
     """A block cut into blocks of one time."""
-    return [_cut(block, slice(row, row + 1)) for row in range(block.history, len(block.indices))]
+    return [_cut(block, slice(row, row + 1)) for row in range(len(block.indices))[block.own]]
 
 
 def _cut(block: AnimationBlock, rows: slice) -> AnimationBlock:

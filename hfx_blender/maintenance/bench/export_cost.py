@@ -24,7 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ... import blender_session, own_processes
+from ... import blender_session
+from .. import processes
 
 _STEP = """
 import bpy, os, sys, time
@@ -44,7 +45,7 @@ import json, os, sys, time
 from pathlib import Path
 from hfx_blender import blender_session
 bpy = blender_session.start()
-from hfx_blender.demo import garage
+from hfx_blender.maintenance.demo import garage
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.export import ExportSettings, export_scene
 blender_session.open_blend(Path(sys.argv[1]))
@@ -174,7 +175,7 @@ def _scene(folder: Path, kind: Kind) -> Path:
 
 def _run(program: str, *arguments: Path) -> tuple[float, dict[str, Any]]:
     """Run a program; returns its own measurement in seconds, and its report."""
-    done = own_processes.run(own_processes.program(program, *arguments))
+    done = processes.run(processes.program(program, *arguments))
     before, found, seconds = done.stderr.rpartition("seconds=")
     if not found:
         raise RuntimeError(f"a measured process failed:\n{done.stderr}")

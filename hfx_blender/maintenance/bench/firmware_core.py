@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-from ... import own_processes
 from ...devices.live import wire
 from ...errors import InputError
+from .. import processes
 
 SOURCES: Final = Path(__file__).resolve().parents[3] / "firmware" / "hfx_pwm"
 """Only a checkout has them."""
@@ -54,7 +54,7 @@ def built(folder: Path) -> ctypes.CDLL:
         raise InputError(f"The firmware's core needs a C compiler and its sources in {SOURCES}.")
     glue, library = folder / "glue.c", folder / "core.so"
     glue.write_text(_GLUE)
-    done = own_processes.run(
+    done = processes.run(
         [
             *(compile_with, "-std=c11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"),
             *("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error", f"-I{SOURCES}"),

@@ -21,6 +21,7 @@ import numpy as np
 
 from ... import own_processes, resources
 from ...errors import InputError
+from .. import processes
 from . import safety_borders, safety_silences, safety_stops, safety_values
 
 LIMITS_MS: Final = {
@@ -210,7 +211,7 @@ def _own_data() -> Iterator[None]:
 @contextmanager
 def _load(count: int) -> Iterator[None]:
     """Context with processes that keep processors busy."""
-    busy = [own_processes.start(own_processes.program("while True: pass")) for _ in range(count)]
+    busy = [own_processes.start(processes.program("while True: pass")) for _ in range(count)]
     try:
         yield
     finally:

@@ -21,6 +21,7 @@ from ...devices.live import approval
 from ...devices.live.client import LiveClient
 from ...devices.live.haptics import packed
 from ...errors import InputError
+from .. import processes
 
 DEVICE: Final = "forearm_band_left"
 RATE_HZ: Final = 60.0
@@ -396,7 +397,7 @@ class _BlenderFails(Rounds):
         self._count += 1
         path = self._folder / f"log{self._count}"
         log = Log(path)
-        process = own_processes.start(own_processes.program(self._source, path))
+        process = own_processes.start(processes.program(self._source, path))
         try:
             self.until_played(log.is_loud, is_over=lambda: process.poll() is not None)
             fault_s = time.monotonic()

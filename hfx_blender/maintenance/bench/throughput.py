@@ -20,11 +20,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ... import blender_session, own_processes
+from ... import blender_session
 from ...batch import batch
 from ...batch.local_workers import LocalWorkers
 from ...batch.options import ExportOptions
 from ...batch.units import Outcome, Unit
+from .. import processes
 
 SCENES = 10
 TARGET_SPEEDUP = 1.8
@@ -212,7 +213,7 @@ def _resident(pid: int) -> int:
 
 
 def _child(program: str, *arguments: Path | str) -> str:
-    done = own_processes.run(own_processes.program(program, *arguments))
+    done = processes.run(processes.program(program, *arguments))
     _, found, value = done.stderr.rpartition("found=")
     if not found:
         raise RuntimeError(f"a measured process failed:\n{done.stderr}")

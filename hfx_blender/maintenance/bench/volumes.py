@@ -19,7 +19,7 @@ from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.mesh import MeshVolume
 from ...engine.volume.placement import inverse_placement
 from ...engine.volume.shape import Shape
-from ...engine.volume.sweep import clearance, passage
+from ...engine.volume.sweep import passage
 
 BAND: Final = 1e-9
 """Points nearer to the boundary than this share of the shape's size are not judged."""
@@ -171,7 +171,7 @@ def _asked_more(
     ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
     questions: dict[str, Callable[[], Any]] = {
         "depth_ms": lambda: volume.depth_m(points, np.eye(4)),
-        "clearance_ms": lambda: clearance(volume, points),
+        "clearance_ms": lambda: volume.clearance(points),
         "passage_ms": lambda: passage(volume, points, ends),
     }
     found = {}

@@ -20,7 +20,6 @@ from ...engine.body.model import (
     WalkCycle,
     load,
     load_model,
-    save,
 )
 from ...engine.body.parts import PARTS
 from . import (
@@ -30,6 +29,7 @@ from . import (
     left_skin,
     levels,
     measure,
+    model_file,
     model_set,
     quadric,
     remesh,
@@ -260,8 +260,8 @@ def _ranges(ascending: Any) -> list[list[int]]:
 
 def _write_avatar(folder: Path, avatar: Avatar, cycle: WalkCycle) -> dict[str, Any]:
     """Write avatar and walk cycle; returns their entries for the manifest."""
-    save(avatar, folder / model_set.AVATAR_FILE)
-    save(cycle, folder / "walk.npz")
+    model_file.save(avatar, folder / model_set.AVATAR_FILE)
+    model_file.save(cycle, folder / "walk.npz")
     walk_entry = {
         "id": WALK_ID,
         "file": "walk.npz",
@@ -278,7 +278,7 @@ def _write_models(folder: Path, models: list[PerceptualModel], is_canonical: boo
     canonical ids."""
     pressure = next((model for model in models if model.modality == "pressure"), None)
     for model in models:
-        save(model, folder / f"{model.modality}.npz")
+        model_file.save(model, folder / f"{model.modality}.npz")
         levels.save(model, folder)
         canonical_id = thresholds.canonical_id(model.modality)
         if model.id != canonical_id:

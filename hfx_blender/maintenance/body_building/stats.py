@@ -14,7 +14,7 @@ from ...engine.body.mesh_edges import edges_of
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import PARTS
 from .left_skin import Half
-from .thresholds import TABLE_1_MM, TABLE_1_SD_MM
+from .thresholds import NOTE_ON_TABLE_1, TABLE_1_MM, TABLE_1_SD_MM
 
 TIMES_FILE: Final = "build-times.json"
 """Processor time that a build took: beside the models, since it differs from build to build."""
@@ -148,7 +148,33 @@ def as_text(rows: Iterable[Row]) -> str:
             f"{spread:>9}{row.gap_mm:>8.2f}"
             f"{f'{row.table_1_mm:.2f} ({row.table_1_sd_mm:.2f})':>18}"
         )
-    return "\n".join(lines[1:]) + "\n"
+    return "\n".join([*lines[1:], "", NOTE_ON_TABLE_1]) + "\n"
+
+
+def as_markdown(manifest: Mapping[str, Any]) -> str:
+    """Tables of the shipped models for ``docs/body-models.md``, beside Table 1 as printed."""
+    lines = []
+    for model in manifest["models"].values():
+        modality = model["modality"]
+        lines += [
+            f"**{modality.capitalize()}**, {model['vertices']:,} vertices",
+            "",
+            "| part | vertices | target mm | mean mm | SD / mean | gap mm | error mm "
+            "| Table 1 mm (SD) |",
+            "|---|---|---|---|---|---|---|---|",
+        ]
+        printed = zip(TABLE_1_MM[modality], TABLE_1_SD_MM[modality], strict=True)
+        for (part, row), (mean, sd) in zip(model["statistics"].items(), printed, strict=True):
+            spacing = "- | -"
+            if row["mean_mm"]:
+                spacing = f"{row['mean_mm']:.2f} | {row['sd_mm'] / row['mean_mm']:.3f}"
+            title = part.replace("_", " ")
+            lines.append(
+                f"| {title} | {row['vertices']} | {row['target_mm']:g} | {spacing} "
+                f"| {row['gap_mm']:.2f} | {row['error_mm']:.2f} | {mean:g} ({sd:g}) |"
+            )
+        lines.append("")
+    return "\n".join([*lines, NOTE_ON_TABLE_1])
 
 
 def comparison_as_text(manifest: Mapping[str, Any], times: Mapping[str, Any]) -> str:

@@ -15,9 +15,19 @@ import numpy as np
 
 from ...engine.arrays import F64, U8
 from ...engine.body.mesh_edges import triangle_normals
-from ...engine.body.model import Avatar, PerceptualModel, load_avatar, load_model, manifest, save
+from ...engine.body.model import Avatar, PerceptualModel, load_avatar, load_model, manifest
 from ...engine.body.parts import CENTRE, PARTS, RIGHT
-from . import assemble, left_skin, measure, model_set, segmentation, skeleton, skin, stats
+from . import (
+    assemble,
+    left_skin,
+    measure,
+    model_file,
+    model_set,
+    segmentation,
+    skeleton,
+    skin,
+    stats,
+)
 from . import source as source_data
 from .left_skin import LeftSkin
 from .nearest_places import locate
@@ -228,12 +238,12 @@ def build(
         },
         "models": {},
     }
-    save(avatar, destination / model_set.AVATAR_FILE)
+    model_file.save(avatar, destination / model_set.AVATAR_FILE)
     canonical_ids = list(manifest()["models"])
     for number, canonical_id in enumerate(canonical_ids):
         progress(0.3 + 0.7 * number / len(canonical_ids), canonical_id)
         each = model(load_model(canonical_id), someone)
-        save(each, destination / f"{each.modality}.npz")
+        model_file.save(each, destination / f"{each.modality}.npz")
         made["models"][each.id] = model_set.model_entry(each)
     model_set.write_manifest(destination, made)
     progress(1.0, "done")

@@ -12,6 +12,7 @@ from ... import blender_session, own_processes
 from ...console import Console
 from ...printable import printable
 from ...staging import make_folder
+from .. import processes
 
 if TYPE_CHECKING:
     from ...export import ExportReport
@@ -112,7 +113,7 @@ def _draw_apart(scene_file: Path, track_file: Path, folder: Path) -> str | None:
     """Draw in a separate process, which may crash; returns the error."""
     command = own_processes.command("maintenance.demo.pictures", scene_file, track_file, folder)
     try:
-        done = own_processes.run(command, _PICTURE_LIMIT_S)
+        done = processes.run(command, _PICTURE_LIMIT_S)
     except subprocess.TimeoutExpired:
         return f"it took longer than {_PICTURE_LIMIT_S} s"
     except OSError as error:

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from ...engine.arrays import F64
-from ...engine.colouring import COLOURS, SKIN, Spread, felt_shares
+from ...engine.colouring import COLOURS, Spread
 from ...engine.samples import Sample
+from ..felt_shares import SKIN, felt_shares
 
 
 def avatar_colours(

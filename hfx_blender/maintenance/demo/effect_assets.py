@@ -24,9 +24,10 @@ from ...authoring.effect_assets import LIBRARY_FILE, SENSATION, is_worn
 from ...authoring.effect_file import SUFFIX, Sensation
 from ...engine.arrays import F64
 from ...engine.body.model import load_avatar, load_model
-from ...engine.colouring import SKIN, Spread, felt_shares, overlay
+from ...engine.colouring import Spread, overlay
 from ...playback.preview_layers import spread_between
 from ...playback.timeline_record import record
+from ..felt_shares import SKIN, felt_shares
 
 CATALOGS = "blender_assets.cats.txt"
 SIZE = 128

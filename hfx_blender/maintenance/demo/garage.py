@@ -97,7 +97,6 @@ def _add_fire_and_floor() -> None:
     fire = _volume("T1 Fire", "temperature", "SPHERE", radius=2.0, location=(-6.3, -2.2, 0.5))
     fire.hfx.temperature = 30.0
     fire.hfx.temperature_reference = "AMBIENT"
-    fire.hfx.falloff = "smooth"
     _clip(0.0, 2.0, fade_out=0.25)
     floor = _volume(
         "T1 Floor", "vibration", "CUBOID", size=(2.0, 2.0, 0.1), location=(-5.0, -2.0, 0.0)

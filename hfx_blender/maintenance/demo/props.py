@@ -7,8 +7,9 @@ from math import pi, radians
 
 import bpy
 
-from ...avatars.bodies import add_bystander
+from ...avatars.bodies import skin_mesh
 from ...compat import new_fcurve, set_keys
+from ...engine.body.model import load_avatar
 
 _Place = tuple[float, float]
 _Vector = tuple[float, float, float]
@@ -27,7 +28,7 @@ def furnish(scene: bpy.types.Scene, fire: _Place, people: list[_Place]) -> None:
     _add_car(collection, (2.2, 2.4))
     _add_fire(collection, fire)
     for place in people:
-        add_bystander(collection, (*place, 0.0), turn=-pi / 2)
+        _add_bystander(collection, (*place, 0.0), turn=-pi / 2)
     _add_light(scene, collection)
     _add_camera(scene, collection)
 
@@ -180,3 +181,17 @@ def _add_camera(scene: bpy.types.Scene, collection: bpy.types.Collection) -> Non
     camera.rotation_euler = (radians(70), 0.0, 0.0)
     collection.objects.link(camera)
     scene.camera = camera
+
+
+def _add_bystander(
+    collection: bpy.types.Collection, place: tuple[float, float, float], turn: float
+) -> bpy.types.Object:
+    """A figure with the avatar's looks that stands still and feels nothing."""
+    mesh = bpy.data.meshes.get("Bystander")
+    if mesh is None:
+        mesh = skin_mesh(load_avatar(), "Bystander")
+    figure = bpy.data.objects.new("Bystander", mesh)
+    figure.location = place
+    figure.rotation_euler = (0.0, 0.0, turn)
+    collection.objects.link(figure)
+    return figure

@@ -165,10 +165,10 @@ def test_an_approval_whose_files_are_gone_is_withdrawn_by_its_hash(folder, capsy
     ("arguments", "told"),
     [
         (("approve", "nobody"), "unknown"),
-        (("approve", BAND), "brings no script"),
+        (("approve", BAND), "has no script"),
         (("revoke", "nobody"), "unknown"),
         (("revoke", "0" * 64), "unknown"),
-        (("approve", "one_left", "--hash", "0" * 64), "look at it again"),
+        (("approve", "one_left", "--hash", "0" * 64), "read it again"),
     ],
 )
 def test_what_cannot_be_approved_or_withdrawn_is_told_in_one_line(folder, capsys, arguments, told):

@@ -26,7 +26,7 @@ from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.live.device_thread import DeviceThread, Question
 from hfx_blender.devices.live.encoders import Channels
 from hfx_blender.devices.live.host import Host
-from hfx_blender.devices.live.host_pipe import HostPipe
+from hfx_blender.devices.live.host_pipe import STOP_PATIENCE_S, HostPipe
 from hfx_blender.devices.live.live_frame import LiveFrame
 from hfx_blender.devices.live.messages import (
     EVERY_DEVICE,
@@ -145,7 +145,28 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     client.send("band", playing())
     client.stop_all("enough")
     assert not client._pipe._newest
-    assert client._pipe._urgent[0] == message(MessageKind.STOP, EVERY_DEVICE, b"enough")
+    stop = message(MessageKind.STOP, EVERY_DEVICE, b"enough")
+    waiting = list(client._pipe._urgent)
+    assert waiting[0] == stop
+    armed = max(at for at, each in enumerate(waiting) if each == message(MessageKind.ARM))
+    assert stop in waiting[armed:]  # else the device would be armed after the stop
+
+
+def test_a_stop_before_the_process_is_ready_leaves_it_its_time(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    pipe = client._pipe
+    process: Any = pipe._process
+    client.stop_all("enough")
+    now[0] += 5.0
+    pipe.watch()
+    assert not process.is_killed  # it imports numpy still, and has no port open
+    pipe._hear(b'{"event": "ready", "device": 0, "text": "1"}\n')
+    now[0] += STOP_PATIENCE_S + 0.01
+    pipe.watch()
+    assert process.is_killed
 
 
 def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
@@ -274,7 +295,7 @@ def test_a_script_that_answers_without_being_asked_is_not_heard() -> None:
     script._deadline_s = math.inf  # it was started, so that it may say that it is ready
     script._listen(script._process)  # type: ignore[arg-type]
     assert not answers
-    assert faults == ["its script spoke without being asked"]
+    assert faults == ["its script sent an answer without a question"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems limit it otherwise or not")

@@ -230,7 +230,7 @@ def test_after_a_sleep_nothing_of_before_is_sent_whoever_is_up_first(
     session.pass_time(0.2)
     assert not any(v for _, v in session.played.port.strengths()[count:])
     text = dict(reversed(session.played.reports))["stopped"]
-    assert text.startswith("the computer slept or stood still for")
+    assert text.startswith("the computer slept or did not run for")
 
 
 # Scripts
@@ -264,7 +264,7 @@ def test_an_answer_goes_to_who_asked_and_one_of_another_question_is_a_fault() ->
     script, worker, faults, _ = asked(message(MessageKind.ANSWER, 7, values_to(frame())))
     script.ask(b"first", lambda values: found.append("wrong"))
     script._listen(worker)  # type: ignore[arg-type]
-    assert found == ["second"] and faults == ["its script spoke without being asked"]
+    assert found == ["second"] and faults == ["its script sent an answer without a question"]
 
 
 def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once() -> None:

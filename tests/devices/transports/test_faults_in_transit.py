@@ -41,7 +41,7 @@ def test_bytes_without_an_end_take_only_so_much_memory():
     ],
 )
 def test_reserved_bits_masks_and_long_pings_are_no_frames_of_a_server(content: bytes) -> None:
-    with pytest.raises(OutputLostError, match="no frame"):
+    with pytest.raises(OutputLostError, match="not a frame"):
         _parsed(bytearray(content))
 
 
@@ -144,7 +144,7 @@ def test_a_server_that_ends_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
 
     found._on_tick = ticked
     serve(found, monkeypatch)
-    assert found._lost == "the server has gone" and heard == ["a", "tick"]
+    assert found._lost == "the connection was closed by the server" and heard == ["a", "tick"]
 
 
 def test_what_a_server_says_wrongly_ends_the_connection_and_not_the_thread(

@@ -356,7 +356,7 @@ def test_a_device_that_leaves_the_server_is_lost(serve):
     server = serve(intiface())
     output = lovense(server)
     server.connections[0].send(json.dumps([{"DeviceList": {"Id": 0, "Devices": {}}}]))
-    with pytest.raises(OutputLostError, match="left the server"):
+    with pytest.raises(OutputLostError, match="disconnected from the server"):
         server.wait(lambda: output.send(np.array([5.0, 175.0, 29.0])))
     output.close()
 

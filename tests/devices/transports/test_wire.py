@@ -61,5 +61,5 @@ def test_payloads_are_these_bytes():
 
 
 def test_the_largest_frame_fits():
-    payload = wire.values(0xFFFFFFFF, [0xFFFF] * wire.MAX_CHANNELS)
+    payload = wire.values(0xFFFFFFFF, [0xFFFF] * 32)
     assert len(wire.frame(wire.FrameKind.VALUES, 1, payload)) - 2 <= wire.MAX_FRAME

@@ -17,7 +17,7 @@ MODEL_ID = "hfx-pressure-1"
 
 
 def in_trousers(variant: variants.Variant) -> variants.Variant:
-    """Avatar whose legs are wide trousers: wider downwards and forwards, with a fold at the shin."""
+    """Avatar whose legs are wide trousers, wider downwards, with a fold at the shin."""
     points = variant.target.vertices.copy()
     heads = {bone.name: np.asarray(bone.head) for bone in variant.target.bones}
     for side in "LR":

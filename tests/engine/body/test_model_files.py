@@ -12,6 +12,7 @@ import pytest
 
 from hfx_blender.engine.body import model
 from hfx_blender.errors import InputError, OutputError
+from hfx_blender.maintenance.body_building import model_file
 
 
 def assert_equal(one: Any, other: Any) -> None:
@@ -30,10 +31,10 @@ def assert_equal(one: Any, other: Any) -> None:
 )
 def test_what_is_saved_is_loaded_and_gives_the_same_bytes(get: Any, tmp_path: Path) -> None:
     item = get()
-    model.save(item, tmp_path / "one.npz")
+    model_file.save(item, tmp_path / "one.npz")
     again = model.load(type(item), tmp_path / "one.npz")
     assert_equal(item, again)
-    model.save(again, tmp_path / "two.npz")
+    model_file.save(again, tmp_path / "two.npz")
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.npz", "two.npz"]
 
@@ -55,7 +56,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("keep", (0, 10, 1000, 20000))
 def test_a_cut_file_is_refused(tmp_path: Path, keep: int) -> None:
     path = tmp_path / "cut.npz"
-    model.save(model.load_model("hfx-temperature-1"), path)
+    model_file.save(model.load_model("hfx-temperature-1"), path)
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(InputError, match=r"cut\.npz: not a readable body model"):
         model.load(model.PerceptualModel, path)
@@ -63,7 +64,7 @@ def test_a_cut_file_is_refused(tmp_path: Path, keep: int) -> None:
 
 def test_a_damaged_byte_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bad.npz"
-    model.save(model.load_model("hfx-temperature-1"), path)
+    model_file.save(model.load_model("hfx-temperature-1"), path)
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(bytes(data))
@@ -73,7 +74,7 @@ def test_a_damaged_byte_is_refused(tmp_path: Path) -> None:
 
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "walk.npz"
-    model.save(model.load_walk(), path)
+    model_file.save(model.load_walk(), path)
     with pytest.raises(InputError, match="expected a PerceptualModel"):
         model.load(model.PerceptualModel, path)
 
@@ -98,7 +99,7 @@ def test_what_is_large_and_what_is_small_is_read_alike(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     item = model.load_model("hfx-temperature-1")
-    model.save(item, tmp_path / "one.npz")
+    model_file.save(item, tmp_path / "one.npz")
     monkeypatch.setattr(model, "_WORTH_THREADS", 0)
     assert_equal(item, model.load(model.PerceptualModel, tmp_path / "one.npz"))
 
@@ -109,7 +110,7 @@ def test_damage_is_found_by_whoever_reads_it(
 ) -> None:
     monkeypatch.setattr(model, "_WORTH_THREADS", 0)
     path = tmp_path / "bad.npz"
-    model.save(model.load_model("hfx-temperature-1"), path)
+    model_file.save(model.load_model("hfx-temperature-1"), path)
     data = bytearray(path.read_bytes())
     data[int(where * len(data))] ^= 0xFF
     path.write_bytes(bytes(data))
@@ -119,4 +120,4 @@ def test_damage_is_found_by_whoever_reads_it(
 
 def test_an_unwritable_place_is_an_output_error(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
-        model.save(model.load_walk(), tmp_path / "no folder" / "walk.npz")
+        model_file.save(model.load_walk(), tmp_path / "no folder" / "walk.npz")

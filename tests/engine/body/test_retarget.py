@@ -288,10 +288,10 @@ def _message(target: retarget_target.TargetAvatar) -> str:
 
 
 def test_a_good_avatar_passes() -> None:
-    retarget_target.check(canonical().target, "Anna")
+    assert retarget_target.check(canonical().target, "Anna") is None
 
 
-def test_meshes_that_cannot_be_used_are_refused() -> None:
+def test_meshes_that_cannot_be_used_are_refused_or_told() -> None:
     target = canonical().target
     assert "no faces" in _message(replace(target, triangles=np.zeros((0, 3), np.int64)))
     assert "no size" in _message(replace(target, vertices=target.vertices * 0.0))
@@ -311,17 +311,17 @@ def test_meshes_that_cannot_be_used_are_refused() -> None:
         triangles=loose,
         weights=variants.rows_of(target.weights, rows),
     )
-    assert "pieces" in _message(shattered)
+    assert "pieces" in str(retarget_target.check(shattered, "Anna"))
     doubled = np.concatenate((target.triangles, target.triangles[:, ::-1]))
-    assert "non-manifold" in _message(replace(target, triangles=doubled))
+    pinched = replace(target, triangles=doubled)
+    assert "non-manifold" in str(retarget_target.check(pinched, "Anna"))
 
 
 def test_a_few_faces_that_lie_there_twice_are_no_fault() -> None:
     target = canonical().target
     lashes = target.triangles[:1500, ::-1]
-    retarget_target.check(
-        replace(target, triangles=np.concatenate((target.triangles, lashes))), "Anna"
-    )
+    both = replace(target, triangles=np.concatenate((target.triangles, lashes)))
+    assert retarget_target.check(both, "Anna") is None
 
 
 def test_split_seams_are_one_piece() -> None:
@@ -333,7 +333,15 @@ def test_split_seams_are_one_piece() -> None:
         triangles=np.arange(len(rows)).reshape(-1, 3),
         weights=variants.rows_of(target.weights, rows),
     )
-    retarget_target.check(split, "Anna")
+    assert retarget_target.check(split, "Anna") is None
+
+
+def test_faces_that_look_inwards_are_seen() -> None:
+    target = canonical().target
+    assert not retarget_target.is_inside_out(target)
+    assert retarget_target.is_inside_out(replace(target, triangles=target.triangles[:, ::-1]))
+    both = np.concatenate((target.triangles, target.triangles[:, ::-1]))
+    assert not retarget_target.is_inside_out(replace(target, triangles=both))
 
 
 def test_something_that_is_not_human_is_refused() -> None:

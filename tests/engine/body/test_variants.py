@@ -17,7 +17,14 @@ from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import CENTRE, PARTS, RIGHT
 from hfx_blender.errors import UsageError
-from hfx_blender.maintenance.body_building import skin, source, stats, variant, variant_models
+from hfx_blender.maintenance.body_building import (
+    model_file,
+    skin,
+    source,
+    stats,
+    variant,
+    variant_models,
+)
 from hfx_blender.maintenance.body_building.assemble import mirrored_bones, triangles_of
 from hfx_blender.maintenance.body_building.variant import Variant
 from hfx_blender.maintenance.body_building.variant_models import Person
@@ -331,12 +338,12 @@ def test_height_only_scales(folder: Path) -> None:
 
 def test_a_variant_is_stored_and_tabled(people: dict[str, Person], tmp_path: Path) -> None:
     made = variant_models.model(model.load_model("hfx-temperature-1"), people["child"])
-    model.save(made, tmp_path / "temperature.npz")
+    model_file.save(made, tmp_path / "temperature.npz")
     back = model.load(model.PerceptualModel, tmp_path / "temperature.npz")
     assert (back.id, back.content_hash) == (made.id, made.content_hash)
     assert back.provenance == made.provenance
     rows = stats.table([back])
     assert rows[0].mean_mm == pytest.approx(made.provenance["statistics"]["head"]["mean_mm"])
     avatar = people["child"].avatar
-    model.save(avatar, tmp_path / "avatar.npz")
+    model_file.save(avatar, tmp_path / "avatar.npz")
     assert model.load(model.Avatar, tmp_path / "avatar.npz").content_hash == avatar.content_hash

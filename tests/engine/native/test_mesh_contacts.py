@@ -19,7 +19,7 @@ from hfx_blender.engine.parallel.serialization import packed, unpacked
 from hfx_blender.engine.tolerance import STANDARD, parse
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind
-from hfx_blender.engine.volume.sweep import clearance, passage
+from hfx_blender.engine.volume.sweep import passage
 
 pytestmark = needs_library
 
@@ -79,7 +79,7 @@ def test_a_mesh_that_was_asked_is_handed_over_as_one_that_was_not() -> None:
     shape, points = MeshVolume(*MESHES["rough"], "rough"), np.zeros((3, 2))
     untouched = packed(shape)
     assert shape.contains(points).all() and shape.rise(points).all()
-    assert clearance(shape, points).all() and shape.bounds.any()
+    assert shape.clearance(points).all() and shape.bounds.any()
     assert packed(shape) == untouched
     there = unpacked(untouched)
     np.testing.assert_array_equal(there.rise(points), shape.rise(points))

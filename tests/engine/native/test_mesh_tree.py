@@ -12,7 +12,7 @@ from mesh_twins import MESHES, needs_library, probes, twins, without_library
 
 from hfx_blender.engine.native import mesh_crossing as native_crossing
 from hfx_blender.engine.volume.mesh_distance import TriangleTree, leaf_order
-from hfx_blender.engine.volume.sweep import clearance, passage, passage_along
+from hfx_blender.engine.volume.sweep import passage, passage_along
 from hfx_blender.engine.ways import Ways
 
 pytestmark = needs_library
@@ -136,10 +136,10 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
     vertices, triangles = MESHES[name]
     compiled, plain = twins(vertices, triangles)
     points = probes(vertices, triangles)
-    clear = clearance(compiled, points)
+    clear = compiled.clearance(points)
     np.testing.assert_array_equal(np.isnan(clear), np.isnan(points).any(axis=0))
     some = finite(points)
-    clear, exact = clearance(compiled, some), plain.surface_distance_m(some, np.eye(3))
+    clear, exact = compiled.clearance(some), plain.surface_distance_m(some, np.eye(3))
     assert (np.abs(clear) <= exact * (1 + 1e-12)).all()  # that to a box is that of the box
     inside = plain.contains(some)
     assert (clear[inside] <= 0.0).all() and (clear[~inside] >= 0.0).all()
@@ -150,7 +150,7 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
     assert (np.abs(clear[deep]) >= 0.39 * exact[deep]).all()
     if name not in ("a needle", "a sheet", "slivers"):
         with without_library():
-            assert deep.any() and (clearance(plain, some)[deep] == 0.0).all()
+            assert deep.any() and (plain.clearance(some)[deep] == 0.0).all()
 
 
 def test_what_is_not_finite_has_no_distance_and_crosses_nothing() -> None:

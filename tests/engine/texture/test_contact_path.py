@@ -23,6 +23,11 @@ def _sheet(count: int = 8, size: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
     return vertices, triangles.astype(np.int32)
 
 
+def _pieces(paths: ContactPaths) -> np.ndarray:
+    """Path pieces, (n, 2, 2, 2): piece, begin and end, coordinate."""
+    return paths.ends_m.transpose(2, 0, 1).reshape(-1, 2, 2, 2)
+
+
 def _follow(
     mesh: SurfaceMesh,
     vertices: np.ndarray,
@@ -89,7 +94,7 @@ def test_the_way_on_a_plane_is_the_way_of_the_skin() -> None:
     paths = _follow(mesh, vertices, points)
     assert len(paths) == 150
     np.testing.assert_allclose(paths.coordinates_m.reshape(30, 5, 2), points[..., :2], atol=1e-12)
-    pieces = paths.pieces_m.reshape(30, 5, 2, 2, 2)[1:]
+    pieces = _pieces(paths).reshape(30, 5, 2, 2, 2)[1:]
     np.testing.assert_allclose(pieces[:, :, 0, 0], points[:-1, :, :2], atol=1e-12)
     np.testing.assert_allclose(pieces[:, :, 1, 1], points[1:, :, :2], atol=1e-12)
     steps = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1)
@@ -128,13 +133,13 @@ def test_ways_are_the_same_on_an_object_that_carries_the_skin_along() -> None:
     matrices = _motion(20, 2)
     carried = np.einsum("tij,tnj->tni", matrices[:, :3, :3], stroke) + matrices[:, None, :3, 3]
     np.testing.assert_allclose(
-        _follow(mesh, vertices, carried, matrices).pieces_m, still.pieces_m, atol=1e-9
+        _pieces(_follow(mesh, vertices, carried, matrices)), _pieces(still), atol=1e-9
     )
     grown = matrices.copy()
     grown[:, :3, :3] *= np.linspace(1.0, 1.5, 20)[:, None, None]  # no longer only moved
     carried = np.einsum("tij,tnj->tni", grown[:, :3, :3], stroke) + grown[:, None, :3, 3]
     np.testing.assert_allclose(
-        _follow(mesh, vertices, carried, grown).pieces_m, still.pieces_m, atol=1e-9
+        _pieces(_follow(mesh, vertices, carried, grown)), _pieces(still), atol=1e-9
     )
 
 
@@ -199,7 +204,7 @@ def test_across_a_seam_the_way_goes_on_on_the_other_side() -> None:
     assert paths.way_m[1:].max() <= chord * 1.01
     assert paths.way_m.sum() == pytest.approx(0.05 * 2.0, rel=0.01)
     seam = int(np.argmax(np.abs(np.diff(paths.coordinates_m[:, 0])))) + 1
-    first, second = paths.pieces_m[seam]
+    first, second = _pieces(paths)[seam]
     assert first[1, 0] > first[0, 0] > 0.3 and second[0, 0] < second[1, 0] < 0.01
 
 
@@ -222,9 +227,9 @@ def test_splitting_time_changes_nothing() -> None:
             part,
             np.arange(n) + first > 0,
         )
-        ways.append(paths.pieces_m[paths.carried :])
+        ways.append(_pieces(paths)[paths.carried :])
         moved.append(paths.moved_m[paths.carried :])
-    np.testing.assert_allclose(np.concatenate(ways), whole.pieces_m, atol=1e-12)
+    np.testing.assert_allclose(np.concatenate(ways), _pieces(whole), atol=1e-12)
     np.testing.assert_allclose(np.concatenate(moved), whole.moved_m, atol=1e-12)
 
 

@@ -26,7 +26,6 @@ def test_a_plane_is_a_plane_whatever_the_texels(order: str) -> None:
     points = np.random.default_rng(0).uniform((4e-3, 9e-3), (13e-3, 26e-3), (50, 2))
     expected = 0.3 * points[:, 0] - 0.2 * points[:, 1] + 0.1
     np.testing.assert_allclose(field.sample(points, order), expected, atol=1e-12)
-    np.testing.assert_allclose(field.gradient(points), np.tile([0.3, -0.2], (50, 1)), atol=1e-9)
 
 
 @settings(max_examples=30, deadline=None)
@@ -82,7 +81,6 @@ def test_a_constant_picture_is_a_flat_surface() -> None:
     field = from_image(np.full((4, 4), 0.5), 1e-3, (0.01, 0.02))
     assert field.texel_m == (0.0025, 0.005)
     np.testing.assert_allclose(field.sample(np.zeros((3, 2))), 0.5e-3)
-    assert not field.slopes.any()
 
 
 def test_codes_of_srgb_are_made_linear() -> None:

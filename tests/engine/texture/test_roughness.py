@@ -19,21 +19,55 @@ LENGTH = 7 * 2.5e-3
 X = np.arange(int(LENGTH / SPACING)) * SPACING
 
 
+def _pulse(phase: np.ndarray) -> np.ndarray:
+    """1 for a fifth of each period, else 0."""
+    return ((phase / (2.0 * np.pi) + 0.005) % 1.0 < 0.2).astype(float)
+
+
 @pytest.mark.parametrize(
-    ("wave", "ra", "rz"),
+    ("wave", "ra", "rq", "depth", "rsk", "rku"),
     [
-        (np.sin, 2.0 / np.pi, 2.0),
-        (lambda p: 2.0 / np.pi * np.arcsin(np.sin(p)), 0.5, 2.0),  # triangle
-        (lambda p: np.sign(np.sin(p + 1e-9)), 1.0, 2.0),  # square
+        (np.sin, 2.0 / np.pi, np.sqrt(0.5), 2.0, 0.0, 1.5),
+        (lambda p: 2.0 / np.pi * np.arcsin(np.sin(p)), 0.5, np.sqrt(1 / 3), 2.0, 0.0, 1.8),
+        (lambda p: np.sign(np.sin(p + 1e-9)), 1.0, 1.0, 2.0, 0.0, 1.0),
+        # Of a share p: 2 p q, sqrt(p q), (1 - 2 p) / sqrt(p q), 1 + Rsk^2.
+        (_pulse, 0.32, 0.4, 1.0, 1.5, 3.25),
     ],
+    ids=["sine", "triangle", "square", "pulse"],
 )
-def test_profiles_have_the_roughness_that_arithmetic_tells(wave, ra: float, rz: float) -> None:  # type: ignore[no-untyped-def]
-    heights = 3e-6 * wave(2.0 * np.pi * X / 1e-4)
-    found = roughness_of_profile(heights, SPACING)
+def test_profiles_have_the_roughness_that_arithmetic_tells(  # type: ignore[no-untyped-def]
+    wave, ra: float, rq: float, depth: float, rsk: float, rku: float
+) -> None:
+    found = roughness_of_profile(3e-6 * wave(2.0 * np.pi * X / 2.5e-4), SPACING)
     assert found.ra_m == pytest.approx(3e-6 * ra, rel=0.01)
-    assert found.rz_m == pytest.approx(3e-6 * rz, rel=0.01)
-    assert found.rmax_m == pytest.approx(3e-6 * rz, rel=0.01)
+    assert found.rq_m == pytest.approx(3e-6 * rq, rel=0.01)
+    for value in (found.rz_m, found.rmax_m, found.pt_m):
+        assert value == pytest.approx(3e-6 * depth, rel=0.01)
+    assert found.rsk == pytest.approx(rsk, rel=0.01, abs=0.01)
+    assert found.rku == pytest.approx(rku, rel=0.01)
+    assert found.rsm_m == pytest.approx(2.5e-4, rel=1e-3)
     assert (found.sampling_lengths, found.cutoff_m) == (5, 2.5e-3)
+
+
+def test_a_wave_of_twice_the_cutoff_keeps_what_the_filter_lets_through() -> None:
+    """Its mean line is the filter's, not that of each sampling length, which holds half a wave."""
+    found = roughness_of_profile(1e-6 * np.sin(2.0 * np.pi * X / 5e-3), SPACING)
+    left = 1e-6 * (1.0 - 2.0**-0.25)  # ISO 16610-21
+    assert found.ra_m == pytest.approx(2.0 / np.pi * left, rel=1e-3)
+    assert found.rq_m == pytest.approx(np.sqrt(0.5) * left, rel=1e-3)
+    assert found.rku == pytest.approx(1.5, rel=1e-3)
+    assert found.pt_m == pytest.approx(2e-6, rel=1e-3)
+    assert found.rsm_m == pytest.approx(5e-3, rel=1e-3)
+
+
+def test_low_and_narrow_peaks_are_no_elements_of_their_own() -> None:
+    plain = 1e-6 * np.sin(2.0 * np.pi * X / 5e-4)
+    for height, width in ((0.12e-6, 4.1e-5), (3e-6, 1e-5)):  # below 10 % of Rz; below 25 um
+        ripple = height * (X % 5e-4 < width)
+        found = roughness_of_profile(plain + np.where(plain < 0.0, 0.0, ripple), SPACING)
+        assert found.rsm_m == pytest.approx(5e-4, rel=1e-2)
+    deep = 1e-6 * np.sin(2.0 * np.pi * X / 5e-4) + 1.5e-6 * np.sin(2.0 * np.pi * X / 2.5e-4)
+    assert roughness_of_profile(deep, SPACING).rsm_m == pytest.approx(2.5e-4, rel=1e-2)
 
 
 def test_a_single_scratch_is_in_rmax_and_a_fifth_of_it_in_rz() -> None:
@@ -85,4 +119,5 @@ def test_a_profile_that_cannot_be_judged_is_refused(heights: np.ndarray, spacing
 
 def test_a_flat_surface_has_none() -> None:
     found = roughness_of_surface(HeightField(np.ones((50, 50)), (1e-4, 1e-4)))
-    assert max(found.ra_m, found.rz_m, found.rmax_m) < 1e-12
+    assert max(found.ra_m, found.rq_m, found.rz_m, found.rmax_m, found.pt_m) < 1e-12
+    assert found.rsk is found.rku is found.rsm_m is None

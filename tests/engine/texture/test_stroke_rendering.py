@@ -166,8 +166,8 @@ def test_turning_texture_and_way_together_changes_nothing(renderer: Renderer) ->
         field = HeightField(grid, (1e-4, 1e-4))
         stroke = strokes.line((0.5 * size, 0.5 * size), 0.4, 0.02, 0.04)
         if turned:
-            centred = Stroke(stroke.times_s, stroke.points_m - 0.5 * size).turned(-np.pi / 2.0)
-            stroke = Stroke(stroke.times_s, centred.points_m + 0.5 * size)
+            x, y = (stroke.points_m - 0.5 * size).T
+            stroke = Stroke(stroke.times_s, np.column_stack((y, -x)) + 0.5 * size)
         texture = SurfaceTexture(field, make_map(field), renderer)
         signals.append(render_stroke(texture, stroke))
     np.testing.assert_allclose(

@@ -10,7 +10,7 @@ from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.nearest_surface import nearest_surface
 from hfx_blender.engine.volume.shape import Shape
-from hfx_blender.engine.volume.sweep import clearance, passage
+from hfx_blender.engine.volume.sweep import passage
 
 MOMENTS = 400
 
@@ -81,7 +81,7 @@ def test_a_passage_is_what_many_moments_show(name: str) -> None:
 def test_clearance_holds_on_all_sides(name: str) -> None:
     shape, rng = SHAPES[name], np.random.default_rng(2)
     points = rng.uniform(-2.0, 2.0, (3, 2000))
-    clear = clearance(shape, points)
+    clear = shape.clearance(points)
     directions = rng.normal(size=points.shape)
     directions /= np.linalg.norm(directions, axis=0)
     known = clear != 0.0

@@ -20,11 +20,6 @@ DURATION_MS: Final = 100
 
 INTERVAL_S: Final = 0.02
 _PATH: Final = "/v2/feedbacks?app_id=hfx_blender&app_name=HFX"
-_OTHER_HAND: Final = {
-    f"{part}{side}": f"{part}{other}"
-    for part in ("Forearm", "Hand", "Foot")
-    for side, other in ("LR", "RL")
-}
 
 
 class BhapticsOutput:
@@ -32,8 +27,6 @@ class BhapticsOutput:
 
     Parameters
     ----------
-    device : DeviceConfig
-    how : BhapticsEncoder
     host, port
         Of the Player.
 
@@ -45,10 +38,7 @@ class BhapticsOutput:
 
     def __init__(self, device: DeviceConfig, how: BhapticsEncoder, host: str, port: int) -> None:
         self._channels = Channels(device, strengths_only=True)
-        self._dots = [
-            (_OTHER_HAND.get(position, position) if device.is_mirrored else position, index)
-            for position, index in how.dots
-        ]
+        self._dots = how.worn_dots(is_mirrored=device.is_mirrored)
         self._positions = list(dict.fromkeys(position for position, _ in self._dots))
         self._key = f"hfx-{device.id}"
         self._sent_s = 0.0

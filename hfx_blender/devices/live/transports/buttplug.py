@@ -28,8 +28,6 @@ class ButtplugOutput:
 
     Parameters
     ----------
-    device : DeviceConfig
-    how : ButtplugEncoder
     host, port
         Of the server.
 
@@ -181,7 +179,7 @@ class ButtplugOutput:
             if self._given and not any(
                 each.get("DeviceIndex") == self._index for each in devices.values()
             ):
-                self._fault = "The device has left the server."
+                self._fault = "The device was disconnected from the server."
             self._devices = devices
         elif "Error" in message:
             told = str(message["Error"].get("ErrorMessage", ""))[:200]

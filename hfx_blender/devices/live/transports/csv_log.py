@@ -25,7 +25,6 @@ class CsvLog:
 
     Parameters
     ----------
-    device : DeviceConfig
     path : Path
         Must not exist: a log never overwrites a file.
 

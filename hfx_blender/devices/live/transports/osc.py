@@ -68,8 +68,6 @@ class OscOutput:
 
     Parameters
     ----------
-    device : DeviceConfig
-    how : OscEncoder
     host, port
         Where datagrams go.
 

@@ -44,7 +44,6 @@ class SerialPort:
     ----------
     name : str
         As :func:`is_port_name` allows.
-    baud : int
 
     Raises
     ------
@@ -124,7 +123,7 @@ class SerialPort:
         except BlockingIOError:
             return b""
         except Exception as error:
-            raise OutputLostError(f"{self.name} is gone ({error}).") from None
+            raise OutputLostError(f"{self.name} is lost ({error}).") from None
 
     def close(self) -> None:
         """Give the port back; it may be called again."""
@@ -149,17 +148,11 @@ class SerialPort:
         except BlockingIOError:
             return 0
         except Exception as error:  # OSError, SerialException, termios.error, TypeError if closed
-            raise OutputLostError(f"{self.name} is gone ({error}).") from None
+            raise OutputLostError(f"{self.name} is lost ({error}).") from None
 
 
 class SerialFrames:
-    """Output to a device on a serial port that takes frames of its own kind.
-
-    Parameters
-    ----------
-    port : SerialPort
-    encoder : FrameEncoder
-    """
+    """Output to a device on a serial port that takes frames of its own kind."""
 
     def __init__(self, port: SerialPort, encoder: FrameEncoder) -> None:
         self._port = port

@@ -39,7 +39,6 @@ class SoundCard:
 
     Parameters
     ----------
-    device : DeviceConfig
     interface : str
         Part of the card's name, or its number; empty: the system's own.
     first_channel : int

@@ -191,7 +191,7 @@ class WebSocket:
                 if readable:
                     content = self._socket.recv(65536)
                     if not content:
-                        self._lost = "the server has gone"
+                        self._lost = "the connection was closed by the server"
                         return
                     self._received += content
                 self._take()
@@ -227,7 +227,7 @@ class WebSocket:
                     self._message.clear()
                     self._on_text(text)
             elif code != _PONG:
-                raise OutputLostError("the server sent something else than text.")
+                raise OutputLostError("the server sent data that is not text.")
 
 
 def _frame(code: int, payload: bytes) -> bytes:
@@ -252,7 +252,7 @@ def _parsed(content: bytearray) -> tuple[bool, int, bytes, int] | None:
     first, size = content[0], content[1]
     is_control = first & 0x08
     if first & 0x70 or size & 0x80 or (is_control and (size > 125 or first < 0x80)):
-        raise OutputLostError("the server sent something that is no frame.")
+        raise OutputLostError("the server sent data that is not a frame.")
     at = 2
     if size >= 126:
         width = 2 if size == 126 else 8

@@ -29,11 +29,8 @@ class WireBoard:
 
     Parameters
     ----------
-    device : DeviceConfig
     port : SerialPort
         Open; it belongs to the board from now on.
-    start_s : float
-        How long the board may take to answer.
 
     Raises
     ------
@@ -41,22 +38,22 @@ class WireBoard:
         The board does not answer, or is not one for this device.
     """
 
-    def __init__(self, device: DeviceConfig, port: SerialPort, start_s: float = START_S) -> None:
+    def __init__(self, device: DeviceConfig, port: SerialPort) -> None:
         self._name, self._port = port.name, port
         try:
-            self._open(device, start_s)
+            self._open(device)
         except BaseException:
             port.close()
             raise
 
-    def _open(self, device: DeviceConfig, start_s: float) -> None:
+    def _open(self, device: DeviceConfig) -> None:
         self._channels = Channels(device, strengths_only=True)
         self._time_limits_ms = _time_limits_ms(device)
         self._receiver = wire.Receiver()
         self._sequence = 0
         self._is_ready = False
         self._is_stopped = True
-        self._begin(start_s)
+        self._begin(START_S)
         while not self._is_ready:
             time.sleep(0.005)
             self._listen()
@@ -99,7 +96,9 @@ class WireBoard:
     def _ask_again(self) -> None:
         now = time.monotonic()
         if now > self._patience_ends_s:
-            raise OutputLostError(f"The board at {self._name} does not answer; is it ours?")
+            raise OutputLostError(
+                f"The board at {self._name} does not answer; does it run our firmware?"
+            )
         if now >= self._asked_s + _RETRY_S:
             self._asked_s = now
             self._port.write_newest(self._frame(wire.FrameKind.CONFIGURE, self._configuration))
@@ -110,9 +109,9 @@ class WireBoard:
                 self._understand_ready(each.payload)
             elif each.kind == wire.FrameKind.STOPPED and self._is_ready:
                 if wire.stopped(each.payload) == wire.Reason.NO_VALUES:
-                    told = f"it got no values for {wire.DEAD_MAN_MS} ms"
+                    told = f"it received no values for {wire.DEAD_MAN_MS} ms"
                 else:
-                    told = "it was restarted or stopped by somebody else"
+                    told = "it was restarted or stopped by another program"
                 raise OutputLostError(f"The board at {self._name} stopped itself: {told}.")
 
     def _understand_ready(self, payload: bytes) -> None:

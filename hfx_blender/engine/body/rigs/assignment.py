@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, pairwise, product
 from typing import Final
 
@@ -30,6 +30,8 @@ _NEXT: Final = (
     ("upperleg01", "lowerleg01"),
     ("lowerleg01", "foot"),
 )
+_ARM: Final = ("upperarm01", "lowerarm01")
+_LEG: Final = ("upperleg01", "lowerleg01")
 _TRIED: Final = 4  # bones with the same joint's name
 _MAIN: Final = frozenset(
     ["head"]
@@ -67,6 +69,14 @@ def _canonical_names(names: Iterable[str]) -> dict[str, str]:
     return {canonical[key(name)]: name for name in names if key(name) in canonical}
 
 
+def is_human(found: Mapping[str, str]) -> bool:
+    """Test joints for a trunk with both arms or both legs."""
+    has_trunk = "root" in found or any(name.startswith("spine") for name in found)
+    return has_trunk and any(
+        all(f"{bone}.{side}" in found for bone in limb for side in "LR") for limb in (_ARM, _LEG)
+    )
+
+
 class _Assignment(Digits):
     """Steps of the assignment, which share the names read and the counterparts found so far."""
 
@@ -86,29 +96,49 @@ class _Assignment(Digits):
         self._put("jaw", self._take("jaw", ""))
 
     def _arm(self, side: str) -> None:
-        clavicle = self._take("clavicle", side)
-        shoulder = self._take("shoulder", side)
-        upper = self._either(self._take("upper_arm", side), self._take("arm", side))
-        if not upper:  # joints are named, not bones: shoulder, elbow, wrist
-            upper, shoulder = shoulder, []
-        self._put(f"clavicle.{side}", clavicle or shoulder)
+        clavicle, shoulder = self._take("clavicle", side), self._take("shoulder", side)
+        arm = self._take("arm", side)
+        fore, hand = self._take("forearm", side), self._take("hand", side)
+        upper = self._either(self._take("upper_arm", side), arm)
+        if not fore:  # "Arm1", "Arm2", perhaps "Arm3"
+            upper, fore, hand, _ = self._numbered(upper, fore, hand)
+        # Joints may be named, not bones: shoulder, elbow, wrist.
+        upper = [*upper, *shoulder]
         bones = ("upperarm01", "lowerarm01", "wrist")
-        self._put_chain(side, bones, (upper, self._take("forearm", side), self._take("hand", side)))
+        self._put_chain(side, bones, (upper, fore, hand))
+        taken = self.found.get(f"upperarm01.{side}")
+        self._put(f"clavicle.{side}", clavicle or [name for name in shoulder if name != taken])
 
     def _leg(self, side: str) -> None:
-        thigh, hip = self._take("thigh", side), self._take("hip", side)
-        leg, shin = self._take("leg", side), self._take("shin", side)
-        half = self._take("pelvis_half", side)
-        if thigh:
-            half = half or hip
-        elif hip:
-            thigh = hip
-        elif shin:  # leg and knee
-            thigh, leg = leg, []
-        self._put(f"pelvis.{side}", half)
-        bones = ("upperleg01", "lowerleg01", "foot")
+        hip, leg = self._take("hip", side), self._take("leg", side)
+        thigh, shin = self._take("thigh", side), self._take("shin", side)
+        foot = self._take("foot", side)
         below = self._either(shin, leg)
-        self._put_chain(side, bones, (thigh, below, self._take("foot", side)))
+        if not thigh and not hip and shin:  # leg and knee
+            thigh, below = leg, shin
+        elif not thigh and not shin and len(leg) > 1:  # "Leg1", "Leg2", perhaps "Leg3"
+            thigh, below, foot, toe = self._numbered(leg, [], foot)
+            self.slots.setdefault(("toe", side), toe)
+        thigh = [*thigh, *hip]
+        self._put_chain(side, ("upperleg01", "lowerleg01", "foot"), (thigh, below, foot))
+        taken = self.found.get(f"upperleg01.{side}")
+        half = self._take("pelvis_half", side) or [name for name in hip if name != taken]
+        self._put(f"pelvis.{side}", half)
+
+    def _numbered(
+        self, first: list[str], second: list[str], third: list[str]
+    ) -> tuple[list[str], list[str], list[str], list[str]]:
+        """Spread bones of one name that hang on each other over the joints of a limb.
+
+        The fourth list holds what is left over: toes.
+        """
+        chain = first[:1]
+        for name in first[1:]:
+            if chain[-1] in self.rig.ancestors(name):
+                chain.append(name)
+        if len(chain) < 2:
+            return first, second, third, []
+        return chain[:1], chain[1:2], third or chain[2:3], [] if third else chain[3:4]
 
     def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
         """Unambiguous bones of a joint, then those that could belong to another."""
@@ -178,6 +208,8 @@ class _Assignment(Digits):
         hips = list(self._take("lower_body", "") or self._take("hips", ""))
         spine = list(self._take("spine", ""))
         neck, head = list(self._take("neck", "")), self._take("head", "")
+        if len(neck) > 1 and not head and neck[-2] in self.rig.ancestors(neck[-1]):
+            neck, head = neck[:-1], neck[-1:]
         if (ends := [*neck, *head]) and hips:
             # What holds the hips, or nothing, is no spine (nor what is left of another rig).
             carrying = set(self.rig.ancestors(ends[0])) - set(self.rig.ancestors(hips[0]))

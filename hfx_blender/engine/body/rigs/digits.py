@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from .names import FINGERS, read_names
+from .names import BoneName, read_names
 from .rig import Rig, canonical_heads
+from .vocabulary import CENTRE, FINGERS
+
+_CENTRE_SLOTS = frozenset(CENTRE.values())
 
 
 class Digits:
@@ -16,7 +20,9 @@ class Digits:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.names = read_names(rig.bones)
+        read = read_names(rig.labels.values())
+        named = {name: read[label] for name, label in rig.labels.items() if label in read}
+        self.names = _with_inherited_sides(rig, named)
         self.slots: dict[tuple[str, str], list[str]] = {}
         for name in sorted(self.names, key=self._order):
             said = self.names[name]
@@ -100,9 +106,9 @@ class Digits:
                 digits = own[0] if from_zero or len(own) > 1 else own[0].lstrip("0")
                 first = int(digits[:1] or "0") if from_zero or len(own) == 1 else int(digits)
                 fingers.setdefault(first + from_zero, []).append(name)
-        if joints["thumb"]:  # the numbered ones are a mitten beside a named thumb
-            if bones and not joints["index"]:
-                joints["index"] = bones
+        if joints["thumb"]:  # the numbered ones are a mitten beside a named thumb or two
+            other = "middle" if joints["index"] else "index"
+            joints[other] = joints[other] or bones
             return
         for number, chain in fingers.items():
             if 1 <= number <= 5 and not joints[FINGERS[number - 1]]:
@@ -140,3 +146,17 @@ class Digits:
         for number, chain in chains.items():
             for joint, name in enumerate(chain[: 2 if number == 1 else 3], start=1):
                 self._put(f"toe{number}-{joint}.{side}", [name])
+
+
+def _with_inherited_sides(rig: Rig, names: dict[str, BoneName]) -> dict[str, BoneName]:
+    """Give a limb's bone that names no side ("Thumb_01") the side of the limb that it hangs on."""
+    found = {}
+    for name, said in names.items():
+        if said.side or said.slot in _CENTRE_SLOTS:
+            found[name] = said
+            continue
+        sides = (names[above].side for above in rig.ancestors(name) if above in names)
+        side = next((side for side in sides if side), "")
+        if side:
+            found[name] = replace(said, side=side)
+    return found

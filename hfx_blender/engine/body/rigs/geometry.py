@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from ....errors import InputError
 from ...arrays import F64
 from .assignment import spine_counterparts
 from .rig import Rig
@@ -19,27 +18,6 @@ _ARM: Final = ("clavicle", "upperarm01", "lowerarm01", "wrist")
 _LEG: Final = ("pelvis", "upperleg01", "lowerleg01", "foot", "toe2-1")
 _LIKE_LENGTH: Final = 0.1  # relative difference at which two chains still count as a pair
 _FOOT_MIN: Final = 0.02  # of the body's height: shorter steps do not show where a foot points
-
-
-def frame_from_heads(heads: Mapping[str, F64]) -> F64:
-    """Columns left, back, up (3, 3) from the heads of canonical bones, in the heads' space.
-
-    Raises
-    ------
-    InputError
-        The joints lie at one point or on one line.
-    """
-    up, left = _up(heads), named_left(heads)
-    if up is not None and left is not None:
-        left = left - (left @ up) * up
-        length = float(np.linalg.norm(left))
-        if length > 1e-6:
-            left = left / length
-            return np.column_stack([left, np.cross(up, left), up])
-    raise InputError(
-        "The mapped bones of this armature do not span a body: left and right thighs or arms, "
-        "and hips and neck or head, must be mapped and lie apart."
-    )
 
 
 def named_left(heads: Mapping[str, F64]) -> F64 | None:

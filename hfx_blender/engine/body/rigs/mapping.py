@@ -14,21 +14,20 @@ from typing import Final
 
 from ....errors import InputError
 from ...arrays import F64
-from .assignment import assigned_by_name
+from .assignment import assigned_by_name, is_human
+from .characters import check_single
 from .conventions import convention_of
 from .geometry import (
     assigned_by_geometry,
-    frame_from_heads,
     geometric_left,
     named_left,
 )
-from .names import FINGERS
 from .rig import Rig, RigBone, canonical_parents
+from .vocabulary import FINGERS
 
 __all__ = [
     "BoneMapping",
     "RigBone",
-    "frame_of",
     "from_json",
     "map_bones",
     "to_json",
@@ -36,8 +35,6 @@ __all__ = [
 ]
 
 FORMAT_VERSION: Final = 1
-_ARM: Final = ("upperarm01", "lowerarm01")
-_LEG: Final = ("upperleg01", "lowerleg01")
 _SIDE_NAMES: Final = {"L": "left", "R": "right"}
 _SIDES: Final = (".L", ".R")
 
@@ -55,35 +52,45 @@ class BoneMapping:
     report: tuple[str, ...]  # sentences about what is missing or doubtful
 
 
-def map_bones(bones: Sequence[RigBone]) -> BoneMapping:
+def map_bones(bones: Sequence[RigBone], labels: Mapping[str, str] | None = None) -> BoneMapping:
     """Map the bones of an avatar's armature to the canonical skeleton.
 
     Parameters
     ----------
     bones : sequence of RigBone
         All bones of the armature in rest pose, control bones included.
+    labels : mapping, optional
+        Bone to the name of VRM's human bone that it is, where the armature's file tells; believed
+        before the bones' own names.
 
     Raises
     ------
     InputError
-        No human joints are recognisable, neither by name nor by the shape of the hierarchy.
+        No human joints are recognisable, neither by name nor by the shape of the hierarchy; or
+        those of two humans are.
     """
-    rig = Rig(bones)
     notes: list[str] = []
+    rig = Rig(bones, labels)
     found = assigned_by_name(rig)
-    if not _is_human(found) and len(rig.bones) < len(rig.by_name):
+    is_labelled = bool(labels) and is_human(found)
+    if labels and not is_labelled:
+        rig = Rig(bones)
+        found = assigned_by_name(rig)
+    if not is_human(found) and len(rig.bones) < len(rig.by_name):
         every = Rig([replace(bone, deform=True) for bone in bones])
-        if _is_human(assigned_by_name(every)):
+        if is_human(assigned_by_name(every)):
             rig, found = every, assigned_by_name(every)
-    convention = convention_of(rig.bones)
-    if not _is_human(found):
+    check_single(rig)
+    convention = "vrm" if is_labelled else convention_of(rig.bones)
+    if not is_human(found):
         by_geometry = assigned_by_geometry(rig)
         if by_geometry is None:
             raise InputError(
                 f"None of the naming conventions fits the {len(bones)} bones of this armature, "
                 "nor does their hierarchy look human: looked for hips or a spine with both "
                 "thighs and shins or both upper arms and forearms (Mixamo, Unity or VRM, Rigify, "
-                "Unreal, MakeHuman, CMU, Daz, Biped and plain left/right names)."
+                "Unreal, MakeHuman, CMU, Daz, Biped and plain left/right names). "
+                "Assign the bones by hand in the HFX tab, under Bones, or choose another armature."
             )
         found, convention = by_geometry, "geometry"
         notes.append(
@@ -161,24 +168,6 @@ def from_json(text: str) -> BoneMapping:
     return mapping
 
 
-def frame_of(bones: Sequence[RigBone], mapping: BoneMapping) -> F64:
-    """Axes of the avatar itself in its armature's space.
-
-    Returns
-    -------
-    (3, 3) float64
-        Orthonormal and right-handed; columns are the avatar's left, back and up, which are
-        +X, +Y and +Z of the canonical rest space. ``frame.T @ point`` turns armature space
-        into the canonical axes.
-
-    Raises
-    ------
-    InputError
-        The mapped joints lie at one point or on one line, or a mapped bone is missing.
-    """
-    return frame_from_heads(_heads(Rig(bones), mapping.bones))
-
-
 def _heads(rig: Rig, found: Mapping[str, str]) -> dict[str, F64]:
     for canonical, name in found.items():
         if name not in rig.by_name:
@@ -187,13 +176,6 @@ def _heads(rig: Rig, found: Mapping[str, str]) -> dict[str, F64]:
                 "bone of that name."
             )
     return {canonical: rig.head(name) for canonical, name in found.items()}
-
-
-def _is_human(found: Mapping[str, str]) -> bool:
-    has_trunk = "root" in found or any(name.startswith("spine") for name in found)
-    return has_trunk and any(
-        all(f"{bone}.{side}" in found for bone in limb for side in "LR") for limb in (_ARM, _LEG)
-    )
 
 
 def _is_mirrored(rig: Rig, found: Mapping[str, str]) -> bool:
@@ -276,15 +258,7 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
             ("foot", "foot"),
         ):
             tell(f"the {side_name} {what}", f"{bone}.{side}")
-        for number, finger in enumerate(FINGERS, start=1):
-            joints = [f"finger{number}-{joint}.{side}" for joint in (1, 2, 3)]
-            absent = [joint for joint in joints if joint in fallbacks]
-            count = "" if len(absent) == 3 else f"{len(absent)} of 3 joints of "
-            if absent:
-                tell(
-                    f"{count}the {side_name} {finger} finger".replace("thumb finger", "thumb"),
-                    absent[0],
-                )
+        sentences += _missing_fingers(side, fallbacks)
         toes = [n for n in fallbacks if n.startswith("toe") and n.endswith(side)]
         if len({fallbacks[name] for name in toes}) == 1:
             tell(f"the single toes of the {side_name} foot", toes[0])
@@ -298,3 +272,24 @@ def _missing(bones: Mapping[str, str], fallbacks: Mapping[str, str]) -> list[str
         )
     tell("the jaw", "jaw")
     return sentences
+
+
+def _missing_fingers(side: str, fallbacks: Mapping[str, str]) -> list[str]:
+    """A sentence for all fingers of a hand that lack the same joints and follow the same bone."""
+    alike: dict[tuple[int, str], list[str]] = {}
+    for number, finger in enumerate(FINGERS, start=1):
+        joints = [f"finger{number}-{joint}.{side}" for joint in (1, 2, 3)]
+        absent = [joint for joint in joints if joint in fallbacks]
+        if absent:
+            follows = f"'{fallbacks[absent[0]]}'" if len(absent) == 3 else ""
+            alike.setdefault((len(absent), follows), []).append(finger)
+    found = []
+    for (count, follows), fingers in alike.items():
+        names = " and ".join(filter(None, (", ".join(fingers[:-1]), fingers[-1])))
+        names += "" if fingers == ["thumb"] else " finger"
+        part = "" if count == 3 else f"{count} of 3 joints of "
+        which = follows or "the joint before"
+        found.append(
+            f"No bone for {part}the {_SIDE_NAMES[side]} {names}; the skin there follows {which}."
+        )
+    return found

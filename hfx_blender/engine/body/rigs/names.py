@@ -1,114 +1,52 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Parses bone names: the body joint and the side that a rig's bone is named after.
 
-A name counts only if all of it is understood (after the side, numbers and the rig's own
-prefix are taken away), so that ``hand_ik.L``, ``upperarm_correctiveRoot_l`` or ``ORG-thigh.L``
-are never taken for the joint that they resemble.
-
-The words come from the public naming of Mixamo, Unity and VRM, VRoid Studio, Rigify, Auto-Rig
-Pro, Unreal's mannequins, MakeHuman, the CMU motion capture files, Daz Genesis, Character Creator,
-3ds Max Biped, MikuMikuDance, SMPL, Xsens, Maya's Advanced Skeleton and Second Life.
+A name counts only if all of it is understood (after the side, numbers, words such as ``bone`` and
+what most names of the rig share are taken away), so that ``hand_ik.L``,
+``upperarm_correctiveRoot_l`` or ``ORG-thigh.L`` are never taken for the joint that they resemble.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from .japanese import in_english
+from .vocabulary import (
+    CARRIERS,
+    CENTRE,
+    CENTRE_MARKS,
+    CONTEXT,
+    FILLERS,
+    KNOWN,
+    SIDED,
+    SIDES,
+    VERTEBRAE,
+    Words,
+    parted,
+)
 
-FINGERS: Final = ("thumb", "index", "middle", "ring", "pinky")
-"""Finger ``n`` (from 1) of the canonical skeleton is ``FINGERS[n - 1]``."""
-
-_SIDED_WORDS: Final = {
-    "clavicle": "clavicle collar collarbone clav scapula",
-    "shoulder": "shoulder",  # the collar bone or the upper arm, as the rest of the rig decides
-    "upper_arm": "upperarm uparm armupper armup armstretch shldr shldrbend upperarmbend humerus",
-    "upper_arm_twist": "shldrtwist upperarmtwist uparmtwist armtwist shoulderpart",
-    "arm": "arm",  # the upper arm of Mixamo
-    "forearm": "forearm lowerarm loarm armlower armlow forearmstretch forearmbend lowerarmbend "
-    "elbow",
-    "forearm_twist": "forearmtwist lowerarmtwist foretwist wristtwist elbowpart",
-    "hand": "hand wrist armhand",
-    "thigh": "thigh upleg upperleg legupper legup thighstretch thighbend femur",
-    "thigh_twist": "thightwist uplegtwist upperlegtwist hippart",
-    "leg": "leg",  # the shin of Mixamo, the thigh beside a bone called knee
-    "hip": "hip",
-    "shin": "shin calf lowerleg loleg leglower leglow legstretch knee tibia",
-    "shin_twist": "shintwist calftwist lowerlegtwist legtwist kneepart",
-    "foot": "foot ankle legfoot",
-    "toe": "toe toes toebase ball",
-    "toe 1": "bigtoe",
-    "toe 2": "indextoe",
-    "toe 3": "midtoe middletoe",
-    "toe 4": "ringtoe",
-    "toe 5": "pinkytoe littletoe",
-    "small_toe": "smalltoe",
-    "pelvis_half": "pelvis hipjoint",
-    "breast": "breast pectoral",
-    "eye": "eye faceeye adjfaceeye jadjfaceeye",
-    "finger": "finger handfinger fingers",
-    "finger_base": "fingerbase",
-    "metacarpal": "metacarpal palm carpal",
-}
-_CENTRE_WORDS: Final = {
-    "hips": "hips hip pelvis groin",
-    "lower_body": "lowerbody",  # of MikuMikuDance: beside the upper body, not below it
-    "spine": "spine chest upperchest chestupper chestlower abdomen abdomenlower abdomenupper "
-    "lowerback torso waist stomach ribs ribcage thorax lowerspine upperspine spinelower "
-    "spineupper upperbody",
-    "neck": "neck necklower neckupper necktwist lowerneck upperneck",
-    "head": "head",
-    "jaw": "jaw lowerjaw jawroot",
-}
-_FINGER_WORDS: Final = {
-    "thumb": "thumb",
-    "index": "index pointer forefinger fore",
-    "middle": "middle mid",
-    "ring": "ring third",
-    "pinky": "pinky pinkie little",
-}
-
-
-def _sided_vocabulary() -> dict[str, str]:
-    found = {word: slot for slot, words in _SIDED_WORDS.items() for word in words.split()}
-    for finger, words in _FINGER_WORDS.items():
-        for word in words.split():
-            for before in ("", "hand", "f", "finger"):
-                for after in ("", "finger", "proximal", "intermediate", "distal"):
-                    found[before + word + after] = f"finger {finger}"
-            for metacarpal in (
-                f"{word}metacarpal",
-                f"metacarpal{word}",
-                f"inhand{word}",
-                f"{word}base",
-            ):
-                # The first joint of the thumb is its metacarpal in every rig.
-                found[metacarpal] = f"{'finger' if finger == 'thumb' else 'metacarpal'} {finger}"
-    return found
-
-
-_SIDED: Final = _sided_vocabulary()
-_CENTRE: Final = {word: slot for slot, words in _CENTRE_WORDS.items() for word in words.split()}
-
-_SIDE_TOKENS: Final = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R"}
-_CENTRE_TOKENS: Final = {"c", "m", "x"}
-_VERTEBRAE: Final = {"l5", "l3", "t12", "t8"}  # the spine of Xsens
-_CARRIERS: Final = {"stretch", "skin"}
-"""Marks of the one of two bones of a joint that the skin hangs on (Auto-Rig Pro, MikuMikuDance)."""
-_CONTROL_TOKENS: Final = {"org", "mch", "vis", "wgt", "ctrl", "ik", "fk", "vb", "adj", "sec"}
 _TOKEN: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_CASELESS_TOKEN: Final = re.compile(r"[a-z]+|\d+")
 _KNOWN_PREFIX: Final = re.compile(
     r"(?i:mixamorig\d*|j_bip|(?:valvebiped\.)?bip\d*|cc_base|def)(?=[\s_\-.:A-Z])"
 )
+_SHARED: Final = 0.6
+"""Share of a rig's names that have an unknown word, from which it is the rig's own mark."""
+
+_NUMBERED: Final = 0.75
+"""Share of names that end in a number of their own, from which the numbers only count bones."""
 
 
 @dataclass(frozen=True)
 class BoneName:
-    """Meaning of a bone name: the joint (``slot``), ``side`` ("L", "R" or "") and its numbers."""
+    """Meaning of a bone name: the joint (``slot``), ``side`` ("L", "R" or "") and its numbers.
+
+    A joint of a limb whose name tells no side has side "" too: that of the limb it hangs on.
+    """
 
     slot: str
     side: str
@@ -118,7 +56,7 @@ class BoneName:
 
 def plain(name: str) -> str:
     """A name without namespace and without the prefix of a known kind of rig."""
-    local = in_english(re.split(r"[:|]", name)[-1].strip())
+    local = in_english(re.split(r"[:|]", name.rstrip(":| "))[-1].strip())
     return local[match.end() :] if (match := _KNOWN_PREFIX.match(local)) else local
 
 
@@ -132,51 +70,14 @@ def without_role(name: str) -> str:
     return re.sub(r"^(?:DEF|ORG|MCH)-", "", name)
 
 
-def _shared_prefix(names: Iterable[Sequence[str]]) -> list[str]:
-    """Tokens that three quarters of the names begin with and that mean nothing here."""
-    remaining = [list(tokens) for tokens in names if tokens]
-    prefix: list[str] = []
-    meaningful = _SIDED.keys() | _CENTRE.keys() | _SIDE_TOKENS.keys() | _CONTROL_TOKENS
-    while remaining:
-        token, count = Counter(tokens[0] for tokens in remaining).most_common(1)[0]
-        if count < max(4, 0.75 * len(remaining)) or token in meaningful:
-            break
-        prefix.append(token)
-        remaining = [tokens[1:] for tokens in remaining if tokens[0] == token and tokens[1:]]
-    return prefix
-
-
-def _understood(tokens: Sequence[str]) -> BoneName | None:
-    sides = {_SIDE_TOKENS[token] for token in tokens if token in _SIDE_TOKENS}
-    if len(sides) > 1:
-        return None
-    if "".join(tokens) in _VERTEBRAE:
-        return BoneName("spine", "", ())
-    numbers = tuple(token for token in tokens if token.isdigit())
-    # "c_index1.l" is moved by hand where there is an "index1.l" too.
-    rank = -1 if _CARRIERS & set(tokens) else int(tokens[:1] == ["c"] and len(tokens) > 1)
-    tokens = [token for token in tokens if token != "skin"]
-    words = [t for t in tokens if not t.isdigit() and t not in _SIDE_TOKENS]
-    word = "".join(w for w in words if w not in _CENTRE_TOKENS)
-    if sides:
-        return BoneName(_SIDED[word], sides.pop(), numbers, rank) if word in _SIDED else None
-    if word in _CENTRE:
-        return BoneName(_CENTRE[word], "", numbers, rank)
-    for mark, side in _SIDE_TOKENS.items():  # "lefthand", "handl": nothing separates the side
-        for rest in (word.removeprefix(mark), word.removesuffix(mark)):
-            if rest != word and rest in _SIDED:
-                return BoneName(_SIDED[rest], side, numbers, rank)
-    return None
-
-
 def read_names(names: Iterable[str]) -> dict[str, BoneName]:
     """Understand the names of a rig.
 
     Parameters
     ----------
     names : iterable of str
-        All bone names of one rig; they are read together, because a prefix that most of them
-        share ("Hero_LeftArm") is no part of the name.
+        All bone names of one rig; they are read together, because what most of them share
+        ("Hero_LeftArm", "LeftArm_09" with a number for each bone) is no part of the name.
 
     Returns
     -------
@@ -184,13 +85,86 @@ def read_names(names: Iterable[str]) -> dict[str, BoneName]:
         For each name that is a body joint's, what it says. Names of helpers, controls, hair,
         clothes and twist bones that stand beside the limb are left out or told apart by slot.
     """
-    tokens = {name: [t.lower() for t in _TOKEN.findall(plain(name))] for name in names}
-    prefix = _shared_prefix(tokens.values())
+    local = {name: plain(name) for name in names}
     found: dict[str, BoneName] = {}
-    for name, own in tokens.items():
-        shared = 0
-        while shared < min(len(prefix), len(own)) and own[shared] == prefix[shared]:
-            shared += 1
-        if (understood := _understood(own[shared:])) is not None:
-            found[name] = understood
+    for pattern, spelling in ((_TOKEN, str), (_CASELESS_TOKEN, str.lower)):
+        tokens = {
+            name: [t.lower() for t in pattern.findall(spelling(text))]
+            for name, text in local.items()
+        }
+        for name, own in _without_shared(tokens).items():
+            if name not in found and (understood := _understood(own)) is not None:
+                found[name] = understood
     return found
+
+
+def _without_shared(tokens: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+    """Known words and numbers of each name, without what most of the names share."""
+    parts = {name: [w for token in own for w in parted(token)] for name, own in tokens.items()}
+    enough = max(4.0, _SHARED * len(parts))
+    counts = Counter(word for own in parts.values() for word in set(own))
+    marks = {
+        word
+        for word, count in counts.items()
+        if count >= enough and word not in KNOWN and not word.isdigit()
+    }
+    found, first = {}, {}
+    for name, own in parts.items():
+        start = 0
+        while start < len(own) and own[start] in marks | FILLERS:
+            start += 1
+        found[name] = [word for word in own if word not in marks]
+        first[name] = own[start] if 0 < start < len(own) else ""
+    number, count = Counter(first.values()).most_common(1)[0] if first else ("", 0)
+    if number.isdigit() and count >= enough:  # "Hero3_LeftArm"
+        for name in (name for name, own in first.items() if own == number):
+            found[name].remove(number)
+    return _without_counting(found)
+
+
+def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:
+    """Names without a last number that is the same for most of them, or differs for each."""
+    last = [own[-1] for own in parts.values() if len(own) > 1 and own[-1].isdigit()]
+    if len(last) < max(10.0, _NUMBERED * len(parts)):
+        return parts
+    counts = Counter(last)
+    if len(counts) >= _NUMBERED * len(last):
+        gone = set(counts)
+    else:
+        gone = {number for number, count in counts.items() if count >= _NUMBERED * len(last)}
+    return {
+        name: own[:-1] if len(own) > 1 and own[-1] in gone else own for name, own in parts.items()
+    }
+
+
+def _understood(parts: Sequence[str]) -> BoneName | None:
+    if len(parts) == 2 and parts[0] in VERTEBRAE and parts[1].isdigit():  # "L5", "vt10"
+        return BoneName(VERTEBRAE[parts[0]], "", ())
+    sides = {SIDES[word] for word in parts if word in SIDES}
+    if len(sides) > 1:
+        return None
+    numbers = tuple(word for word in parts if word.isdigit())
+    # "c_index1.l" is moved by hand where there is an "index1.l" too.
+    rank = -1 if CARRIERS & set(parts) else int(list(parts[:1]) == ["c"] and len(parts) > 1)
+    words = frozenset(
+        word
+        for word in parts
+        if not word.isdigit() and word not in SIDES and word not in CENTRE_MARKS
+    )
+    side = next(iter(sides), "")
+    slot = _slot(words, side)
+    return None if slot is None else BoneName(slot, side, numbers, rank)
+
+
+def _slot(words: Words, side: str) -> str | None:
+    """Slot of a set of words, first with all of them, then without the mere "bone"."""
+    for known in (words, words - FILLERS):
+        if not side and known in CENTRE:
+            return CENTRE[known]
+        if known in SIDED:
+            return SIDED[known]
+    for part in CONTEXT.keys() & words:
+        slot = _slot(words - {part} - FILLERS, side)
+        if slot is not None and slot.split()[0] in CONTEXT[part]:
+            return slot
+    return None

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -37,16 +37,21 @@ class Rig:
     Where bones carry Blender's "DEF-" mark only they count, else those that are said to deform, if
     they are enough for a body. A parent that does not deform stands for the bone that deforms in
     its place (Rigify hangs ``DEF-thigh.L`` on ``ORG-spine``).
+
+    Parameters
+    ----------
+    labels : mapping, optional
+        What to read instead of the names: bone to label. Bones without one are read as nothing.
     """
 
-    def __init__(self, bones: Sequence[RigBone]) -> None:
+    def __init__(self, bones: Sequence[RigBone], labels: Mapping[str, str] | None = None) -> None:
         every = {bone.name: bone for bone in bones}
         marked = {name: bone for name, bone in every.items() if is_deform(name)}
         self.by_name = every
         deform = {name: bone for name, bone in every.items() if bone.deform}
-        self.bones = next(
-            (some for some in (marked, deform) if len(read_names(some)) >= _ENOUGH), every
-        )
+        choices = () if labels else (marked, deform)
+        self.bones = next((some for some in choices if len(read_names(some)) >= _ENOUGH), every)
+        self.labels = dict(labels or {name: name for name in self.bones})
         deforming = {without_role(name): name for name in self.bones}
         self.parent: dict[str, str | None] = {}
         for name in self.bones:

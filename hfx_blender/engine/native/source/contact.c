@@ -20,6 +20,7 @@ static double cover(look *at, side *pair, int64_t unit, int64_t from, int64_t to
   int64_t place = at->first + unit;
   double bound = pair->gaps[unit] * table->reaches[place];
   if (!(pair->least[unit] <= bound)) return 0.0;
+  if (target->is_flat && table->is_split && pair->most[unit] < -bound) return table->unit_shares[place];
   const double *vertex = place_of(at, pair, unit);
   double gap = pair->clear[unit];
   if (!(gap <= bound)) return 0.0;
@@ -93,6 +94,8 @@ static int may_be(const look *at, const side *before, side *now, int64_t from, i
     bound *= reaches[u];
     double since = before->least[u] - at->moved - SPARE * (fabs(before->least[u]) + at->moved);
     now->least[u] = since > now->floor ? since : now->floor;
+    double until = before->most[u] + at->moved + SPARE * (fabs(before->most[u]) + at->moved);
+    now->most[u] = until < now->ceiling ? until : now->ceiling;
     if (is_followed && !(since > bound)) may |= PASSED;
     if (!(now->least[u] > bound)) may |= INSIDE;
   }
@@ -101,32 +104,40 @@ static int may_be(const look *at, const side *before, side *now, int64_t from, i
 
 // The most of what find_gaps takes of any unit of a cluster, times how far its skin reaches.
 typedef struct {
-  double along, apart;
+  double along, *apart;  // of the distance; of each bone's differences
 } widest;
 
-static widest widest_of(const look *at, int64_t units) {
-  widest most = {0.0, 0.0};
+static void find_widest(const look *at, int64_t units, widest *most) {
   const double *reaches = at->table->reaches + at->first;
-  for (int64_t u = 0; at->cluster && u < units; u++) {
-    most.along = hfx_larger(most.along, at->cluster->distances[u] * reaches[u]);
-    most.apart = hfx_larger(most.apart, at->cluster->differences[u] * reaches[u]);
+  most->along = 0.0;
+  if (!at->cluster) return;
+  const double *differences = at->cluster->differences;
+  for (int64_t u = 0; u < units; u++)
+    most->along = hfx_larger(most->along, at->cluster->distances[u] * reaches[u]);
+  for (int64_t b = 0; b < at->cluster->bone_count; b++, differences += units) {
+    most->apart[b] = 0.0;
+    for (int64_t u = 0; u < units; u++)
+      most->apart[b] = hfx_larger(most->apart[b], differences[u] * reaches[u]);
   }
-  return most;
 }
 
 // Whether no cell of a cluster can be inside at a pair, nor, if it is followed, have passed since the
 // one before it.
-static int is_apart(const look *at, const side *before, const side *now, widest most,
+static int is_apart(const look *at, const side *before, const side *now, const widest *most,
                     int is_followed) {
   if (!at->cluster) return 0;
-  double floor = now->floor;
-  hfx_spread spread = now->spread;
+  double floor = now->floor, along = now->spread.along;
   if (is_followed) {
-    spread.along = hfx_larger(spread.along, before->spread.along);
-    spread.apart = hfx_larger(spread.apart, before->spread.apart);
+    along = hfx_larger(along, before->spread.along);
     floor = hfx_smaller(floor, before->floor - at->moved - SPARE * (fabs(before->floor) + at->moved));
   }
-  return floor > (spread.along * most.along + spread.apart * most.apart) * SLACK * SLACK;
+  double reach = along * most->along;
+  for (int64_t b = 0; b < at->cluster->bone_count; b++) {
+    double apart = now->spread.apart[b];
+    if (is_followed) apart = hfx_larger(apart, before->spread.apart[b]);
+    reach += apart * most->apart[b];
+  }
+  return floor > reach * SLACK * SLACK;
 }
 
 // Room in a double array: the next `count`, and where what follows begins.
@@ -137,27 +148,31 @@ static double *take(double **room, int64_t count) {
 }
 
 // What is known of a cluster's pairs begins anew.
-static void make_sides(const look *at, double *room, side sides[2]) {
+static void make_sides(const look *at, double *room, side sides[2], widest *most) {
   const hfx_table *table = at->table;
   int64_t c = at->number, places = table->place_counts[c], units = table->unit_counts[c];
   int64_t cells = table->cell_starts[c + 1] - table->cell_starts[c];
   int64_t bones = at->cluster ? at->cluster->bone_count : 0;
   room = (double *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
   for (int k = 0; k < 2; k++) sides[k].matrices = (hfx_two *)take(&room, 12 * bones);
+  most->apart = take(&room, bones);
   for (int k = 0; k < 2; k++) {
     side *each = sides + k;
+    each->spread.apart = take(&room, bones);
     each->points = take(&room, 3 * places);
     each->clear = take(&room, places);
     each->exact = take(&room, places);
     each->posed = (int64_t *)take(&room, places);
     each->least = take(&room, units);
+    each->most = take(&room, units);
     each->gaps = take(&room, units);
     each->weights = take(&room, cells);
     each->row = each->pair = -2;  // before no row
-    each->spread.along = each->spread.apart = 0.0;
-    each->floor = -INFINITY;
+    each->spread.along = 0.0;
+    for (int64_t b = 0; b < bones; b++) each->spread.apart[b] = 0.0;
+    each->floor = -INFINITY, each->ceiling = INFINITY;
     for (int64_t p = 0; p < places; p++) each->posed[p] = -1;
-    for (int64_t u = 0; u < units; u++) each->least[u] = -INFINITY;
+    for (int64_t u = 0; u < units; u++) each->least[u] = -INFINITY, each->most[u] = INFINITY;
   }
 }
 
@@ -171,11 +186,12 @@ static void turn_to_pair(look *at, const side *before, side *now, int64_t pair, 
   at->is_same = before->row == row - 1 && at->shape.kind == target->kinds[row - 1] &&
                 at->shape.half == target->halves[row - 1];
   at->moved = INFINITY;
-  now->floor = -INFINITY;
+  now->floor = -INFINITY, now->ceiling = INFINITY;
   if (!at->cluster) return;
-  now->spread = hfx_spread_of(at->cluster, at->bones, row);
+  hfx_find_spread(at->cluster, at->bones, row, &now->spread);
   double share = hfx_share(at->shape, now->spread.middle), radius = now->spread.radius;
   now->floor = share - 1.0 - radius - SPARE * (share + radius);
+  now->ceiling = share - 1.0 + radius + SPARE * (share + radius);
   if (at->is_same && steps < 2) at->moved = hfx_moved(at->cluster, at->bones, row - 1, row);
 }
 
@@ -200,7 +216,7 @@ static double inside(look *at, const hfx_cluster *own, int64_t row, side *now, i
 // Contact weights of pairs; what is less than what is there already is left out.
 //
 // `own` poses the vertices of cells where these are not units of the surface; else it is NULL.
-// `room` has space for 2 (12 bones + 6 places + 2 units + cells) + 2 doubles of the largest cluster,
+// `room` has space for 27 bones + 2 (6 places + 3 units + cells) + 2 doubles of the largest cluster,
 // `events` for twice the most samples of a cell.
 HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
                                  const hfx_cluster *clusters, const hfx_cluster *own,
@@ -211,7 +227,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
   at.steepest = hfx_steepest(target), at.allowed_m = pairs->allowed_m;
   at.limit = target->is_flat ? 0.0 : target->amplitude / at.steepest;
   side sides[2], *now = &sides[0], *before = &sides[1];
-  widest most = {0.0, 0.0};
+  widest most;
   int64_t shift = 0, has_sides = 0;
   for (int64_t p = 0; p < pairs->count; p++) {
     int64_t c = pairs->clusters[p], row = pairs->rows[p], steps = pairs->steps[p];
@@ -228,7 +244,7 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
     // Whether what is inside, or what passed, asks for units.
     int asks = how == HFX_COVERED || (how == HFX_BY_VERTEX && !own), is_kept = is_followed || !is_last;
     if (asks || is_kept) {
-      if (!has_sides) make_sides(&at, room, sides), most = widest_of(&at, units);
+      if (!has_sides) make_sides(&at, room, sides, &most), find_widest(&at, units, &most);
       has_sides = 1;
       side *swapped = before;
       before = now, now = swapped;
@@ -236,8 +252,8 @@ HFX_EXPORT void hfx_look_at_skin(const hfx_pairs *pairs, const hfx_table *table,
       for (int64_t k = 0; pairs->points && k < places; k++)
         for (int i = 0; i < 3; i++)
           now->points[3 * k + i] = pairs->points[i * pairs->total + shift + k];
-      if (asks || is_followed) asks = !is_apart(&at, before, now, most, is_followed);
-      for (int64_t u = 0; !asks && u < units; u++) now->least[u] = now->floor;
+      if (asks || is_followed) asks = !is_apart(&at, before, now, &most, is_followed);
+      for (int64_t u = 0; !asks && u < units; u++) now->least[u] = now->floor, now->most[u] = now->ceiling;
       if (asks) find_gaps(&at, now);
       if (asks && is_followed) find_gaps(&at, before);
     }

@@ -27,8 +27,9 @@ typedef struct {
   double *exact;         // (places,) of those, distance to the farthest neighbour; below 0: not yet
   int64_t *posed;        // (places,) the number of the pair for which it was
   double *least;         // (units,) clearance is no less
+  double *most;          // (units,) nor more, where the volume is as it was
   double *gaps;          // (units,) bounds of distances to the farthest neighbour, see find_gaps
-  double floor;          // nor is that of any unit less than this
+  double floor, ceiling; // that of no unit is less, or more, than these
   double *weights;       // (cells,) before what passed
   hfx_two *matrices;     // see hfx_find_matrices
   hfx_spread spread;
@@ -77,7 +78,8 @@ static inline void pose(look *at, side *pair, int64_t place) {
   hfx_shape shape = {at->target->kinds[pair->row], at->target->halves[pair->row]};
   pair->clear[place] = hfx_share(shape, point) - 1.0;
   pair->exact[place] = -1.0;
-  if (place < at->table->unit_counts[at->number]) pair->least[place] = pair->clear[place];
+  if (place < at->table->unit_counts[at->number])
+    pair->least[place] = pair->most[place] = pair->clear[place];
 }
 
 // A place, posed.
@@ -97,9 +99,13 @@ static void find_gaps(const look *at, side *pair) {
     return;
   }
   const double *restrict distances = at->cluster->distances;
-  const double *restrict differences = at->cluster->differences;
-  double along = pair->spread.along * SLACK, apart = pair->spread.apart * SLACK;
-  for (int64_t u = 0; u < units; u++) gaps[u] = along * distances[u] + apart * differences[u];
+  const double *differences = at->cluster->differences;
+  double along = pair->spread.along * SLACK;
+  for (int64_t u = 0; u < units; u++) gaps[u] = along * distances[u];
+  for (int64_t b = 0; b < at->cluster->bone_count; b++, differences += units) {
+    double apart = pair->spread.apart[b] * SLACK;
+    for (int64_t u = 0; u < units && apart > 0.0; u++) gaps[u] += apart * differences[u];
+  }
 }
 
 static inline double gap_of(look *at, side *pair, int64_t unit) {

@@ -35,7 +35,7 @@ typedef struct {
   const int64_t *bones;        // (B,)
   const double *moved;         // (B, 6) mean weight; box's centre, homogeneous, and radius
   const double *distances;     // (units,) to the farthest neighbour
-  const double *differences;   // (units,) of weights, all bones together
+  const double *differences;   // (B, units) of weights, to the neighbour that differs most
   int64_t bone_count;
 } hfx_cluster;
 

@@ -98,12 +98,13 @@ HFX_EXPORT void hfx_bind(const hfx_bound *model, const int64_t *pair_starts,
 }
 
 // See SkinnedModel.links: of each unit of a cluster the distance to its farthest neighbour at rest,
-// and by how much weights differ, the most of any neighbour, all bones together; (units,) each.
+// (units,), and by how much the weights of each bone differ, the most of any neighbour, (bones, units).
 static void links_of(const hfx_table *table, int64_t number, const hfx_cluster *cluster,
                      double *room, double *distances, double *differences) {
   int64_t start = table->starts[number], bones = cluster->bone_count;
+  int64_t units = table->unit_counts[number];
   double *apart = room, *most = room + bones;
-  for (int64_t u = 0; u < table->unit_counts[number]; u++) {
+  for (int64_t u = 0; u < units; u++) {
     double squared = 0.0;
     int corners = table->is_ringed[start + u] ? 1 : 2;  // the others would be the same again
     for (int64_t b = 0; b < bones; b++) most[b] = 0.0;
@@ -125,17 +126,16 @@ static void links_of(const hfx_table *table, int64_t number, const hfx_cluster *
         for (int64_t b = 0; b < bones; b++) most[b] = hfx_larger(most[b], fabs(apart[b]));
       }
     distances[u] = sqrt(squared);
-    differences[u] = 0.0;
-    for (int64_t b = 0; b < bones; b++) differences[u] += most[b];
+    for (int64_t b = 0; b < bones; b++) differences[b * units + u] = most[b];
   }
 }
 
-// The same of some clusters, whose arrays begin at `starts`. `room` holds 2 numbers for each bone
-// of any of them.
+// The same of some clusters, whose distances begin at the first of `starts` (2, asked + 1), and whose
+// differences at the second. `room` holds 2 numbers for each bone of any of them.
 HFX_EXPORT void hfx_find_links(const hfx_table *table, const hfx_cluster *clusters, int64_t asked,
                                const int64_t *numbers, const int64_t *starts, double *room,
                                double *distances, double *differences) {
   for (int64_t k = 0; k < asked; k++)
     links_of(table, numbers[k], clusters + numbers[k], room, distances + starts[k],
-             differences + starts[k]);
+             differences + starts[asked + 1 + k]);
 }

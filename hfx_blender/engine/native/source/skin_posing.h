@@ -107,24 +107,26 @@ static inline double hfx_moved(const hfx_cluster *cluster, const hfx_bones *bone
 
 // What is known of a posed cluster without posing any of it.
 typedef struct {
-  double along, apart;       // units are no farther from their neighbours than `along` times their
-                             // distance at rest plus `apart` times how far their weights differ
+  double along;              // units are no farther from their neighbours than this times their
+  double *apart;             // distance at rest plus, of each bone, this times how far weights differ
   double middle[3], radius;  // a ball that holds all of it
 } hfx_spread;
 
 // See SkinnedClusters.skin. A place x that bones M_b move with weights w_b is at the sum of all
 // w_b M_b x: of such a sum only how the M_b differ from their mean, and how that stretches, matters.
-static inline hfx_spread hfx_spread_of(const hfx_cluster *cluster, const hfx_bones *bones,
-                                       int64_t row) {
-  hfx_spread spread = {0.0, 0.0, {0.0, 0.0, 0.0}, 0.0};
-  double mean[12] = {0.0};
+static inline void hfx_find_spread(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
+                                   hfx_spread *spread) {
+  double mean[12] = {0.0}, farthest = 0.0;
+  spread->along = 0.0;
   for (int64_t b = 0; b < cluster->bone_count; b++) {
     int64_t at = row * bones->count + bones->slots[cluster->bones[b]];
     const double *m = bones->matrices + 12 * at;
-    spread.along = hfx_larger(spread.along, bones->stretches[at]);
+    spread->along = hfx_larger(spread->along, bones->stretches[at]);
     for (int i = 0; i < 12; i++) mean[i] += m[i] * cluster->moved[6 * b];
   }
-  for (int64_t b = 0; b < cluster->bone_count && cluster->bone_count > 1; b++) {
+  for (int64_t b = 0; b < cluster->bone_count; b++) {
+    spread->apart[b] = 0.0;
+    if (cluster->bone_count < 2) break;
     const double *m = bones->matrices + 12 * (row * bones->count + bones->slots[cluster->bones[b]]);
     const double *moved = cluster->moved + 6 * b;
     double way = 0.0, turned = 0.0;
@@ -135,14 +137,14 @@ static inline hfx_spread hfx_spread_of(const hfx_cluster *cluster, const hfx_bon
       way += each * each;
       turned += d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     }
-    spread.apart = hfx_larger(spread.apart, sqrt(way) + sqrt(turned) * moved[5]);
+    spread->apart[b] = sqrt(way) + sqrt(turned) * moved[5];
+    farthest = hfx_larger(farthest, spread->apart[b]);
   }
   const double *centre = cluster->moved + 1;
   for (int i = 0; i < 3; i++)
-    spread.middle[i] = mean[4 * i] * centre[0] + mean[4 * i + 1] * centre[1] +
+    spread->middle[i] = mean[4 * i] * centre[0] + mean[4 * i + 1] * centre[1] +
                        mean[4 * i + 2] * centre[2] + mean[4 * i + 3];
-  spread.radius = spread.apart + spread.along * cluster->moved[5];
-  return spread;
+  spread->radius = farthest + spread->along * cluster->moved[5];
 }
 
 typedef int64_t hfx_mask __attribute__((vector_size(16)));

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from ...arrays import F64, I64, Bool
-from ...body.mesh_edges import edges_of
+from ...body.mesh_edges import edge_graph
 from ...body.model import PerceptualModel
 from ...body.parts import PARTS
 from ...body.skin_distance import SkinDistances
@@ -56,7 +56,6 @@ class SkinNeighbours:
 
     Parameters
     ----------
-    model : PerceptualModel
     centres : (A, 3) float64
         Rest space, metres.
     anchors : (A,) int64
@@ -96,7 +95,9 @@ class SkinNeighbours:
     def _near_by_edges(self, pairs: I64) -> Bool:
         """Test pairs for a path along edges, which is never shorter than the skin's, (k,) bool."""
         allowed_m = np.full(len(pairs), MAX_SPAN_M)
-        lengths_m = along_edges_m(edge_graph(self._model), self._anchors[pairs], allowed_m)
+        lengths_m = along_edges_m(
+            edge_graph(self._model.vertices, self._model.triangles), self._anchors[pairs], allowed_m
+        )
         return np.isfinite(lengths_m)
 
     def _is_near(self, one: int, other: int) -> bool:
@@ -111,16 +112,6 @@ class SkinNeighbours:
         triangles = model.triangles[inside[model.triangles].any(axis=1)]
         reached, _ = SkinDistances(model.vertices, triangles).around(source, MAX_SPAN_M)
         return bool(np.isin(anchor, reached))
-
-
-def edge_graph(model: PerceptualModel) -> Any:
-    """Edge graph of the model as a sparse matrix (V, V) of lengths, for scipy's graph searches."""
-    from scipy.sparse import coo_array, csr_array
-
-    points = model.vertices.astype(np.float64)
-    ends = edges_of(model.triangles.astype(np.int64), len(model)).ends
-    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    return csr_array(coo_array((lengths, tuple(ends.T)), shape=(len(model),) * 2))
 
 
 def along_edges_m(graph: Any, ends: I64, allowed_m: F64) -> F64:

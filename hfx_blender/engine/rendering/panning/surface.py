@@ -16,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import F64, I32, I64
+from ...body.mesh_edges import edge_graph
 from ...body.model import PerceptualModel
 from .complex import ActuatorComplex, merged_places
 from .laws import Law, gain
-from .neighbours import MAX_SPAN_M, along_edges_m, edge_graph, limbs_of, parted
+from .neighbours import MAX_SPAN_M, along_edges_m, limbs_of, parted
 
 _ROUND_ABOUT: Final = 1.7
 """Largest ratio of the path along the skin to the straight one (half round a limb: 1.57)."""
@@ -86,14 +87,13 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
 
     Parameters
     ----------
-    model : PerceptualModel
     anchors : (A,) int64
         The vertex of ``model`` under each actuator; several may share one.
     law : {"linear", "log", "power"}
     """
     points = model.vertices.astype(np.float64)
     unique, first, place_of = np.unique(anchors, return_index=True, return_inverse=True)
-    graph = edge_graph(model)
+    graph = edge_graph(model.vertices, model.triangles)
     nearest, distance_m = _cells(graph, unique)
     cells = _meeting(model.triangles.astype(np.int64), nearest)
     pairs = np.unique(

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Words of bone names: the body joint that a set of words names, sides, and words without meaning.
+
+A joint is named by a set of words, in any order and glued or not: ``upper arm`` also stands for
+``ArmUpper``, ``upperarm`` and ``UPPER_ARM``. The words come from the public naming of Mixamo, Unity
+and VRM, VRoid Studio, Rigify, Auto-Rig Pro, Unreal's mannequins, MakeHuman, the CMU motion capture
+files, Daz Genesis, Character Creator, 3ds Max Biped, MikuMikuDance, SMPL, Xsens, Maya's Advanced
+Skeleton and Second Life, and from anatomy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Final
+
+Words = frozenset[str]
+
+FINGERS: Final = ("thumb", "index", "middle", "ring", "pinky")
+"""Finger ``n`` (from 1) of the canonical skeleton is ``FINGERS[n - 1]``."""
+
+# Slot: comma-separated sets of words.
+_SIDED_WORDS: Final = {
+    "clavicle": "clavicle, clav, collar, collar bone, scapula, scap, sternoclavicular",
+    "shoulder": "shoulder, shldr",  # the collar bone or the upper arm, as the rest decides
+    "upper_arm": "upper arm, up arm, u arm, arm stretch, shldr bend, upper arm bend, shoulder bend,"
+    "humerus, upper arm stretch",
+    "upper_arm_twist": "shldr twist, upper arm twist, up arm twist, arm twist, shoulder part,"
+    "shoulder twist",
+    "arm": "arm",  # the upper arm of Mixamo
+    "forearm": "fore arm, f arm, lower arm, lo arm, low arm, fore arm stretch, fore arm bend,"
+    "lower arm bend, elbow, radius, ulna",
+    "forearm_twist": "fore arm twist, lower arm twist, low arm twist, fore twist, wrist twist,"
+    "elbow part",
+    "hand": "hand, wrist, arm hand, fist",
+    "thigh": "thigh, up leg, upper leg, thigh stretch, thigh bend, femur, upper thigh",
+    "thigh_twist": "thigh twist, up leg twist, upper leg twist, hip part",
+    "leg": "leg",  # the shin of Mixamo, the thigh beside a bone called knee
+    "hip": "hip, hips",
+    "shin": "shin, calf, lower leg, lo leg, low leg, leg stretch, knee, tibia, crus",
+    "shin_twist": "shin twist, calf twist, lower leg twist, leg twist, knee part",
+    "foot": "foot, ankle, leg foot, feet",
+    "toe": "toe, toes, toe base, toes base, ball, foot ball, foot toe, foot toes",
+    "toe 1": "big toe",
+    "toe 2": "index toe",
+    "toe 3": "mid toe, middle toe",
+    "toe 4": "ring toe",
+    "toe 5": "pinky toe, little toe",
+    "small_toe": "small toe",
+    "pelvis_half": "pelvis",
+    "breast": "breast, pectoral",
+    "eye": "eye, face eye, adj face eye, eye ball",
+    "finger": "finger, hand finger, fingers",
+    "finger_base": "finger base",
+    "metacarpal": "metacarpal, palm, carpal",
+}
+_CENTRE_WORDS: Final = {
+    "hips": "hips, hip, pelvis, groin, sacroiliac",
+    "lower_body": "lower body",  # of MikuMikuDance: beside the upper body, not below it
+    "spine": "spine, chest, upper chest, lower chest, mid chest, abdomen, lower abdomen,"
+    "upper abdomen, lower back, upper back, mid back, back, torso, upper torso, lower torso, waist,"
+    "stomach, ribs, rib cage, thorax, lower spine, upper spine, mid spine, middle spine,"
+    "upper body, trunk, sternum, vertebra, lumbar, ab, abs, spine base, spine shoulder",
+    "neck": "neck, lower neck, upper neck, neck twist, cervical",
+    "head": "head, skull, skull base",
+    "jaw": "jaw, lower jaw, jaw root, mandible",
+}
+_FINGER_WORDS: Final = {
+    "thumb": "thumb",
+    "index": "index, pointer, fore",
+    "middle": "middle, mid",
+    "ring": "ring, third",
+    "pinky": "pinky, pinkie, little",
+}
+_PHALANGES: Final = "proximal intermediate distal phalanx mcp pip dip ip cmc".split()
+
+SIDES: Final = {
+    **dict.fromkeys(("l", "left", "lft", "lf", "lt"), "L"),
+    **dict.fromkeys(("r", "right", "rgt", "rt"), "R"),
+}
+CENTRE_MARKS: Final = frozenset({"c", "m", "x", "center", "centre", "md"})
+VERTEBRAE: Final = {
+    "l": "spine",
+    "t": "spine",
+    "c": "neck",
+    "vl": "spine",
+    "vt": "spine",
+    "vc": "neck",
+}
+"""Letters of lumbar, thoracic and cervical vertebrae (Xsens, H-Anim) -> slot."""
+
+CARRIERS: Final = frozenset({"stretch", "skin"})
+"""Marks of the one of two bones of a joint that the skin hangs on (Auto-Rig Pro, MikuMikuDance)."""
+
+FILLERS: Final = frozenset(
+    "bone bones bn bnd jnt jnts joint joints jt jo j b bind bound binding sk skin skinned skel "
+    "skeleton env def deform deformer rig bip biped valve".split()
+)
+"""Words that say no more than that it is a bone, before, after or between the others."""
+
+CONTROLS: Final = frozenset(
+    "org mch vis wgt ctrl ctl control controller ik fk vb adj sec pole target helper tweak end nub "
+    "tip twist roll share corrective socket attach slot prop grp group offset null driver".split()
+)
+"""Words of controls and helpers, which stay meaningful however many bones have them."""
+
+
+def _entries(table: Mapping[str, str]) -> dict[Words, str]:
+    return {
+        frozenset(words.split()): slot for slot, sets in table.items() for words in sets.split(",")
+    }
+
+
+def _finger_entries() -> dict[Words, str]:
+    found: dict[Words, str] = {}
+    for finger, names in _FINGER_WORDS.items():
+        for name in names.split(","):
+            word = name.strip()
+            for around in ((), ("hand",), ("f",), ("finger",), ("hand", "finger"), ("fingers",)):
+                for phalanx in ((), *((each,) for each in _PHALANGES)):
+                    found[frozenset((word, *around, *phalanx))] = f"finger {finger}"
+            for marks in (
+                *(("metacarpal",), ("meta",), ("carpal",), ("in", "hand"), ("base",), ("palm",)),
+                *(("finger", "meta"), ("finger", "metacarpal")),
+            ):
+                # The first joint of the thumb is its metacarpal in every rig.
+                slot = f"{'finger' if finger == 'thumb' else 'metacarpal'} {finger}"
+                found[frozenset((word, *marks))] = slot
+    return found
+
+
+SIDED: Final = _finger_entries() | _entries(_SIDED_WORDS)
+"""Set of words of a joint that a body has on both sides -> its slot."""
+
+CENTRE: Final = _entries(_CENTRE_WORDS)
+"""Set of words of a joint in the middle of the body -> its slot."""
+
+CONTEXT: Final = {
+    "arm": ("clavicle", "shoulder", "upper_arm", "forearm", "hand", "finger"),
+    "hand": ("hand", "finger", "metacarpal"),
+    "leg": ("hip", "thigh", "shin", "foot", "toe"),
+    "foot": ("toe",),
+    "spine": ("spine", "neck", "hips"),
+    "head": ("head", "jaw", "eye"),
+    "face": ("jaw", "eye"),
+}
+"""Part of the body that may stand before a more exact word -> slots that it may stand before."""
+
+_LONG_SIDES: Final = frozenset(side for side in SIDES if len(side) > 3)
+_JOINT_WORDS: Final = frozenset().union(*SIDED, *CENTRE)
+KNOWN: Final = _JOINT_WORDS | SIDES.keys() | CENTRE_MARKS | FILLERS | CONTROLS
+_GLUED: Final = frozenset(
+    word
+    for word in _JOINT_WORDS | _LONG_SIDES | {"bone", "joint", "jnt", "twist"}
+    if len(word) > 2 or word in ("up", "lo")
+)
+
+_INITIALS: Final = frozenset({"lu", "ru", "lf", "rf"})
+"""Side and first letter of "upper" or "fore", as in ``LUArm``."""
+
+
+@lru_cache(maxsize=4096)
+def parted(token: str) -> tuple[str, ...]:
+    """Known words of a lower-case token: ``upperarm`` is ``upper``, ``arm``.
+
+    A side of one letter may be glued to either end (``handl``, ``lthigh``). A token that known
+    words do not cover wholly is returned as it is.
+    """
+    if token in KNOWN or token.isdigit():
+        return (token,)
+    if token in _INITIALS:
+        return tuple(token)
+    for start, core, end in (
+        ("", token, ""),
+        ("", token[:-1], token[-1:]),
+        (token[:1], token[1:], ""),
+    ):
+        if start + end in ("", "l", "r") and (words := _words(core)):
+            return tuple(word for word in (start, *words, end) if word)
+    return (token,)
+
+
+def _words(text: str) -> tuple[str, ...]:
+    """Fewest glued words that make up a text; empty if none do."""
+    best: list[tuple[str, ...] | None] = [()]
+    for stop in range(1, len(text) + 1):
+        found = [
+            (*before, text[start:stop])
+            for start in range(stop)
+            if (before := best[start]) is not None and text[start:stop] in _GLUED
+        ]
+        best.append(min(found, key=len) if found else None)
+    return best[-1] or ()

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bands of HJIF as curves, tones, ticks and waveforms; levels are without the channel's gain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from ... import file_limits
+from ..curves import Curve, with_zeros
+from ..signals import Piece, Transient
+from ..waveforms import Waveform
+from .interpolation import interpolated
+from .model import Band, Effect, Keyframe
+
+DEFAULT_HZ: Final = 100.0
+_LEAST_RATE_HZ: Final = 2000.0
+_OVERSAMPLING: Final = 8.0  # of the highest frequency of a curve that is a waveform
+
+Placed = tuple[int, Effect]  # position, ticks, and effect
+_Points = list[tuple[float, float]]  # times, s, and values
+
+
+def tone(band: Band, placed: Placed, timescale: int) -> Piece:
+    """A vectorial wave: amplitude and frequency from its position to its last keyframe."""
+    position, effect = placed
+    levels, hertz = _columns(effect.keyframes or (), position, timescale)
+    begin = position / timescale
+    low, high = float(band.lower_frequency_limit), float(band.upper_frequency_limit)
+    pitch = _curve_of(hertz, (begin, (low + high) / 2.0 or DEFAULT_HZ))
+    if low < high:
+        pitch = Curve(pitch.times_s, np.clip(pitch.values, low, high))
+    amplitude = with_zeros(_curve_of(levels, (begin, 1.0)))
+    amplitude = Curve(amplitude.times_s, np.abs(amplitude.values))
+    end = max(float(amplitude.times_s[-1]), float(pitch.times_s[-1]))
+    return Piece(begin, end, amplitude, pitch)
+
+
+def ticks(band: Band, placed: Placed, timescale: int) -> Iterator[Transient]:
+    """Ticks of a transient effect."""
+    position, effect = placed
+    middle = (band.lower_frequency_limit + band.upper_frequency_limit) / 2.0
+    for frame in effect.keyframes or ():
+        time = (position + (frame.relative_position or 0)) / timescale
+        level = 1.0 if frame.amplitude_modulation is None else abs(frame.amplitude_modulation)
+        hertz = frame.frequency_modulation
+        yield Transient(time, level, middle if hertz is None else float(hertz))
+
+
+def curve(band: Band, effects: Iterable[Placed], timescale: int) -> Curve | None:
+    """Values of a curve band, effect after effect; None without keyframes."""
+    found = []
+    for position, effect in effects:
+        levels, _ = _columns(effect.keyframes or (), position, timescale)
+        if levels:
+            found.append(interpolated(_curve_of(levels), band.curve_type))
+    return one_after_another(found) if found else None
+
+
+def curve_as_waveform(band: Band, values: Curve, name: str) -> Waveform:
+    """A curve band of a vibration: the samples themselves, of its low frequencies.
+
+    Raises
+    ------
+    TooLargeError
+    """
+    rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band.upper_frequency_limit, 1000.0))
+    begin, end = float(values.times_s[0]), float(values.times_s[-1])
+    file_limits.SECONDS.check(end, name, "its curves last")
+    file_limits.MEMORY.check(24.0 * (end - begin) * rate, name, "its waveform would take")
+    times = begin + np.arange(int((end - begin) * rate) + 1) / rate
+    return Waveform(begin, rate, values.at(times))
+
+
+def _columns(
+    frames: tuple[Keyframe, ...], position: int, timescale: int
+) -> tuple[_Points, _Points]:
+    """Amplitudes and frequencies with their times; a keyframe need not have both."""
+    levels, hertz = [], []
+    for frame in frames:
+        time = (position + (frame.relative_position or 0)) / timescale
+        if frame.amplitude_modulation is not None:
+            levels.append((time, float(frame.amplitude_modulation)))
+        if frame.frequency_modulation is not None:
+            hertz.append((time, float(frame.frequency_modulation)))
+    return sorted(levels, key=_time), sorted(hertz, key=_time)
+
+
+def _time(point: tuple[float, float]) -> float:
+    return point[0]
+
+
+def _curve_of(points: _Points, otherwise: tuple[float, float] = (0.0, 0.0)) -> Curve:
+    times, values = np.array(points or [otherwise], np.float64).T
+    return Curve(times, values)
+
+
+def one_after_another(curves: list[Curve]) -> Curve:
+    """Join curves in the order of time; where they overlap the later one goes on."""
+    curves = sorted(curves, key=lambda each: float(each.times_s[0]))
+    times, values = [curves[0].times_s], [curves[0].values]
+    for before, after in pairwise(curves):
+        kept = times[-1] <= after.times_s[0]
+        times[-1], values[-1] = times[-1][kept], values[-1][kept]
+        gap = float(after.times_s[0]) > float(before.times_s[-1])
+        if gap:  # silent in between
+            times.append(np.array([before.times_s[-1], after.times_s[0]]))
+            values.append(np.zeros(2))
+        times.append(after.times_s)
+        values.append(after.values)
+    joined = np.concatenate(times)
+    order = np.argsort(joined, kind="stable")
+    return Curve(joined[order], np.concatenate(values)[order])

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""HJIF of other tools, and from before the standard, brought into its form for reading."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+from ..checking import Finding, Items, Number, Record, Shape, Text
+
+_OLD_NAMES: Final = {
+    "mixing_weight": "mixing_coefficient",
+    "tracks": "channels",
+    "window_length": "block_length",
+    "bitstream": "wavelet_stream",
+    "semantic": "semantic_keywords",
+    "signals": "bands",
+}
+_OLD_VALUES: Final = {
+    "perception_modality": {"Vibration": "Vibrotactile", "Texture": "Vibrotactile Texture"},
+    "band_type": {"Vectorial": "VectorialWave", "Wavelet": "WaveletWave"},
+}
+_ENCODINGS: Final = {
+    "Vectorial": "VectorialWave",
+    "Quantized": "WaveletWave",
+    "Wavelet": "WaveletWave",
+}
+_DEFAULTS: Final[Mapping[str, Any]] = {
+    "version": "2023",
+    "profile": "Main",
+    "level": 1,
+    "date": "",
+    "description": "",
+    "name": "",
+    "avatars": [],
+    "avatar_id": 0,
+    "effect_library": [],
+    "gain": 1.0,
+    "mixing_coefficient": 1.0,
+    "lower_frequency_limit": 0,
+    "upper_frequency_limit": 1000,
+    "effects": [],
+    "effect_type": "Basis",
+    "curve_type": "Unknown",
+    "base_signal": "Sine",
+    "type": "Custom",
+    "lod": 0,
+}
+"""Values of members that are missing, or of no known choice, where they change nothing felt."""
+
+_LARGEST_SCALE: Final = 16.0
+
+_EARLY: Final = "files of MPEG's reference software from before the standard are like that"
+_ENCODER: Final = "MPEG's reference encoder writes files like that"
+_TOOLS: Final = (  # code, part of the place or message, the tool
+    ("DATE", "", f"{_ENCODER}, and 5G-MAG's samples have a day only"),
+    ("VERSION", "", _EARLY),
+    ("UNKNOWN", "'mixing_weight'", _EARLY),
+    ("UNKNOWN", "'bitstream'", _EARLY),
+    ("UNKNOWN", "'tracks'", _EARLY),
+    ("MISSING", "'mixing_coefficient'", _EARLY),
+    ("MISSING", "'channels'", _EARLY),
+    ("TYPE", "block_length", _EARLY),
+    ("RANGE", "block_length", _EARLY),
+    ("RANGE", "amplitude_modulation", _EARLY),
+    ("CURVE-TYPE", "", _EARLY),
+    ("WAVELET-KEYFRAMES", "", _EARLY),
+    ("WAVELET-STREAM", "", _EARLY),
+    ("RANGE", "avatar_id", "files of SenseGlove's tools are like that"),
+)
+
+
+def with_tool(finding: Finding) -> Finding:
+    """A finding whose message says which tool's files are like that, where one is known."""
+    for code, part, tool in _TOOLS:
+        if finding.code == f"HJIF-{code}" and part in f"{finding.place} {finding.message}":
+            return replace(finding, message=f"{finding.message} ({tool})")
+    return finding
+
+
+def standardized(shape: Shape, value: Any, name: str = "") -> Any:
+    """A value in the standard's form, as far as its meaning is clear; the rest as it is.
+
+    Old names of members and old choices become the standard's; unknown members are left out,
+    missing ones that change nothing felt added; numbers are cut to their range.
+    """
+    if isinstance(shape, Record):
+        return _record(shape, value) if isinstance(value, dict) else value
+    if isinstance(shape, Items):
+        if not isinstance(value, list):
+            return value
+        if name == "composition":  # the standard's schema lets anything be in it
+            value = [each for each in value if isinstance(each, dict)]
+        items = [standardized(shape.item, each) for each in value]
+        if isinstance(shape.item, Text) and shape.item.choices:
+            return [each for each in items if each in shape.item.choices]
+        return items
+    if isinstance(shape, Number):
+        return _number(shape, value, name)
+    if isinstance(shape, Text) and isinstance(value, str):
+        return _text(shape, value, name)
+    return value
+
+
+def _record(shape: Record, value: dict[str, Any]) -> dict[str, Any]:
+    members = {**shape.required, **shape.optional}
+    found = {}
+    for key, item in value.items():
+        name = key
+        if key not in members and _OLD_NAMES.get(key) not in value:
+            name = _OLD_NAMES.get(key, key)
+        if name == "block_length" and not _is_length(item):
+            continue  # of other bands, in files from before the standard
+        if name in members:
+            found[name] = standardized(members[name], item, name)
+    if value.get("band_type") == "Wave" and value.get("encoding_modality") in _ENCODINGS:
+        found["band_type"] = _ENCODINGS[value["encoding_modality"]]
+    for name in shape.required:
+        if name not in found and name in _DEFAULTS:
+            found[name] = _DEFAULTS[name]
+    return found
+
+
+def _is_length(item: Any) -> bool:
+    return isinstance(item, int | float) and item >= 16 and float(item).is_integer()
+
+
+def _number(shape: Number, value: Any, name: str) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one
+        return min(max(value, -_LARGEST_SCALE), _LARGEST_SCALE)
+    within = min(max(value, shape.lowest), shape.highest)
+    return int(within) if shape.is_whole and float(within).is_integer() else within
+
+
+def _text(shape: Text, value: str, name: str) -> str:
+    known = _OLD_VALUES.get(name, {}).get(value, value)
+    is_known = not shape.choices or known in shape.choices
+    is_known &= not shape.pattern or re.fullmatch(shape.pattern, known) is not None
+    return known if is_known else str(_DEFAULTS.get(name, known))

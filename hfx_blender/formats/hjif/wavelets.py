@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Wavelet bands of HJIF as waveforms.
+
+Source of the filters: A. Cohen, I. Daubechies, J.-C. Feauveau, "Biorthogonal bases of compactly
+supported wavelets", 1992 (9/7, as in JPEG 2000), with gain sqrt(2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ... import file_limits
+from ...engine.arrays import F64
+from ..waveforms import Waveform
+from . import spiht
+from .model import Band, Effect
+
+_LOW: Final = np.array([0.037828455507, -0.023849465019, -0.110624404418, 0.377402855613])
+_LOW_MIDDLE: Final = 0.852698679009
+_HIGH: Final = np.array([-0.064538882629, 0.040689417609, 0.418092273222])
+_HIGH_MIDDLE: Final = -0.788485616406
+_SHORTEST, _LONGEST = 16, 1 << 16  # samples of a block
+
+
+def _symmetric(half: F64, middle: float) -> F64:
+    return np.concatenate([half, [middle], half[::-1]])
+
+
+# Synthesis filters: those of the other band's analysis with every second sign changed.
+_FROM_LOW: Final = _symmetric(_HIGH * [1.0, -1.0, 1.0], -_HIGH_MIDDLE)
+_FROM_HIGH: Final = _symmetric(_LOW * [-1.0, 1.0, -1.0, 1.0], -_LOW_MIDDLE)
+
+
+def synthesized(coefficients: F64) -> F64:
+    """Samples of a block, (n,), from its coefficients; n is a power of two, 16 or more."""
+    samples = coefficients.copy()
+    length = 8
+    while length <= len(samples):
+        low, high = np.zeros((2, length))
+        low[::2], high[1::2] = samples[: length // 2], samples[length // 2 : length]
+        samples[:length] = _filtered(low, _FROM_LOW) + _filtered(high, _FROM_HIGH)
+        length *= 2
+    return samples
+
+
+def _filtered(samples: F64, taps: F64) -> F64:
+    """Convolution with both ends mirrored about their last sample."""
+    reach = len(taps) // 2
+    return np.convolve(np.pad(samples, reach, mode="reflect"), taps, mode="valid")
+
+
+def waveform(
+    band: Band, effects: Sequence[tuple[int, Effect]], timescale: int, name: str
+) -> tuple[Waveform | None, dict[str, int]]:
+    """Waveform of a wavelet band.
+
+    Blocks that would overlap follow each other instead: the standard's reference software
+    writes such positions, and plays the blocks one after the other.
+
+    Parameters
+    ----------
+    band : Band
+        Its upper limit is the sampling rate.
+    effects : sequence of (int, Effect)
+        Positions and blocks, ticks.
+    timescale : int
+    name : str
+        Of the file, for messages.
+
+    Returns
+    -------
+    waveform : Waveform or None
+        None if nothing can be decoded.
+    lost : dict
+        Counts of effects that cannot be decoded, by reason.
+
+    Raises
+    ------
+    TooLargeError
+    """
+    rate_hz = float(band.upper_frequency_limit)
+    lost: dict[str, int] = {}
+    blocks: list[tuple[int, F64]] = []
+    total = 0
+    for position, effect in effects:
+        count = _count(band, effect, timescale)
+        if rate_hz <= 0.0 or count is None:
+            reason = "have no block length that is a power of two samples"
+            lost[reason] = lost.get(reason, 0) + 1
+            continue
+        total += count
+        file_limits.UNFOLDED.check(total, name, "its wavelet bands have")
+        coefficients = _coefficients(effect, count)
+        if coefficients is None:
+            lost["have no readable wavelet stream"] = (
+                lost.get("have no readable wavelet stream", 0) + 1
+            )
+            continue
+        first = round(position * rate_hz / timescale)
+        blocks.append((first, synthesized(coefficients)))
+    if not blocks:
+        return None, lost
+    blocks.sort(key=lambda block: block[0])
+    begin = end = blocks[0][0]
+    firsts = []
+    for first, samples in blocks:
+        firsts.append(max(first, end))
+        end = firsts[-1] + len(samples)
+    file_limits.MEMORY.check(8.0 * (end - begin), name, "its waveform would take")
+    values = np.zeros(end - begin)
+    for first, (_, samples) in zip(firsts, blocks, strict=True):
+        values[first - begin : first - begin + len(samples)] = samples
+    return Waveform(begin / rate_hz, rate_hz, values), lost
+
+
+def _count(band: Band, effect: Effect, timescale: int) -> int | None:
+    """Samples of a block; None if it is no power of two within reason.
+
+    Files from before the standard hold the coefficients as keyframes, with two more for their
+    scale, and tell the length of a block in milliseconds.
+    """
+    if effect.keyframes and not effect.wavelet_stream:
+        lengths = [float(len(effect.keyframes) - 2), float(len(effect.keyframes) - 1)]
+    else:
+        ticks = (band.block_length or 0) * float(band.upper_frequency_limit)
+        lengths = [ticks / timescale, ticks / 1000.0]
+    for length in lengths:
+        count = round(length)
+        is_power = count > 0 and not count & (count - 1) and abs(length - count) < 1e-6
+        if is_power and _SHORTEST <= count <= _LONGEST:
+            return count
+    return None
+
+
+def _coefficients(effect: Effect, count: int) -> F64 | None:
+    if effect.wavelet_stream:
+        try:
+            return spiht.decode(effect.wavelet_stream, count)
+        except ValueError:
+            return None
+    levels = [frame.amplitude_modulation or 0.0 for frame in effect.keyframes or ()]
+    if len(levels) <= count:
+        return None
+    return np.array(levels[:count]) * levels[count]
