@@ -49,7 +49,9 @@ def along(path: F64, share: F64) -> tuple[F64, F64]:
     steps, which = len(path) - 1, np.arange(path.shape[2])
     step = np.clip((share * steps).astype(np.int64), 0, steps - 1)
     start, way = path[step, :, which].T, (path[step + 1, :, which] - path[step, :, which]).T
-    return start + (share * steps - step) * way, way * steps
+    places: F64 = start + (share * steps - step) * way
+    velocities: F64 = way * float(steps)
+    return places, velocities
 
 
 def _passage(shape: Shape, start: F64, end: F64) -> Interval:
