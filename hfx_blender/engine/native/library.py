@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from . import sources
 
-INTERFACE: Final = 5
+INTERFACE: Final = 6
 """That of ``source/hfx_native.h``: any other library is not loaded."""
 
 SWITCH: Final = "HFX_NATIVE"
