@@ -48,7 +48,7 @@ def main() -> None:
         devices()
     if "assets" in subjects:
         folder = str(DOCS.parent / "effect_library")
-        module = "hfx_blender.maintenance.demo.effect_assets"
+        module = "hfx_blender.maintenance.demo.sensation_assets"
         subprocess.run([sys.executable, "-P", "-m", module, folder], check=True)
     if "bodies" in subjects:
         bodies()
@@ -82,11 +82,13 @@ def bodies() -> None:
 
 
 def surfaces() -> None:
-    """The textile renderer's output against measured roughness."""
-    from hfx_blender.maintenance.bench import texture, texture_chart
+    """The textile renderer's output against measured roughness: picture, and table."""
+    from hfx_blender.maintenance.bench import textile_correlation, texture_chart
 
-    chart = texture_chart.svg(texture.correlation(20))
+    result = textile_correlation.correlation(20)
+    chart = texture_chart.svg(result)
     (PICTURES / "surfaces-roughness.svg").write_text(chart, encoding="utf-8")
+    replace_part(DOCS / "surfaces.md", "correlation", textile_correlation.as_markdown(result))
 
 
 def devices() -> None:

@@ -124,7 +124,7 @@ class SceneExport:
             frames=settings.frames,
             rate_hz=settings.rate_hz,
             tolerance=self.tolerance,
-            with_positions="positions" in settings.record,
+            with_positions="positions" in settings.record or "glb" in settings.formats,
             with_velocities="velocities" in settings.record,
             with_far="glb" in settings.formats,
         )

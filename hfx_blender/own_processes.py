@@ -16,7 +16,7 @@ _START: Final = Path(__file__).resolve().with_name("child_process.py")
 
 
 def command(module: str, *arguments: str | os.PathLike[str]) -> list[str]:
-    """Command line of a module, given by its name within the package, as ``batch.worker``."""
+    """Command line of a module, by its name within the package: ``batch.export_worker``."""
     return [*python_command(), f"hfx_blender.{module}", *map(os.fspath, arguments)]
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
 
@@ -34,8 +34,9 @@ class ReadingCounters:
         self.skipped |= more.skipped
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
+        """Plain data, which stays as it is while more is counted."""
+        far = {name: {**blocks} for name, blocks in self.far.items()}
+        return {**vars(self), "far": far, "skipped": {**self.skipped}}
 
 
 def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:

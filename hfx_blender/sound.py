@@ -22,9 +22,9 @@ from .engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBi
 from .engine.spatial_sound.distance import Hearing
 from .engine.spatial_sound.layouts import LAYOUTS, Layout
 from .engine.spatial_sound.listener import Listener
-from .engine.spatial_sound.mixing import Source, SpatialMix
 from .engine.spatial_sound.panner import Panner, Scheme
 from .engine.spatial_sound.reverberation import Reverberators
+from .engine.spatial_sound.spatial_mix import Source, SpatialMix
 from .engine.track import TrackReader
 from .errors import InputError
 from .formats import sound_wav

@@ -14,12 +14,12 @@ _distutils_hack sitecustomize usercustomize startup_file""".split()
 NOT_OURS = {"encodings"}
 
 CHILDREN = (
-    "batch.worker",
+    "batch.export_worker",
     "maintenance.demo.pictures",
     "devices.live.host",
     "devices.live.render_worker",
     "devices.live.script_worker",
-    "engine.parallel.worker",
+    "engine.parallel.evaluation_worker",
 )
 """Modules that are run as processes."""
 

@@ -39,7 +39,7 @@ def test_all_kinds_of_children_are_tried() -> None:
         for path in PACKAGE.rglob("*.py")
         if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
     }
-    of_people = {"cli", "maintenance.demo.effect_assets"}
+    of_people = {"cli", "maintenance.demo.sensation_assets"}
     assert runs - of_people - {"child_process"} == set(CHILDREN)
 
 

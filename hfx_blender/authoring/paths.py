@@ -17,7 +17,7 @@ from .. import compat
 from ..errors import InputError
 from ..scene_units import fps_of, metres_of
 from . import effects
-from .posed_skin import SKIN_MODEL, Anchors
+from .skin_picking import SKIN_MODEL, Anchors
 
 if TYPE_CHECKING:
     import numpy as np

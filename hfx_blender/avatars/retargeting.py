@@ -24,7 +24,14 @@ from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.modality import MODALITIES
 from ..engine.retargeting import skin_parts
 from ..engine.retargeting import target as retarget_target
-from ..engine.retargeting.quality import AREA_RATIOS, FARTHEST_MM, IN_PLACE, PartQuality, Quality
+from ..engine.retargeting.quality import (
+    AREA_RATIOS,
+    FARTHEST_MM,
+    IN_PLACE,
+    PartQuality,
+    Quality,
+    joint_faults,
+)
 from ..engine.retargeting.target import TargetAvatar
 from ..engine.scene import FittedModel, SurfaceAnchors
 from ..errors import InputError
@@ -160,6 +167,7 @@ def _folded(qualities: Sequence[Quality]) -> list[str]:
         for part in worst_first(qualities)
         if part.faults
     ]
+    lines += joint_faults(qualities)
     whole = dict.fromkeys(fault for quality in qualities for fault in quality.whole_faults)
     if lines:
         lines.append(

@@ -40,7 +40,7 @@ class TimeLimitError(Exception):
 
 def worker_command() -> list[str]:
     """Command line that starts a worker on this machine."""
-    return own_processes.command("batch.worker")
+    return own_processes.command("batch.export_worker")
 
 
 class WorkerProcess:

@@ -50,7 +50,10 @@ def add_parser(commands: Any) -> None:
         "--drive", type=float, metavar="1/MM", help="c_v, instead of your calibration"
     )
     stroke.add_argument(
-        "--device", default="", metavar="NAME", help="device whose calibrated c_v is used"
+        "--device",
+        default="",
+        metavar="NAME",
+        help="device that plays it: its calibrated c_v, range, frequencies and update interval",
     )
     stroke.add_argument(
         "-o",
@@ -108,7 +111,9 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     import numpy as np
 
     from ..devices import surface_calibration
-    from ..engine.texture.render import render_stroke
+    from ..devices.configuration import load_device
+    from ..devices.stroke_device import StrokeDevice
+    from ..engine.texture.stroke_rendering import render_stroke
     from ..engine.texture.surface_texture import Renderer, SurfaceTexture
     from ..formats import stroke_files
 
@@ -116,6 +121,7 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
         stroke_files.check(path)
         check_folder(path)
     stroke = _stroke_of(options)
+    device = StrokeDevice(load_device(options.device)) if options.device else None
     source = texture_source.read(options)
     if options.drive is not None and not 0.0 < options.drive < 1e6:
         raise UsageError(f"--drive {options.drive:g}: expected a number above 0")
@@ -133,7 +139,10 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
     texture = SurfaceTexture(source.height, source.map, renderer, drive, source.map.device)
     has_sound = any(path.suffix.lower() == ".wav" for path in options.output)
     rate = stroke_files.WAV_RATE_HZ if has_sound else 8000.0
-    felt = render_stroke(texture, stroke, waveform_rate_hz=rate)
+    felt = render_stroke(texture, stroke, step_s=device and device.update_s, waveform_rate_hz=rate)
+    played_range = source.map.device
+    if device is not None:
+        felt, played_range = device.played(felt), device.range
     facts = {
         "seconds": stroke.duration_s,
         "length_mm": 1000.0 * stroke.length_m,
@@ -148,10 +157,10 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
         f"at most {facts['peak_amplitude_m_s2']:.2f}; {facts['mean_frequency_hz']:.0f} Hz"
     )
     notes, files = list(source.notes), []
-    if facts["peak_amplitude_m_s2"] < _FAINT * float(source.map.device.amplitude_m_s2(1.0)):
+    if facts["peak_amplitude_m_s2"] < _FAINT * float(played_range.amplitude_m_s2(1.0)):
         notes.append("hardly anything is felt: less than 1 % of the device's strongest")
     for path in options.output:
-        written = stroke_files.write(felt, stroke, source.map.device, path)
+        written = stroke_files.write(felt, stroke, played_range, path)
         notes += [f"{path}: {note}" for note in written.notes]
         files += [str(each) for each in written.files]
         console.say(f"wrote {path}")

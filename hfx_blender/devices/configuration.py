@@ -16,8 +16,8 @@ from typing import Final
 from .. import resources
 from ..engine.body.model import PerceptualModel, load_model, manifest
 from ..engine.modality import MODALITIES
+from ..engine.rendering.actuator_vertices import vertices_of
 from ..engine.rendering.device import Actuator, DeviceConfig, ScriptFiles, VertexPlace
-from ..engine.rendering.placement import vertices_of
 from ..errors import InputError
 from . import surface_calibration
 from .configuration_reader import WEARABLE_SIDES, device_from

@@ -119,12 +119,15 @@ def _parts(node: Node) -> tuple[str, ...]:
 
 
 def _body_place(node: Node) -> BodyPlace:
-    members = node.members(required=("parts", "centre_m", "radius_m"), optional=("side",))
+    members = node.members(
+        required=("parts", "centre_m", "radius_m"), optional=("side", "stroked_by")
+    )
     return BodyPlace(
         parts=_parts(members["parts"]),
         centre_m=members["centre_m"].triple(-3.0, 3.0, "m"),
         radius_m=members["radius_m"].number(0.0, 1.0, "m"),
         side=members["side"].choice(SIDES) if "side" in members else None,
+        stroked_by=_parts(members["stroked_by"]) if "stroked_by" in members else (),
     )
 
 

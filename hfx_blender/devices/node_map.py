@@ -19,7 +19,7 @@ from .. import resources
 from ..atomic_files import atomic_file
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.body.parts import SIDES
-from ..engine.rendering.placement import on_parts
+from ..engine.rendering.actuator_vertices import on_parts
 from ..errors import InputError
 from . import unitouch_layout
 from .layout_reader import ID_DESCRIBED, ID_PATTERN

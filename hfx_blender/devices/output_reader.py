@@ -40,6 +40,8 @@ BHAPTICS_POSITIONS: Final = {
     "HandR": 3,
     "FootL": 3,
     "FootR": 3,
+    "GloveL": 6,
+    "GloveR": 6,
 }
 """Motors of each place that the bHaptics Player knows."""
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from ..engine.arrays import F64
 from ..engine.body.model import PerceptualModel
 from ..engine.body.parts import PARTS
-from ..engine.rendering.placement import on_parts
+from ..engine.rendering.actuator_vertices import on_parts
 from ..errors import InputError
 from .strict_json import Node
 

@@ -51,7 +51,10 @@ class TimeBase:
 
     def frame(self, index: int) -> Fraction:
         """Exact frame of a sample; not a whole number at a sub-frame."""
-        return self.frame_first + Fraction(index) * self._frames_per_sample
+        step = self._frames_per_sample
+        return Fraction(
+            self.frame_first * step.denominator + int(index) * step.numerator, step.denominator
+        )
 
     def times_s(self, indices: I64) -> F64:
         """Seconds since ``scene_start`` of the samples with these indices."""

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from .. import file_limits
+from .ahap_envelopes import RAMPS, envelope, product
 from .ahap_rules import (
     INTENSITY,
     INTENSITY_CONTROL,
@@ -26,36 +27,72 @@ from .ahap_rules import (
     SHARPNESS_CONTROL,
     findings,
 )
-from .checking import clean, parse, refuse_errors
+from .checking import clean, parse
 from .curves import Curve
+from .leniency import refuse_but
 from .signals import FrequencyRange, Piece, Signal, Transient, bursts, mixed
 from .written import Written, beside, silent_note, write_json
 
 SUFFIX: Final = ".ahap"
-DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0)
+TICKS_SUFFIX: Final = ".transients.ahap"
+"""Suffix of the ticks of a pattern, beside it and played with it."""
+
+SQRT_SUFFIX: Final = f".sqrt{SUFFIX}"
+LINEAR, SQUARE_ROOT = "linear", "square root"
+"""Intensity of an amplitude: the same share of full scale, or the square root of that share."""
+
+DEFAULT_RANGE: Final = FrequencyRange(80.0, 230.0, is_stated=False)
 """Frequencies of sharpness 0 and 1 on a phone, about, for files without a statement of them."""
 
 _RANGE_KEY: Final = "HfxFrequencyRangeHz"  # Core Haptics ignores keys that it does not know
+_LAW_KEY: Final = "HfxIntensityLaw"
 _CONTROLS: Final = {INTENSITY_CONTROL: (0.0, 1.0), SHARPNESS_CONTROL: (-1.0, 1.0)}
+_CUTS: Final = 16  # of a straight line whose square root is not straight
+_SHORTEST_S: Final = 1e-3  # of silence at the end
 _TRANSIENT_S: Final = 0.02  # how long a reader takes a tick to last, if nothing else is there
 
 
-def write(signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path) -> Written:
-    """Write one pattern for each audible signal: ``stem.<name>.ahap``.
+def write(
+    signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path, law: str = LINEAR
+) -> Written:
+    """Write one pattern for each audible signal: ``stem.<name>.ahap``, or ``.sqrt.ahap``.
 
+    With ``SQUARE_ROOT`` the signals are those of :func:`with_intensities`; the law is only told.
     Curves change the whole pattern, ticks included, so ticks of a signal that also has an
     envelope are a second pattern, ``stem.<name>.transients.ahap``, to be played with it.
     """
     files: list[Path] = []
+    mark = SQRT_SUFFIX.removesuffix(SUFFIX) if law == SQUARE_ROOT else ""
     for each in signals:
-        documents = [("", document(each, frequencies)), (".transients", ticks(each, frequencies))]
-        for kind, content in documents:
+        documents = [(mark + SUFFIX, document(each, frequencies))]
+        documents.append((mark + TICKS_SUFFIX, ticks(each, frequencies)))
+        for suffix, content in documents:
             if content["Pattern"]:
                 path = beside(stem, each.name)
-                files.append(path.with_name(path.name + kind + SUFFIX))
+                files.append(path.with_name(path.name + suffix))
+                content["Metadata"][_LAW_KEY] = law
                 write_json(content, files[-1])
     return Written(
         tuple(files), notes=silent_note([each.name for each in signals if each.is_silent])
+    )
+
+
+def with_intensities(signal: Signal, *, is_back: bool = False) -> Signal:
+    """A signal whose amplitudes are intensities after the square-root law, or back.
+
+    Straight lines bend: each is cut into 16.
+    """
+    power = 2.0 if is_back else 0.5
+    times, values = signal.amplitude.times_s, signal.amplitude.values
+    places = np.linspace(0.0, len(times) - 1.0, _CUTS * (len(times) - 1) + 1)
+    rows = np.arange(len(times))
+    cut_times, cut_values = np.interp(places, rows, times), np.interp(places, rows, values)
+    return replace(
+        signal,
+        amplitude=Curve(cut_times, cut_values**power),
+        transients=tuple(
+            replace(each, amplitude=each.amplitude**power) for each in signal.transients
+        ),
     )
 
 
@@ -70,23 +107,15 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
         count = max(1, int(np.ceil((end - start) / MAX_EVENT_S)))
         cuts = np.linspace(start, end, count + 1)
         for begin, stop in pairwise(cuts.tolist()):
-            pattern.append(
-                {
-                    "Event": {
-                        "Time": _rounded(begin),
-                        "EventType": "HapticContinuous",
-                        "EventDuration": _rounded(stop - begin),
-                        "EventParameters": [
-                            _parameter(INTENSITY, 1.0),
-                            _parameter(SHARPNESS, constant or 0.0),
-                        ],
-                    }
-                }
-            )
+            pattern.append(_continuous(begin, stop - begin, 1.0, constant or 0.0))
+    controls: list[dict[str, Any]] = []
     if pattern:
-        pattern += _curve(INTENSITY_CONTROL, signal.amplitude)
+        controls += _curve(INTENSITY_CONTROL, signal.amplitude)
         if constant is None:
-            pattern += _curve(SHARPNESS_CONTROL, Curve(signal.frequency_hz.times_s, sharpness))
+            controls += _curve(SHARPNESS_CONTROL, Curve(signal.frequency_hz.times_s, sharpness))
+    if pattern or signal.is_kept:
+        pattern += _silent_end(signal, pattern)
+    pattern += controls
     return _document(signal, frequencies, pattern)
 
 
@@ -105,7 +134,32 @@ def ticks(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
         }
         for each in signal.transients
     ]
+    if pattern and not (signal.amplitude.values > 0.0).any():
+        pattern += _silent_end(signal, pattern)
     return _document(signal, frequencies, pattern)
+
+
+def _silent_end(signal: Signal, pattern: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Silent events from the last one to the end of a signal: a loop keeps its length."""
+    last = 0.0
+    for event in (entry["Event"] for entry in pattern):
+        last = max(last, event["Time"] + event.get("EventDuration", 0.0))
+    end = _rounded(signal.duration_s)
+    while end - last > _SHORTEST_S:
+        length = min(end - last, MAX_EVENT_S)
+        yield _continuous(last, length, 0.0, 0.0)
+        last += length
+
+
+def _continuous(time: float, duration: float, intensity: float, sharpness: float) -> dict[str, Any]:
+    return {
+        "Event": {
+            "Time": _rounded(time),
+            "EventType": "HapticContinuous",
+            "EventDuration": _rounded(duration),
+            "EventParameters": [_parameter(INTENSITY, intensity), _parameter(SHARPNESS, sharpness)],
+        }
+    }
 
 
 def _document(
@@ -158,15 +212,17 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     """
     found = parse(content, name)
     # Ours accepts what Apple's reader accepts; only a writer must keep the limits.
-    lenient = {"AHAP-DURATION", "AHAP-CURVE-POINTS", "AHAP-ENTRY"}
-    refuse_errors([each for each in findings(found) if each.code not in lenient], name)
+    lenient = ("AHAP-DURATION", "AHAP-CURVE-ORDER", "AHAP-ENTRY", "AHAP-CHOICE")
+    told = refuse_but(findings(found), name, lambda each: each.code in lenient)
     metadata = found.get("Metadata")
     frequencies = _range_of(metadata)
     entries = found["Pattern"]
     intensity = _control(entries, INTENSITY_CONTROL, 1.0)
     sharpness = _control(entries, SHARPNESS_CONTROL, 0.0)
-    pieces, transients = [], []
-    strengths: dict[float, Curve] = {}  # alike for events of one level
+    pieces: list[Piece] = []
+    transients: list[Transient] = []
+    strengths: dict[tuple[float, ...], Curve] = {}  # alike for events of one level
+    has_ramps = False
     pitches: dict[float, Curve] = {}
     lost: Counter[str] = Counter()
     for entry in entries:
@@ -181,21 +237,61 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             tone_hz = float(frequencies.hertz(pitch + float(sharpness.at(start))))
             transients.append(Transient(start, amplitude, tone_hz))
         elif kind == "HapticContinuous":
-            end = start + float(event["EventDuration"])
-            if level not in strengths:
-                strengths[level] = Curve(intensity.times_s, level * intensity.values)
+            duration = event.get("EventDuration")
+            if duration is None:
+                lost["continuous events without a duration"] += 1
+                continue
+            end = start + float(duration)
+            shape = envelope(values, start, end)
+            if shape is not None:
+                has_ramps = True
+                end = max(end, float(shape.times_s[-1]))
+                strength = product(shape, intensity, level)
+                strengths[start, end, len(pieces)] = strength
+            else:
+                if (level,) not in strengths:
+                    strengths[level,] = Curve(intensity.times_s, level * intensity.values)
+                strength = strengths[level,]
             if pitch not in pitches:
                 hertz = frequencies.hertz(pitch + sharpness.values)
                 pitches[pitch] = Curve(sharpness.times_s, hertz)
             held = len(strengths) * len(intensity) + len(pitches) * len(sharpness)
             file_limits.OVERLAP.check(held, name, "its events and curves together have")
-            pieces.append(Piece(start, end, strengths[level], pitches[pitch]))
+            pieces.append(Piece(start, end, strength, pitches[pitch]))
     title = metadata.get("Description") if isinstance(metadata, dict) else None
     label = title if isinstance(title, str) and title else Path(name).stem
     end = max((each.time_s + _TRANSIENT_S for each in transients), default=0.0)
     signal = mixed(label, pieces, transients, end)
-    told = tuple(f"{count} {what}" for what, count in lost.items())
-    return [replace(signal, left_out=told + signal.left_out)], frequencies
+    if isinstance(metadata, dict) and metadata.get(_LAW_KEY) == SQUARE_ROOT:
+        signal = with_intensities(signal, is_back=True)
+    left_out = tuple(f"{count} {what}" for what, count in lost.items())
+    if has_ramps:
+        told += ("attack, decay and release are straight ramps of so many seconds",)
+    return [replace(signal, left_out=left_out + signal.left_out, notes=told)], frequencies
+
+
+def with_ticks_of(content: bytes, name: str, signal: Signal) -> Signal:
+    """A signal with the ticks of the pattern that is played with it.
+
+    Raises
+    ------
+    InputError
+        The pattern cannot be read.
+    """
+    (ticking,), _ = decode(content, name)
+    left_out, notes = ticking.left_out, ticking.notes
+    if (ticking.amplitude.values > 0.0).any():
+        left_out += (f"{Path(name).name}: has more than ticks, which are all that is taken",)
+    return replace(
+        signal,
+        transients=tuple(sorted((*signal.transients, *ticking.transients), key=_time_of)),
+        left_out=signal.left_out + left_out,
+        notes=(*signal.notes, *notes, f"read with {Path(name).name} beside it"),
+    )
+
+
+def _time_of(tick: Transient) -> float:
+    return tick.time_s
 
 
 def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
@@ -206,6 +302,9 @@ def _count_lost(entry: dict[str, Any], lost: Counter[str]) -> None:
     elif event is not None:
         for each in event.get("EventParameters", []):
             value = each["ParameterValue"]
+            is_ramp = each["ParameterID"] in RAMPS and event["EventType"] == "HapticContinuous"
+            if is_ramp:
+                continue
             if each["ParameterID"] not in (INTENSITY, SHARPNESS):
                 lost[f"parameters {each['ParameterID']} of events"] += 1
             elif not 0.0 <= value <= 1.0:
@@ -245,7 +344,7 @@ def _control(entries: list[dict[str, Any]], name: str, neutral: float) -> Curve:
             start = curve["Time"]
             control_points = [
                 (start + point["Time"], point["ParameterValue"])
-                for point in curve["ParameterCurveControlPoints"]
+                for point in sorted(curve["ParameterCurveControlPoints"], key=lambda p: p["Time"])
             ]
             changes.append((start, control_points))
     for start, control_points in sorted(changes, key=lambda change: change[0]):

@@ -12,7 +12,6 @@ import math
 import mmap
 import os
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,8 +27,6 @@ _HALF_PAIR: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _SHOWN = 60  # characters of a value that a message repeats
 
 Severity = Literal["error", "warning"]
-Told = tuple[str, ...]
-"""Sentences about a file that was read."""
 
 
 @dataclass(frozen=True)
@@ -337,30 +334,6 @@ def refuse_errors(findings: list[Finding], name: str) -> None:
         first = errors[0]
         where = f"{first.place}: " if first.place else ""
         raise InputError(f"{name}: {where}{first.message} [{first.code}]{more}.")
-
-
-def refuse_but(findings: list[Finding], name: str, tolerated: Callable[[str], bool]) -> Told:
-    """Raise the first error with a code that a reader does not tolerate; tell of the others.
-
-    Returns
-    -------
-    tuple of str
-        A sentence for each code of an error that is tolerated.
-
-    Raises
-    ------
-    InputError
-        There is another error.
-    """
-    errors = [each for each in findings if each.severity == "error"]
-    refuse_errors([each for each in errors if not tolerated(each.code)], name)
-    counts = Counter(each.code for each in errors)
-    firsts = {each.code: each for each in reversed(errors)}
-    return tuple(
-        f"not valid but read: {first.place or 'the document'}: {first.message} [{code}]"
-        + (f", and {counts[code] - 1} more of this kind" if counts[code] > 1 else "")
-        for code, first in firsts.items()
-    )
 
 
 def encoded(document: Any) -> bytes:

@@ -159,6 +159,7 @@ def _converted(
         raise InputError(f"{source}: holds no vibration.")
     if all(each.is_silent for each in signals):
         read_notes += ("all of it is silent",)
+        signals = [replace(each, is_kept=True) for each in signals]
     _refuse_unfolding(signals, found_device, kind, source)
     if found_device is not None:
         raster, left_out, notes = raster_of(signals, found_device, str(source))
@@ -195,8 +196,6 @@ def _refuse_invalid(source: Path, made: Path, final: Path) -> None:
     Tables and sound are as large as their time: beyond ``_READ_AGAIN`` bytes the rules of their
     rows, kept before they are written, must do, and that they are no larger than what is read.
     """
-    if made.name.endswith(wav.SIDECAR_SUFFIX):
-        return
     size = made.stat().st_size
     if not made.name.endswith(wav.SUFFIX):  # of which only the head is read
         file_limits.MEMORY.check(size, str(final), "it would have")

@@ -10,8 +10,8 @@ from typing import Any, Final
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
 from . import csv_raster, glb, jsonl_samples, npz_raster, wav_reader
-from .checking import mapped, read_bytes, refuse_errors
-from .files import FileFormat, format_of, validate
+from .checking import mapped, parse, read_bytes, refuse_errors
+from .files import FileFormat, format_of, read_signals, validate
 from .hjif import reader as hjif_reader
 from .hjif.body_parts import described
 
@@ -51,7 +51,7 @@ def is_known(path: Path) -> bool:
 
 
 def _signals(path: Path, kind: FileFormat) -> dict[str, Any]:
-    signals, frequencies = kind.signals(read_bytes(path), str(path))
+    signals, frequencies = read_signals(path)
     return {
         **_told("notes", tuple(note for each in signals for note in each.notes)),
         **_told("left_out", tuple(note for each in signals for note in each.left_out)),
@@ -156,6 +156,12 @@ def _glb(path: Path, kind: FileFormat) -> dict[str, Any]:
     }
 
 
+def _channels(path: Path, kind: FileFormat) -> dict[str, Any]:
+    found = parse(read_bytes(path), str(path))
+    of = {key: found[key] for key in ("device", "body", "layout") if key in found}
+    return {**of, "rate_hz": found["rate_hz"], "channels": len(found["channels"])}
+
+
 _TELLERS: Final[dict[str, Callable[[Path, FileFormat], dict[str, Any]]]] = {
     "hjif": _hjif,
     "npz": _npz,
@@ -163,4 +169,5 @@ _TELLERS: Final[dict[str, Callable[[Path, FileFormat], dict[str, Any]]]] = {
     "wav": _wav,
     "jsonl": _jsonl,
     "glb": _glb,
+    "channels": _channels,
 }

@@ -16,6 +16,7 @@ from ..errors import InputError
 from . import (
     ahap,
     ahap_rules,
+    channel_list,
     csv_raster,
     glb,
     haptic,
@@ -24,8 +25,11 @@ from . import (
     jsonl_samples,
     npz_raster,
     openxr,
+    png,
     tact,
     tact_rules,
+    texture_map,
+    wav,
     wav_reader,
 )
 from .checking import Finding, mapped, read_bytes
@@ -83,9 +87,16 @@ FILE_FORMATS: Final[dict[str, FileFormat]] = {
         FileFormat("npz", "NPZ raster", npz_raster.validate),
         FileFormat("csv", "CSV raster", csv_raster.validate),
         FileFormat("wav", "WAV", wav_reader.validate),
+        FileFormat("channels", "channels of a WAV", channel_list.validate),
     )
 }
-_TRACK: Final = FileFormat("track", "HapticTrack", lambda content, name: [])
+_WHOLE: Final = {
+    TRACK_SUFFIX: FileFormat("track", "HapticTrack", lambda content, name: []),
+    texture_map.SUFFIX: FileFormat("texture", "texture map", lambda content, name: []),
+    ".png": FileFormat("picture", "PNG", lambda content, name: []),
+}
+"""Files that are checked by reading them with what is beside them, or part by part."""
+
 _SUFFIXES: Final = {
     ".ahap": "ahap",
     ".haptic": "haptic",
@@ -97,6 +108,7 @@ _SUFFIXES: Final = {
     npz_raster.SUFFIX: "npz",
     ".csv": "csv",
     ".wav": "wav",
+    wav.SIDECAR_SUFFIX: "channels",
 }
 
 
@@ -148,8 +160,9 @@ def validate(path: Path, *, reads: bool = True) -> tuple[FileFormat, list[Findin
     InputError
         It is of no known format, or cannot be read.
     """
-    if path.name.endswith(TRACK_SUFFIX):
-        return _TRACK, _track_findings(path)
+    for suffix, whole in _WHOLE.items():
+        if path.name.endswith(suffix):
+            return whole, _whole_findings(path, whole.name)
     found = format_of(path)
     content = mapped(path) if found.name == "wav" else read_bytes(path, _MOST_BYTES)
     prefix = found.name.upper()
@@ -168,16 +181,21 @@ def _message(error: InputError, path: Path) -> str:
     return str(error).removeprefix(f"{path}: ").rstrip(".")
 
 
-def _track_findings(path: Path) -> list[Finding]:
-    """A track is read as a whole; it may be larger than memory."""
+def _whole_findings(path: Path, kind: str) -> list[Finding]:
+    """What is wrong with a file that is read as a whole."""
     if not path.is_file():
         raise InputError(f"{path}: there is no such file.")
     try:
-        with TrackReader(path) as track:
-            for _ in track.runs():
-                pass
+        if kind == "texture":
+            texture_map.read(path)
+        elif kind == "picture":
+            png.read(path)
+        else:
+            with TrackReader(path) as track:  # it may be larger than memory
+                for _ in track.runs():
+                    pass
     except InputError as error:
-        return [Finding("TRACK-CONTENT", "", _message(error, path))]
+        return [Finding(f"{kind.upper()}-CONTENT", "", _message(error, path))]
     return []
 
 
@@ -187,6 +205,13 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
     Raises
     ------
     InputError
-        It cannot be read, has errors, or is of a format without envelopes.
+        It cannot be read, or is of a format without envelopes.
     """
-    return format_of(path).signals(read_bytes(path), str(path))
+    found = format_of(path)
+    signals, frequencies = found.signals(read_bytes(path), str(path))
+    beside = path.with_name(path.name.removesuffix(ahap.SUFFIX) + ahap.TICKS_SUFFIX)
+    is_ticks = path.name.endswith(ahap.TICKS_SUFFIX)
+    if found.name == "ahap" and not is_ticks and beside.is_file():
+        ticks = ahap.with_ticks_of(read_bytes(beside), str(beside), signals[0])
+        signals = [ticks, *signals[1:]]
+    return signals, frequencies

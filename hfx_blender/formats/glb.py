@@ -22,14 +22,21 @@ from ..engine.body.model import PerceptualModel
 from .checking import MAX_BYTES, Finding, Place, Report, clean, parse, refuse_errors
 
 SUFFIX: Final = ".glb"
+HJIF_MEDIA_TYPE: Final = "haptics/hjif"
+"""Media type of HJIF, of ISO/IEC 23090-31."""
+
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 """Rotation from our space to glTF's."""
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
-_FLOAT, _UINT = 5126, 5125
+_FLOAT, _UINT, _USHORT = 5126, 5125, 5123
 _COMPONENTS: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _TYPES: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _INDEX_KINDS: Final = {5121: "u1", 5123: "<u2", 5125: "<u4"}
+_LISTS: Final = (
+    *("nodes", "meshes", "skins", "accessors"),
+    *("bufferViews", "buffers", "scenes", "animations"),
+)
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
 
@@ -51,9 +58,11 @@ class Document:
     ) -> int:
         """Add numbers, (n,) or (n, 2 to 4 or 16); the accessor's index.
 
-        ``is_index`` are the corners of triangles, ``is_vertex`` what a mesh has a vertex.
+        ``is_index`` are the corners of triangles, ``is_vertex`` what a mesh has a vertex. Other
+        whole numbers are of 16 bits, as joints are.
         """
-        kind = np.dtype("<u4") if is_index else np.dtype("<f4")
+        is_joint = not is_index and array.dtype == np.uint16
+        kind = np.dtype("<u4" if is_index else "<u2" if is_joint else "<f4")
         data = np.ascontiguousarray(array, kind)
         shape = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}[
             1 if data.ndim == 1 else data.shape[1]
@@ -71,7 +80,7 @@ class Document:
             "accessors",
             {
                 "bufferView": self.append("bufferViews", view),
-                "componentType": _UINT if is_index else _FLOAT,
+                "componentType": _UINT if is_index else _USHORT if is_joint else _FLOAT,
                 "count": len(data),
                 "type": shape,
                 "min": columns.min(axis=0).tolist(),
@@ -95,8 +104,10 @@ def _chunk(kind: int, content: bytes, filler: bytes) -> bytes:
     return struct.pack("<II", len(content), kind) + content
 
 
-def write_model(model: PerceptualModel, path: Path) -> None:
+def write_model(model: PerceptualModel, path: Path, hjif_uri: str | None = None) -> None:
     """Write a perceptual model as a mesh in its rest pose; vertex ids stay the same.
+
+    ``hjif_uri`` is that of the HJIF file whose channels have its vertices.
 
     Raises
     ------
@@ -107,8 +118,22 @@ def write_model(model: PerceptualModel, path: Path) -> None:
     node = {"mesh": add_model(document, model), "name": clean(model.id)}
     document.json["scenes"] = [{"nodes": [document.append("nodes", node)]}]
     document.json["scene"] = 0
+    if hjif_uri is not None:
+        add_extensions(document, {"MPEG_media": hjif_media(hjif_uri)})
     with atomic_file(path) as file:
         file.write(document.encoded())
+
+
+def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:
+    """Add extensions of the whole file: used, never required."""
+    document.json["extensions"] = dict(extensions)
+    document.json["extensionsUsed"] = sorted(extensions)
+
+
+def hjif_media(uri: str) -> dict[str, Any]:
+    """Content of MPEG_media (ISO/IEC 23090-14) that names an HJIF file."""
+    alternative = {"mimeType": HJIF_MEDIA_TYPE, "uri": uri}
+    return {"media": [{"name": uri, "alternatives": [alternative]}]}
 
 
 def add_model(document: Document, model: PerceptualModel) -> int:
@@ -199,7 +224,7 @@ def _check_document(found: dict[str, Any], binary: bytes, report: Report) -> Non
     if not isinstance(found["asset"], dict) or found["asset"].get("version") != "2.0":
         report.error("ASSET", (None, "asset"), "the version is not 2.0")
     lists: dict[str, list[Any]] = {}
-    for key in ("nodes", "meshes", "accessors", "bufferViews", "buffers", "scenes", "animations"):
+    for key in _LISTS:
         items = found.get(key, [])
         if not isinstance(items, list) or not all(isinstance(each, dict) for each in items):
             report.error("TYPE", (None, key), "expected a list of objects")
@@ -238,6 +263,20 @@ def _check_document(found: dict[str, Any], binary: bytes, report: Report) -> Non
         stride = view.get("byteStride", 4)
         if not _is_count(stride) or not 4 <= stride <= 252 or stride % 4:
             report.error("VIEW", place, "its byteStride is none of 4, 8, ... 252")
+    for k, skin in enumerate(lists["skins"]):
+        place = ((None, "skins"), k)
+        joints = _items(skin, "joints")
+        if not joints:
+            report.error("SKIN", place, "it has no joints")
+        for joint in joints:
+            refers(joint, "nodes", place)
+        if "inverseBindMatrices" in skin and refers(
+            skin["inverseBindMatrices"], "accessors", place
+        ):
+            bind = lists["accessors"][skin["inverseBindMatrices"]]
+            count = bind.get("count")
+            if bind.get("type") != "MAT4" or not _is_count(count) or count < len(joints):
+                report.error("SKIN", place, "its inverse bind matrices are not one a joint")
     for k, accessor in enumerate(lists["accessors"]):
         _check_accessor(accessor, lists, ((None, "accessors"), k), refers, report)
     for k, mesh in enumerate(lists["meshes"]):
@@ -257,8 +296,9 @@ def _check_document(found: dict[str, Any], binary: bytes, report: Report) -> Non
     parents: dict[int, int] = {}
     for k, node in enumerate(lists["nodes"]):
         place = ((None, "nodes"), k)
-        if "mesh" in node:
-            refers(node["mesh"], "meshes", place)
+        for key, kind in (("mesh", "meshes"), ("skin", "skins")):
+            if key in node:
+                refers(node[key], kind, place)
         for child in _items(node, "children"):
             if refers(child, "nodes", place) and parents.setdefault(child, k) != k:
                 report.error("NODE-TREE", ((None, "nodes"), child), "it has two parents")

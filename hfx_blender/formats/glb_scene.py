@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene's haptic volumes as glTF: nodes that move, and draft MPEG triggers.
+"""A scene as glTF: its bodies, its haptic volumes as nodes that move, and draft MPEG triggers.
 
 Each volume is a trigger of the draft extension ``MPEG_interactivity`` (ISO/IEC 23090-14; Khronos
 pull request 2503): when the body collides with it, the perceptions of an HJIF file beside it
@@ -23,7 +23,10 @@ from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, Scen
 from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ..engine.volume.shape import Shape
 from .checking import clean
-from .glb import SUFFIX, TO_GLTF, Document, add_model
+from .glb import SUFFIX, Document, add_extensions, hjif_media
+from .glb_bodies import BodyRecorder
+from .glb_extras import volume_extras
+from .glb_motion import move, to_gltf
 from .written import Written
 
 _COLLISION, _ACTION_HAPTIC = 0, 7
@@ -41,11 +44,12 @@ class _Volume:
     shape: Shape | None = None
     indices: list[I64] = field(default_factory=list)
     matrices: list[F64] = field(default_factory=list)
+    values: list[F64] = field(default_factory=list)  # (T, 1 + P) level and parameters
     changes_shape: bool = False
 
 
 class VolumeRecorder:
-    """Recorder of the motion of a scene's volumes, block by block.
+    """Recorder of the motion of a scene's volumes and bodies, block by block.
 
     Parameters
     ----------
@@ -54,6 +58,7 @@ class VolumeRecorder:
 
     def __init__(self, scene: SceneDescription) -> None:
         self._scene = scene
+        self._bodies = BodyRecorder(scene)
         self._volumes = {
             k: _Volume(effect)
             for k, effect in enumerate(scene.effects)
@@ -62,6 +67,7 @@ class VolumeRecorder:
 
     def add(self, block: AnimationBlock) -> None:
         """Take the next block, in the order of time."""
+        self._bodies.add(block)
         rows = block.own
         for k, volume in self._volumes.items():
             effect = block.effects[k]
@@ -79,14 +85,17 @@ class VolumeRecorder:
             volume.shape = volume.shape or shape
             volume.indices.append(block.indices[rows][finite])
             volume.matrices.append(effect.matrices[rows][finite])
+            values = np.column_stack([effect.levels[rows], effect.parameters[rows]])
+            volume.values.append(values[finite])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Motion of the volumes, as arrays that one process can hand on to another."""
-        found: dict[str, npt.NDArray[Any]] = {}
+        """What was recorded, as arrays that one process can hand on to another."""
+        found = self._bodies.arrays()
         for k, volume in self._volumes.items():
             if volume.shape is not None:
                 found[f"{k}.indices"] = np.concatenate(volume.indices)
                 found[f"{k}.matrices"] = np.concatenate(volume.matrices)
+                found[f"{k}.values"] = np.concatenate(volume.values)
                 found[f"{k}.changes"] = np.array(volume.changes_shape)
                 found[f"{k}.shape"] = np.array(type(volume.shape).__name__)
         return found
@@ -103,10 +112,12 @@ class VolumeRecorder:
         """Replace the recorded motion by that of others, given in the order of time; only the
         shapes are kept.
         """
+        self._bodies.replace(parts)
         for k, volume in self._volumes.items():
             mine = [part for part in parts if f"{k}.indices" in part]
             volume.indices = [part[f"{k}.indices"] for part in mine]
             volume.matrices = [part[f"{k}.matrices"] for part in mine]
+            volume.values = [part[f"{k}.values"] for part in mine]
             shapes = {str(part[f"{k}.shape"]) for part in mine}
             volume.changes_shape = len(shapes) > 1 or any(part[f"{k}.changes"] for part in mine)
 
@@ -118,7 +129,7 @@ class VolumeRecorder:
         Parameters
         ----------
         models : sequence of PerceptualModel
-            Stand in their rest pose, as what collides.
+            Of the canonical body; each body gets all of them, fitted to it.
         stem : Path
         hjif_name : str, optional
             File beside it whose perceptions the triggers play.
@@ -129,12 +140,9 @@ class VolumeRecorder:
             The file cannot be written; nothing is left of it then.
         """
         document = Document()
-        bodies = [
-            document.append("nodes", {"name": clean(each.id), "mesh": add_model(document, each)})
-            for each in models
-        ]
         triggers: list[dict[str, Any]] = []
         notes: list[str] = []
+        roots, bodies = self._bodies.write(document, models, notes)
         nodes = []
         for volume in self._volumes.values():
             if volume.shape is None:
@@ -144,7 +152,7 @@ class VolumeRecorder:
         if triggers and hjif_name is None:
             notes.append("no HJIF file is beside the glTF scene: its triggers play nothing")
         _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
-        document.json["scenes"] = [{"nodes": [*bodies, *nodes]}]
+        document.json["scenes"] = [{"nodes": [*roots, *nodes]}]
         document.json["scene"] = 0
         path = stem.with_name(f"{stem.name}.scene{SUFFIX}")
         with atomic_file(path) as file:
@@ -161,41 +169,22 @@ class VolumeRecorder:
     ) -> int:
         assert volume.shape is not None
         indices, matrices = np.concatenate(volume.indices), np.concatenate(volume.matrices)
-        placed = _to_gltf(matrices)
-        moves = bool((placed != placed[0]).any())
+        placed = to_gltf(matrices)
         effect = volume.effect
         node: dict[str, Any] = {
             "name": clean(effect.name),
-            "extras": {
-                "hfx_effect": clean(effect.id),
-                "modality": effect.modality,
-                "model": effect.model_id,
-                "clips": [clean(clip.name) for clip in effect.clips],
-            },
+            "extras": volume_extras(
+                effect, volume.shape, matrices, np.concatenate(volume.values), self._scene.time
+            ),
         }
         primitive = _primitive(volume.shape, placed[0])
         if primitive is None:
             node["mesh"] = _add_mesh(document, volume.shape)
-        translations, rotations, scales, is_sheared = _decomposed(placed)
-        if moves and is_sheared.any():
+        times = self._scene.time.times_s(indices)
+        times = times - self._scene.time.times_s(np.array([0]))[0]
+        if move(document, node, times, placed).any():
             notes.append(f"volume '{effect.name}' is sheared, which a moving node cannot be")
-        if moves:
-            node |= {
-                "translation": translations[0].tolist(),
-                "rotation": rotations[0].tolist(),
-                "scale": scales[0].tolist(),
-            }
-        else:
-            node["matrix"] = placed[0].T.ravel().tolist()  # column by column
-        index = document.append("nodes", node)
-        if moves:
-            times = self._scene.time.times_s(indices)
-            _animate(
-                document,
-                index,
-                times - self._scene.time.times_s(np.array([0]))[0],
-                {"translation": translations, "rotation": rotations, "scale": scales},
-            )
+        index = len(document.json["nodes"]) - 1
         if volume.changes_shape:
             notes.append(f"volume '{effect.name}' changes its shape; the first one is written")
         trigger: dict[str, Any] = {"type": _COLLISION, "nodes": [*bodies, index]}
@@ -203,13 +192,6 @@ class VolumeRecorder:
             trigger["primitives"] = [primitive]
         triggers.append(trigger)
         return index
-
-
-def _to_gltf(matrices: F64) -> F64:
-    """Shape space to glTF's world, (T, 4, 4)."""
-    turn = np.eye(4)
-    turn[:3, :3] = TO_GLTF
-    return np.asarray(turn @ matrices)
 
 
 def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
@@ -238,82 +220,6 @@ def _add_mesh(document: Document, shape: Any) -> int:
     return document.append(
         "meshes", {"primitives": [{"attributes": attributes, "indices": triangles}]}
     )
-
-
-def _decomposed(matrices: F64) -> tuple[F64, F64, F64, npt.NDArray[np.bool_]]:
-    """Translations (T, 3), rotations (T, 4) x y z w without jumps, scales (T, 3), sheared (T,)."""
-    linear = matrices[:, :3, :3]
-    scales = np.linalg.norm(linear, axis=1)
-    scales[np.linalg.det(linear) < 0.0, 0] *= -1.0
-    axes = linear / np.where(scales == 0.0, 1.0, scales)[:, None, :]
-    products = axes.transpose(0, 2, 1) @ axes
-    is_sheared = np.abs(products - np.eye(3)).max(axis=(1, 2)) > 1e-4
-    left, _, right = np.linalg.svd(axes)  # the nearest rotation
-    rotations = _quaternions(left @ right)
-    flips = np.cumprod(np.where((rotations[1:] * rotations[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
-    rotations[1:] *= flips[:, None]
-    return matrices[:, :3, 3], rotations, scales, is_sheared
-
-
-def _quaternions(rotations: F64) -> F64:
-    """Quaternions x, y, z, w of rotation matrices (T, 3, 3), by the eigenvector."""
-    m = rotations
-    k = np.empty((len(m), 4, 4))
-    k[:, 0] = np.stack(
-        [
-            m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2],
-            m[:, 1, 0] + m[:, 0, 1],
-            m[:, 2, 0] + m[:, 0, 2],
-            m[:, 2, 1] - m[:, 1, 2],
-        ],
-        axis=1,
-    )
-    k[:, 1] = np.stack(
-        [
-            m[:, 1, 0] + m[:, 0, 1],
-            m[:, 1, 1] - m[:, 0, 0] - m[:, 2, 2],
-            m[:, 2, 1] + m[:, 1, 2],
-            m[:, 0, 2] - m[:, 2, 0],
-        ],
-        axis=1,
-    )
-    k[:, 2] = np.stack(
-        [
-            m[:, 2, 0] + m[:, 0, 2],
-            m[:, 2, 1] + m[:, 1, 2],
-            m[:, 2, 2] - m[:, 0, 0] - m[:, 1, 1],
-            m[:, 1, 0] - m[:, 0, 1],
-        ],
-        axis=1,
-    )
-    k[:, 3] = np.stack(
-        [
-            m[:, 2, 1] - m[:, 1, 2],
-            m[:, 0, 2] - m[:, 2, 0],
-            m[:, 1, 0] - m[:, 0, 1],
-            m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2],
-        ],
-        axis=1,
-    )
-    _, vectors = np.linalg.eigh(k)
-    found: F64 = vectors[:, :, -1]
-    return found * np.where(found[:, 3:] < 0.0, -1.0, 1.0)
-
-
-def _animate(document: Document, node: int, times_s: F64, columns: dict[str, F64]) -> None:
-    """Add keyframes where something moves; linear in between."""
-    values = np.hstack(list(columns.values()))
-    keep = np.ones(len(times_s), np.bool_)
-    keep[1:-1] = (values[1:-1] != values[:-2]).any(axis=1) | (values[1:-1] != values[2:]).any(
-        axis=1
-    )
-    clock = document.accessor(times_s[keep])
-    animation: dict[str, Any] = {"samplers": [], "channels": []}
-    for k, (path, column) in enumerate(columns.items()):
-        output = document.accessor(column[keep])
-        animation["samplers"].append({"input": clock, "output": output, "interpolation": "LINEAR"})
-        animation["channels"].append({"sampler": k, "target": {"node": node, "path": path}})
-    document.append("animations", animation)
 
 
 def _add_interactivity(
@@ -363,13 +269,5 @@ def _add_interactivity(
         "MPEG_interactivity": {"triggers": triggers, "actions": actions, "behaviors": behaviors}
     }
     if hjif_name is not None:
-        extensions["MPEG_media"] = {
-            "media": [
-                {
-                    "name": hjif_name,
-                    "alternatives": [{"mimeType": "application/json", "uri": hjif_name}],
-                }
-            ]
-        }
-    document.json["extensions"] = extensions
-    document.json["extensionsUsed"] = sorted(extensions)
+        extensions["MPEG_media"] = hjif_media(hjif_name)
+    add_extensions(document, extensions)

@@ -15,24 +15,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from .checking import (
-    Anything,
-    Finding,
-    Items,
-    Number,
-    Record,
-    Report,
-    check,
-    clean,
-    parse,
-    refuse_errors,
-)
+from .checking import Finding, Items, Number, Record, Report, Text, check, clean, parse
 from .curves import Curve
+from .leniency import refuse_but
 from .signals import FrequencyRange, Signal, Transient, joined_times
 from .written import Written, beside, silent_note, write_json
 
 SUFFIX: Final = ".haptic"
-DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0)
+DEFAULT_RANGE: Final = FrequencyRange(50.0, 200.0, is_stated=False)
 """Frequencies of 0 and 1 on a controller, about, for files without a statement of them."""
 
 _RANGE_TAG: Final = "frequency-range-hz:{:g}-{:g}"
@@ -45,6 +35,16 @@ _AMPLITUDE = Record(
 )
 _FREQUENCY = Record({"time": _TIME, "frequency": _SHARE})
 _ENVELOPES = Record({"amplitude": Items(_AMPLITUDE, least=2)}, {"frequency": Items(_FREQUENCY)})
+_METADATA = Record(
+    {},
+    {
+        **dict.fromkeys(("author", "editor", "source", "project", "description"), Text()),
+        "tags": Items(Text()),
+    },
+    unknown="ignore",
+)
+_TOLERATED: Final = ("HAPTIC-FREQUENCY-TIME", "HAPTIC-EMPHASIS")
+_LATE_S: Final = 0.05  # of the last frequency: Lofelt's tools write it a little late
 _DOCUMENT = Record(
     {
         "version": Record(
@@ -53,7 +53,7 @@ _DOCUMENT = Record(
         ),
         "signals": Record({"continuous": Record({"envelopes": _ENVELOPES})}),
     },
-    {"metadata": Anything()},
+    {"metadata": _METADATA},
 )
 
 
@@ -178,7 +178,10 @@ def _findings(found: Any) -> list[Finding]:
     for k, point in enumerate(frequency):
         if not first <= point["time"] <= last:
             message = "it is outside of the amplitude envelope"
-            report.error("FREQUENCY-TIME", ((place, "frequency"), k), message)
+            is_late = last < point["time"] <= last + _LATE_S
+            (report.warn if is_late else report.error)(
+                "FREQUENCY-TIME", ((place, "frequency"), k), message
+            )
     for k, point in enumerate(amplitude):
         if "emphasis" in point and point["emphasis"]["amplitude"] < point["amplitude"]:
             message = "its emphasis is weaker than its amplitude"
@@ -195,9 +198,14 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         It cannot be read or has errors.
     """
     found = parse(content, name)
-    # Tools write a last frequency that is a little later than the last amplitude.
-    lenient = "HAPTIC-FREQUENCY-TIME"
-    refuse_errors([each for each in _findings(found) if each.code != lenient], name)
+    told = refuse_but(
+        _findings(found),
+        name,
+        lambda each: each.code in _TOLERATED or each.place.startswith("metadata"),
+    )
+    # Faults of the metadata hide those that are looked for behind them.
+    signals = {key: item for key, item in found.items() if key != "metadata"}
+    refuse_but(_findings(signals), name, lambda each: each.code in _TOLERATED)
     envelopes = found["signals"]["continuous"]["envelopes"]
     metadata = found.get("metadata")
     frequencies = _range_of(metadata)
@@ -221,6 +229,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
             frequencies.hertz([p["frequency"] for p in shares]),
         ),
         tuple(transients),
+        notes=told,
     )
     return [signal], frequencies
 

@@ -18,9 +18,9 @@ import numpy as np
 from ..errors import InputError
 from ..sentences import counted
 from . import losses
-from .checking import clean, encoded, parse, refuse_errors
+from .checking import clean, encoded, parse
 from .curves import Curve, CurveTolerance
-from .he_events import HeEvent, event_entry, events_of, patterns_of
+from .he_events import HeEvent, event_entry, events_of, patterns_of, silent_end
 from .he_rules import (
     MAX_PATTERN_EVENTS,
     MAX_RELATIVE_MS,
@@ -30,6 +30,7 @@ from .he_rules import (
     TRANSIENT_MS,
     findings,
 )
+from .leniency import refuse_but
 from .signals import (
     DEFAULT_TOLERANCE,
     FrequencyRange,
@@ -44,12 +45,15 @@ from .written import Written, beside, silent_note, write_json
 SUFFIX: Final = ".he"
 V1_SUFFIX: Final = ".v1.he"
 OPENHARMONY_SUFFIX: Final = ".openharmony.json"
-DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0)
+DEFAULT_RANGE: Final = FrequencyRange(50.0, 250.0, is_stated=False)
 """Frequencies of 0 and 100 on a phone, about, for files without a statement of them."""
 
 _COARSEST: Final = 0.1  # share of full scale: beyond it a signal is refused, not mutilated
 _COARSER: Final = 1.5
 _RANGE_TEXT: Final = "0 to 100 is {:g} to {:g} Hz"
+_MISSED_BY_NOBODY: Final = tuple(
+    f"'{key}' is missing" for key in ("Index", "Metadata", "MetaData", "Version", "ChannelNumber")
+)
 _SIDES: Final = {0: "", 1: "left", 2: "right"}
 
 
@@ -96,6 +100,7 @@ def write_v1(
 
     def build(signal: Signal) -> dict[str, Any] | None:
         events = events_of(signal, frequencies, falls_to_zero=True)
+        events = _with_end(signal, events, MAX_PATTERN_EVENTS, MAX_RELATIVE_MS)
         if len(events) > MAX_PATTERN_EVENTS or any(e.start_ms > MAX_RELATIVE_MS for e in events):
             return None
         return {
@@ -120,6 +125,8 @@ def write_openharmony(
 
     def build(signal: Signal) -> dict[str, Any] | None:
         events = events_of(signal, frequencies, falls_to_zero=False)
+        most = OPENHARMONY_MAX_EVENTS // 2  # their size has a limit, too
+        events = _with_end(signal, events, most, OPENHARMONY_MAX_START_MS)
         if len(events) > OPENHARMONY_MAX_EVENTS:
             return None
         if any(each.start_ms > OPENHARMONY_MAX_START_MS for each in events):
@@ -132,8 +139,16 @@ def write_openharmony(
     return _write_fitting(signals, stem, OPENHARMONY_SUFFIX, tolerance, build, title)
 
 
+def _with_end(signal: Signal, events: list[HeEvent], most: int, latest_ms: int) -> list[HeEvent]:
+    """Events with silence up to the signal's end, where a format has room for it."""
+    whole = [*events, *silent_end(signal, events)]
+    is_held = len(whole) <= most and all(each.start_ms <= latest_ms for each in whole)
+    return whole if is_held else events
+
+
 def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
     """A signal as the content of a version 2 file."""
+    events = events_of(signal, frequencies, falls_to_zero=False)
     patterns = [
         {
             "AbsoluteTime": start,
@@ -141,7 +156,7 @@ def document(signal: Signal, frequencies: FrequencyRange) -> dict[str, Any]:
                 {"Event": {**event_entry(e, max(e.start_ms - start, 0)), "Index": 0}} for e in group
             ],
         }
-        for start, group in patterns_of(events_of(signal, frequencies, falls_to_zero=False))
+        for start, group in patterns_of([*events, *silent_end(signal, events)])
     ]
     return {"Metadata": _metadata(signal, frequencies, 2), "PatternList": patterns}
 
@@ -239,16 +254,23 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         It cannot be read or has errors.
     """
     found = parse(content, name)
-    # Phones play longer patterns than the editor makes; the rules of length are the writer's.
-    lenient = {"HE-EVENTS", "HE-CURVE-POINTS", "HE-CURVE-ENDS", "HE-ABSOLUTE-TIME", "HE-BYTES"}
-    refuse_errors([each for each in findings(found) if each.code not in lenient], name)
-    metadata = found.get("Metadata", found.get("MetaData"))
+    # Phones play what the editor would not make: only the form matters, and an actuator is
+    # both of them unless it is named.
+    told = refuse_but(
+        findings(found),
+        name,
+        lambda each: (
+            each.code not in ("HE-TYPE", "HE-CHOICE", "HE-MISSING")
+            or each.message in _MISSED_BY_NOBODY
+        ),
+    )
+    metadata = found.get("Metadata", found.get("MetaData", {}))
     title = metadata.get("Description")
     frequencies = _range_of(title if isinstance(title, str) else "")
     pieces: dict[int, list[Piece]] = {}
     ticks: dict[int, list[Transient]] = {}
     end_s = 0.0
-    beyond = 0
+    beyond = endless = 0
     for index, start_ms, event in _absolute_events(found):
         parameters = event["Parameters"]
         curve = parameters.get("Curve") or ()
@@ -258,8 +280,11 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         start = start_ms / 1000.0
         if event["Type"] == "transient":
             hertz = float(frequencies.hertz(pitch / 100.0))
-            ticks.setdefault(index, []).append(Transient(start, level, hertz))
+            tick = Transient(start, min(max(level, 0.0), 1.0), hertz)
+            ticks.setdefault(index, []).append(tick)
             end_s = max(end_s, start)
+        elif "Duration" not in event:
+            endless += 1
         else:
             pieces.setdefault(index, []).append(_piece(event, start, level, pitch, frequencies))
             end_s = max(end_s, pieces[index][-1].end_s)
@@ -273,9 +298,15 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         )
         for index in sorted({*pieces, *ticks}) or [0]
     ]
+    left_out = signals[0].left_out
+    if endless:
+        left_out = (f"{endless} continuous events without a duration", *left_out)
     if beyond:
-        told = f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest"
-        signals[0] = replace(signals[0], left_out=(told, *signals[0].left_out))
+        left_out = (
+            f"{beyond} frequencies of curves beyond 0 to 100, taken as the nearest",
+            *left_out,
+        )
+    signals[0] = replace(signals[0], left_out=left_out, notes=told)
     return signals, frequencies
 
 
@@ -309,6 +340,7 @@ def _piece(
         return Piece(
             start, end, amplitude, Curve(amplitude.times_s, frequencies.hertz([pitch / 100]))
         )
+    curve = sorted(curve, key=lambda point: point["Time"])
     times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
     levels = level * np.array([point["Intensity"] for point in curve], np.float64)
     offsets = np.array([point.get("Frequency", 0) for point in curve], np.float64)

@@ -38,6 +38,18 @@ class HeEvent:
         return self.start_ms + (self.points[-1][0] if self.points else 0)
 
 
+def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
+    """Silent events from the last event to the end of a signal: a loop keeps its length."""
+    end = round(1000.0 * signal.duration_s)
+    begin = max((each.end_ms for each in events), default=0)
+    starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
+    silence = [(start, min(end - start, MAX_DURATION_MS)) for start in starts]
+    return [
+        HeEvent(start, tuple(_with_enough_points([(0, 0.0, 0), (length, 0.0, 0)])))
+        for start, length in silence
+    ]
+
+
 def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: bool) -> list[HeEvent]:
     """A signal as events in the order of time.
 

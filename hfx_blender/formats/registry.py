@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -128,6 +129,20 @@ def _simplified(
     return write_signals
 
 
+def _within(documented: FrequencyRange) -> Callable[[FrequencyRange], FrequencyRange]:
+    """Range in a format with a documented one, see :meth:`FrequencyRange.or_documented`."""
+    return lambda frequencies: frequencies.or_documented(documented)
+
+
+def _write_ahap_sqrt(
+    signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
+) -> Written:
+    rooted = [ahap.with_intensities(each) for each in signals]
+    return _simplified(partial(ahap.write, law=ahap.SQUARE_ROOT))(
+        rooted, frequencies, stem, tolerance
+    )
+
+
 def pitch_tolerance(frequencies: FrequencyRange) -> float:
     """Hertz that a simplified frequency may be off: a hundredth of the range, 1 Hz at least."""
     return max(1.0, (frequencies.highest_hz - frequencies.lowest_hz) / 100.0)
@@ -140,13 +155,14 @@ def _signal_format(
     write_signals: SignalWriter,
     held: Callable[[FrequencyRange], FrequencyRange] = lambda frequencies: frequencies,
 ) -> DeviceFormat:
-    """A format of signals; ``held`` tells what it holds of a range of frequencies."""
+    """A format of signals; ``held`` tells the range that it holds frequencies in."""
 
     def write_all_signals(
         signals: list[Signal], frequencies: FrequencyRange, stem: Path, tolerance: CurveTolerance
     ) -> Written:
+        frequencies = held(frequencies)
         written = write_signals(signals, frequencies, stem, tolerance)
-        return written + Written((), losses.off_range(signals, held(frequencies)))
+        return written + Written((), losses.off_range(signals, frequencies))
 
     def write_raster(
         raster: Raster, device: DeviceConfig, stem: Path, tolerance: CurveTolerance
@@ -218,17 +234,43 @@ DEVICE_FORMATS: Final[dict[str, DeviceFormat]] = {
         _wav_format("wav", "WAV", wav.SUFFIX, "int16"),
         _wav_format("wav24", "24-bit WAV", f".24bit{wav.SUFFIX}", "int24"),
         _wav_format("wavfloat", "float WAV", f".float{wav.SUFFIX}", "float32"),
-        _signal_format("ahap", "Apple AHAP", ahap.SUFFIX, _simplified(ahap.write)),
-        _signal_format("haptic", "Meta .haptic", haptic.SUFFIX, _simplified(haptic.write)),
+        _signal_format(
+            "ahap", "Apple AHAP", ahap.SUFFIX, _simplified(ahap.write), _within(ahap.DEFAULT_RANGE)
+        ),
+        _signal_format(
+            "ahap-sqrt",
+            "Apple AHAP with square roots",
+            ahap.SQRT_SUFFIX,
+            _write_ahap_sqrt,
+            _within(ahap.DEFAULT_RANGE),
+        ),
+        _signal_format(
+            "haptic",
+            "Meta .haptic",
+            haptic.SUFFIX,
+            _simplified(haptic.write),
+            _within(haptic.DEFAULT_RANGE),
+        ),
         _signal_format(
             "he",
             "RichTap .he",
             he.SUFFIX,
             _simplified(he.write, ", their times whole milliseconds"),
+            _within(he.DEFAULT_RANGE),
         ),
-        _signal_format("he1", "RichTap .he version 1", he.V1_SUFFIX, he.write_v1),
         _signal_format(
-            "openharmony", "an OpenHarmony pattern", he.OPENHARMONY_SUFFIX, he.write_openharmony
+            "he1",
+            "RichTap .he version 1",
+            he.V1_SUFFIX,
+            he.write_v1,
+            _within(he.DEFAULT_RANGE),
+        ),
+        _signal_format(
+            "openharmony",
+            "an OpenHarmony pattern",
+            he.OPENHARMONY_SUFFIX,
+            he.write_openharmony,
+            _within(he.DEFAULT_RANGE),
         ),
         _signal_format(
             "openxr",

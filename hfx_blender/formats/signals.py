@@ -8,7 +8,7 @@ vibration actuator of the device may be given. Time 0 is the first row of the ra
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,13 @@ from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.limits import limited
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
-from .curves import Curve, CurveTolerance, deviation, simplified
+from .curves import (
+    Curve,
+    CurveTolerance,
+    deviation,
+    simplified,
+    with_steps_of_a_microsecond,
+)
 
 DEFAULT_TOLERANCE: Final = CurveTolerance(0.01)
 
@@ -47,6 +53,7 @@ class Signal:
     transients: tuple[Transient, ...] = ()
     left_out: tuple[str, ...] = ()  # contents of the file left out here, one sentence each
     notes: tuple[str, ...] = ()  # how the file was read, one sentence each
+    is_kept: bool = False  # its silence as well: a file of silence stays one
 
     @property
     def duration_s(self) -> float:
@@ -56,8 +63,9 @@ class Signal:
 
     @property
     def is_silent(self) -> bool:
-        """Test that nothing of the signal would be felt."""
-        return not self.transients and not bool((self.amplitude.values > 0.0).any())
+        """Test that nothing of the signal would be felt, and that its silence is not kept."""
+        is_felt = bool(self.transients) or bool((self.amplitude.values > 0.0).any())
+        return not is_felt and not self.is_kept
 
 
 def distinct(signals: Iterable[Signal]) -> list[Signal]:
@@ -80,10 +88,25 @@ class FrequencyRange:
 
     lowest_hz: float
     highest_hz: float
+    is_stated: bool = field(default=True, compare=False)  # of a device; else a format's own
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.lowest_hz <= self.highest_hz < np.inf:
             raise ValueError(f"not a range of frequencies: {self}")
+
+    def or_documented(self, documented: FrequencyRange) -> FrequencyRange:
+        """Range for a format with one of its own.
+
+        A device's range stays. A device of a single frequency and what is of no device take the
+        format's, for a device so wide that it holds its frequency.
+        """
+        if not self.is_stated:
+            return documented
+        if self.highest_hz > self.lowest_hz:
+            return self
+        return FrequencyRange(
+            min(documented.lowest_hz, self.lowest_hz), max(documented.highest_hz, self.highest_hz)
+        )
 
     def share(self, frequency_hz: npt.ArrayLike) -> F64:
         """Convert frequencies to 0..1 of the range; 0 where the range is a single one."""
@@ -188,7 +211,8 @@ def simplified_signals(
             is_free=~near if near.any() and not near.all() else None,
         )
         found.append(replace(each, amplitude=amplitude, frequency_hz=frequency))
-        amplitude_error = max(amplitude_error, deviation(each.amplitude, amplitude))
+        wanted = with_steps_of_a_microsecond(each.amplitude)
+        amplitude_error = max(amplitude_error, deviation(wanted, amplitude))
         if near.any():
             times = each.frequency_hz.times_s[near]
             off = np.abs(frequency.at(times) - each.frequency_hz.values[near])

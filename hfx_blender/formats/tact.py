@@ -20,15 +20,16 @@ import numpy.typing as npt
 from .. import file_limits
 from ..engine.arrays import F64
 from ..sentences import counted
-from .checking import clean, parse, refuse_errors
+from .checking import clean, parse
 from .curves import Curve
+from .leniency import refuse_but, without_nulls
 from .signals import FrequencyRange, Piece, Signal, mixed
 from .tact_layouts import LAYOUTS, MAX_DOTS, Motor
 from .tact_rules import INTERVAL_MS, findings
 from .written import Written, beside, write_json
 
 SUFFIX: Final = ".tact"
-DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0)
+DEFAULT_RANGE: Final = FrequencyRange(100.0, 100.0, is_stated=False)
 """A vest's motors have one frequency that depends on the strength; about this."""
 
 _GAP_MS: Final = 500  # silence that ends an effect
@@ -199,49 +200,55 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     InputError
         It cannot be read or has errors.
     """
-    found = parse(content, name)
-    refuse_errors(findings(found), name)
+    found = without_nulls(parse(content, name))
+    # The player takes what has the form, and leaves out what is missing.
+    told = refuse_but(findings(found), name, lambda each: each.code != "TACT-TYPE", found)
     pieces: dict[tuple[str, int], list[Piece]] = {}
     lost: Counter[str] = Counter()
-    for track in found["project"]["tracks"]:
+    project = found.get("project", {})
+    layouts = project.get("layout", {}).get("layouts", {})
+    for track in project.get("tracks", []):
         if not track.get("enable", True):
             lost["tracks that are switched off"] += 1
             continue
-        for effect in track["effects"]:
-            for position, mode in effect["modes"].items():
-                dots = found["project"]["layout"]["layouts"][position]
-                if mode["mode"] == "PATH_MODE":
+        for effect in track.get("effects", []):
+            for position, mode in effect.get("modes", {}).items():
+                dots = [dot for dot in layouts.get(position, []) if "index" in dot]
+                if mode.get("mode") == "PATH_MODE":
                     _count_lost(mode, dots, lost)
-                played = (
-                    _dot_pieces(effect, mode)
-                    if mode["mode"] == "DOT_MODE"
-                    else (_path_pieces(effect, mode, dots))
-                )
+                    played = _path_pieces(effect, mode, dots)
+                else:
+                    played = _dot_pieces(effect, mode)
                 for index, piece in played:
                     pieces.setdefault((position, index), []).append(piece)
-    end_s = found["durationMillis"] / 1000.0
+    end_s = found.get("durationMillis", 0) / 1000.0
     signals = [
         mixed(f"{position} {index}", each, (), end_s)
         for (position, index), each in sorted(pieces.items())
     ]
-    if signals and lost:
-        told = tuple(f"{count} {what}" for what, count in lost.items())
-        signals[0] = replace(signals[0], left_out=told + signals[0].left_out)
+    if signals:
+        left_out = tuple(f"{count} {what}" for what, count in lost.items())
+        signals[0] = replace(signals[0], left_out=left_out + signals[0].left_out, notes=told)
     return signals, DEFAULT_RANGE
 
 
 def _count_lost(mode: dict[str, Any], dots: list[dict[str, Any]], lost: Counter[str]) -> None:
     """Count the parts of a path that cannot be played as intended."""
-    for feedback in mode["pathMode"]["feedback"]:
-        if not feedback["pointList"]:
+    for feedback in _feedbacks(mode, "pathMode"):
+        if not feedback.get("pointList"):
             lost["paths without points, which are silent"] += 1
         elif not dots:
             lost["paths at a position whose layout has no dots"] += 1
         else:
             if len(feedback["pointList"]) > 1:
                 lost["moving points, which jump from dot to dot"] += 1
-            if feedback["playbackType"] != "NONE":
+            if feedback.get("playbackType", "NONE") != "NONE":
                 lost["fades of paths"] += 1
+
+
+def _feedbacks(mode: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = mode.get(kind, {}).get("feedback", [])
+    return found
 
 
 _FADES: Final = {
@@ -253,19 +260,23 @@ _FADES: Final = {
 
 
 def _piece(start_s: float, end_s: float, level: float, fade: str) -> Piece:
-    shares, values = _FADES[fade]
-    times = start_s + (end_s - start_s) * np.array(shares)
+    shares, values = _FADES.get(fade, _FADES["NONE"])
+    level = min(max(level, 0.0), 1.0)
+    times = start_s + max(end_s - start_s, 0.0) * np.array(shares)
     pitch = Curve.of([start_s], [DEFAULT_RANGE.lowest_hz])
     return Piece(start_s, end_s, Curve(times, level * np.array(values)), pitch)
 
 
 def _dot_pieces(effect: dict[str, Any], mode: dict[str, Any]) -> Iterator[tuple[int, Piece]]:
-    begin = effect["startTime"]
-    for feedback in mode["dotMode"]["feedback"]:
-        start, end = ((begin + feedback[key]) / 1000.0 for key in ("startTime", "endTime"))
-        for point in feedback["pointList"]:
-            level = float(point["intensity"])
-            yield point["index"], _piece(start, end, level, feedback["playbackType"])
+    begin = effect.get("startTime", 0)
+    for feedback in _feedbacks(mode, "dotMode"):
+        start = begin + feedback.get("startTime", 0)
+        end = begin + feedback.get("endTime", effect.get("offsetTime", 0))
+        fade = feedback.get("playbackType", "NONE")
+        for point in feedback.get("pointList", []):
+            level = float(point.get("intensity", 0.0))
+            if "index" in point:
+                yield point["index"], _piece(start / 1000.0, end / 1000.0, level, fade)
 
 
 def _path_pieces(
@@ -273,15 +284,20 @@ def _path_pieces(
 ) -> Iterator[tuple[int, Piece]]:
     if not dots:
         return  # a warning of the rules; decode counts it
-    places = np.array([[float(dot["x"]), float(dot["y"])] for dot in dots])
-    begin = effect["startTime"]
-    for feedback in mode["pathMode"]["feedback"]:
-        points = feedback["pointList"]
+    places = np.array([[float(dot.get("x", 0.5)), float(dot.get("y", 0.5))] for dot in dots])
+    begin = effect.get("startTime", 0)
+    for feedback in _feedbacks(mode, "pathMode"):
+        points = sorted(feedback.get("pointList", []), key=_time_of)
         if not points:
             continue  # silence, as players take it; decode counts it
-        ends = [point["time"] for point in points[1:]] + [effect["offsetTime"]]
+        ends = [_time_of(point) for point in points[1:]] + [effect.get("offsetTime", 0)]
         for point, end in zip(points, ends, strict=True):
-            off = places - (float(point["x"]), float(point["y"]))
+            off = places - (float(point.get("x", 0.5)), float(point.get("y", 0.5)))
             nearest = dots[int(np.argmin((off**2).sum(axis=1)))]
-            start_s, end_s = (begin + point["time"]) / 1000.0, (begin + end) / 1000.0
-            yield nearest["index"], _piece(start_s, end_s, float(point["intensity"]), "NONE")
+            start_s, end_s = (begin + _time_of(point)) / 1000.0, (begin + end) / 1000.0
+            level = float(point.get("intensity", 0.0))
+            yield nearest["index"], _piece(start_s, end_s, level, "NONE")
+
+
+def _time_of(point: dict[str, Any]) -> float:
+    return float(point.get("time", 0))

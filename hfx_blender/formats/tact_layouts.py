@@ -52,6 +52,7 @@ LAYOUTS: Final = {
     "Head": Layout("Head", "Tactal", ("Head",), _row(6)),
     "Hands": Layout("Hand", "Hand", ("HandL", "HandR"), _row(3)),
     "Feet": Layout("Foot", "Foot", ("FootL", "FootR"), _row(3)),
+    "Gloves": Layout("Glove", "TactGlove", ("GloveL", "GloveR"), _row(6)),
 }
 _KIND_OF: Final = {position: kind for kind, each in LAYOUTS.items() for position in each.positions}
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import file_limits
 from ..engine.arrays import F64
@@ -23,7 +24,10 @@ _ROWS_HZ: Final = 500.0
 _AMPLITUDE_S: Final = 0.005  # duration that amplitudes are averaged over
 _FREQUENCY_S: Final = 0.02
 _SILENT: Final = 5e-4  # of full scale: below it a waveform is silent
-_BYTES: Final = 64.0  # a sample, while it is analysed
+_BLOCK_ROWS: Final = 4096
+_BESIDE_S: Final = 0.5  # of samples before and after a block, which its analytic signal needs
+BYTES: Final = 128.0
+"""Memory that a sample of a waveform counts for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,7 @@ def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
     rate = max(each.rate_hz for each in waveforms)
     start = min(each.start_s for each in waveforms)
     count = round((max(each.end_s for each in waveforms) - start) * rate)
-    file_limits.MEMORY.check(_BYTES * count, name, "its waveform would take")
+    file_limits.MEMORY.check(BYTES * count, name, "its waveform would take")
     total = np.zeros(count)
     for each in waveforms:
         first = round((each.start_s - start) * rate)
@@ -76,9 +80,25 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
     A steady tone has exactly its amplitude; what changes within 5 ms has the tone's that has
     the same power.
     """
-    values = gain * waveform.values
+    rate = waveform.rate_hz
+    rows = np.arange(int(len(waveform.values) * _ROWS_HZ / rate) + 1) / _ROWS_HZ
+    amplitude, hertz = np.zeros((2, len(rows)))
+    for first in range(0, len(rows), _BLOCK_ROWS):  # a long waveform needs little memory
+        block = slice(first, first + _BLOCK_ROWS)
+        begin = max(int((rows[block][0] - _BESIDE_S) * rate), 0)
+        end = int((rows[block][-1] + _BESIDE_S) * rate) + 1
+        part = gain * waveform.values[begin:end]
+        at = np.minimum(np.round(rows[block] * rate).astype(np.int64) - begin, len(part) - 1)
+        amplitude[block], hertz[block] = _analysed(part, rate, at)
+    times = waveform.start_s + rows
+    hertz = heard(amplitude, hertz)
+    return Piece(waveform.start_s, waveform.end_s, Curve(times, amplitude), Curve(times, hertz))
+
+
+def _analysed(values: F64, rate_hz: float, at: npt.NDArray[np.int64]) -> tuple[F64, F64]:
+    """Amplitude and frequency, Hz, of samples at some of their indices."""
     count = len(values)
-    padded = 1 << (count + int(waveform.rate_hz * _FREQUENCY_S)).bit_length()
+    padded = 1 << (count + int(rate_hz * _FREQUENCY_S)).bit_length()
     spectrum = np.fft.fft(values, padded)
     spectrum[1 : padded // 2] *= 2.0
     spectrum[padded // 2 + 1 :] = 0.0
@@ -87,17 +107,12 @@ def piece_of(waveform: Waveform, gain: float) -> Piece:
     turned = analytic[1:] * np.conj(analytic[:-1])
     # Turned by more than half a turn a sample cannot be; its power weights each turn.
     turns = np.angle(turned) * np.abs(turned)
-    rows = np.arange(int(count * _ROWS_HZ / waveform.rate_hz) + 1) / _ROWS_HZ
-    at = np.minimum(np.round(rows * waveform.rate_hz).astype(np.int64), count - 1)
-    amplitude = np.sqrt(np.maximum(_averaged(power, _AMPLITUDE_S * waveform.rate_hz)[at], 0.0))
+    amplitude = np.sqrt(np.maximum(_averaged(power, _AMPLITUDE_S * rate_hz)[at], 0.0))
     amplitude[amplitude < _SILENT] = 0.0
-    width = _FREQUENCY_S * waveform.rate_hz
-    weight = _averaged(np.abs(turned), width)[at]
-    turning = _averaged(turns, width)[at]
-    hertz = np.maximum(turning, 0.0) / np.where(weight > 0.0, weight, 1.0)
-    hertz = heard(amplitude, hertz * waveform.rate_hz / (2.0 * np.pi))
-    times = waveform.start_s + rows
-    return Piece(waveform.start_s, waveform.end_s, Curve(times, amplitude), Curve(times, hertz))
+    weight = _averaged(np.abs(turned), _FREQUENCY_S * rate_hz)[at]
+    turning = np.maximum(_averaged(turns, _FREQUENCY_S * rate_hz)[at], 0.0)
+    hertz = turning / np.where(weight > 0.0, weight, 1.0) * rate_hz / (2.0 * np.pi)
+    return amplitude, np.asarray(np.minimum(hertz, rate_hz / 2.0))
 
 
 def _averaged(values: F64, width: float) -> F64:

@@ -37,6 +37,7 @@ FORMAT_ITEMS = (
     ("wav24", "WAV, 24 Bits", "Sound for vibration actuators, 24 bits", 1 << 7),
     ("wavfloat", "WAV, Float", "Sound for vibration actuators, 32-bit floats", 1 << 8),
     ("ahap", "Apple AHAP", "Patterns for Core Haptics", 1 << 9),
+    ("ahap-sqrt", "Apple AHAP, Square Roots", "Patterns with roots of amplitudes", 1 << 17),
     ("haptic", "Meta .haptic", "Clips for Meta's Haptics SDK", 1 << 10),
     ("he", "RichTap .he", "Patterns for RichTap phones, version 2", 1 << 11),
     ("he1", "RichTap .he 1", "Patterns for RichTap phones, version 1", 1 << 12),

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty
 from bpy_extras import view3d_utils
 from mathutils import Vector
 
-from ..authoring import posed_skin
+from ..authoring import skin_picking
 from ..errors import HfxError
 from . import path_overlay
 from .paths import PathOperator, active_spot
@@ -39,7 +39,7 @@ def view_region(context: bpy.types.Context) -> bpy.types.Region:
 
 def on_body(context: bpy.types.Context, effect: bpy.types.Object, place: F64) -> Vector:
     """Position of a canonical place on the effect's body now, world space."""
-    anchors = posed_skin.Anchors.of(place[None])
+    anchors = skin_picking.Anchors.of(place[None])
     return Vector(anchors.on(effect.hfx.body, context.evaluated_depsgraph_get())[0][0].tolist())
 
 

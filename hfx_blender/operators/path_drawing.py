@@ -17,7 +17,7 @@ from bpy.props import (
 )
 from bpy_extras import view3d_utils
 
-from ..authoring import paths, posed_skin
+from ..authoring import paths, skin_picking
 from ..errors import HfxError, InputError
 from . import path_overlay
 from .paths import active_spot
@@ -123,7 +123,7 @@ class HFX_OT_draw_path(HfxOperator):
         try:
             if body is None:
                 raise InputError("The point has no body; choose one first.")
-            self._picker = posed_skin.Picker(body, context.evaluated_depsgraph_get())
+            self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
         except HfxError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

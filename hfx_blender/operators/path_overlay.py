@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..authoring import effects, paths, posed_skin
+from ..authoring import effects, paths, skin_picking
 from ..authoring.volumes import modality_colour
 from ..errors import HfxError
 from ..scene_units import metres_of
@@ -38,7 +38,7 @@ class PathLines:
     colour: tuple[float, float, float, float]
 
 
-_anchors: dict[int, posed_skin.Anchors] = {}
+_anchors: dict[int, skin_picking.Anchors] = {}
 _pending: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, None, None)
 _draw_handle: object | None = None
 
@@ -94,7 +94,7 @@ def _on_body(
     if key not in _anchors:
         if len(_anchors) > 256:
             _anchors.clear()
-        _anchors[key] = posed_skin.Anchors.of(places)
+        _anchors[key] = skin_picking.Anchors.of(places)
     points, normals = _anchors[key].on(body, depsgraph)
     return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
 
@@ -109,12 +109,12 @@ def _ring(
     """The rim of a disc, laid on the skin of the canonical body and moved with it."""
     import numpy as np
 
-    around = posed_skin.Anchors.of(place)
+    around = skin_picking.Anchors.of(place)
     normal = around.weights[0] @ _normals()[around.corners[0]]
     axes = np.linalg.svd(normal[None])[2][1:]
     angle = np.arange(_RING + 1) * (2.0 * np.pi / _RING)
     rim = place + max(radius_m, 0.004) * np.column_stack([np.cos(angle), np.sin(angle)]) @ axes
-    points, normals = posed_skin.Anchors.of(rim).on(body, depsgraph)
+    points, normals = skin_picking.Anchors.of(rim).on(body, depsgraph)
     return (points + normals * (_ABOVE_SKIN_M / unit_m)).astype(np.float32)
 
 
@@ -123,7 +123,7 @@ def _normals() -> F64:
 
     from ..engine.body.model import load_model
 
-    return load_model(posed_skin.SKIN_MODEL).normals.astype(np.float64)
+    return load_model(skin_picking.SKIN_MODEL).normals.astype(np.float64)
 
 
 def _draw() -> None:

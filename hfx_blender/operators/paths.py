@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from .. import file_suffixes
-from ..authoring import effects, paths, posed_skin
+from ..authoring import effects, paths, skin_picking
 from ..errors import InputError
 from ..properties import MODALITY_ITEMS
 from ..scene_units import fps_of, metres_of
@@ -94,7 +94,7 @@ class HFX_OT_add_spot(OnBodyOperator):
         ):
             body = effects.bodies_of(context.scene)[0]
             try:
-                picker = posed_skin.Picker(body, context.evaluated_depsgraph_get())
+                picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
             except InputError as error:
                 self.report({"ERROR"}, str(error))
                 return {"CANCELLED"}

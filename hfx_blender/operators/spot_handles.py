@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty
 from bpy_extras import view3d_utils
 from mathutils import Vector
 
-from ..authoring import paths, posed_skin
+from ..authoring import paths, skin_picking
 from ..errors import InputError
 from ..scene_units import metres_of
 from . import path_overlay
@@ -75,7 +75,7 @@ class HFX_OT_slide_spot(HeldSpotOperator):
         body = effect.hfx.body
         if body is None:
             raise InputError("The point has no body; choose one first.")
-        self._picker = posed_skin.Picker(body, context.evaluated_depsgraph_get())
+        self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
         self._own = paths.own_path(effect)
         self._before: dict[str, Any] = {
             "path": list(effect[paths.PATH]),

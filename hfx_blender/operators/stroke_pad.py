@@ -191,7 +191,7 @@ class HFX_OT_export_stroke(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def work(self, _context: bpy.types.Context) -> str:
-        from ..engine.texture.render import render_stroke
+        from ..engine.texture.stroke_rendering import render_stroke
         from ..formats import stroke_files
 
         assert last_take is not None

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..blender_events import remove_timers
 from ..engine.texture.height_field import HeightField
-from ..engine.texture.render import render_stroke
 from ..engine.texture.signal import Signal
 from ..engine.texture.stroke import line
+from ..engine.texture.stroke_rendering import render_stroke
 from ..engine.texture.surface_texture import Renderer, SurfaceTexture
 from ..engine.texture.weave import reference_fabrics, woven
 from .live import live

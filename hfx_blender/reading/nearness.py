@@ -132,7 +132,8 @@ def swept_boxes(matrices: F64, bounds: F64, there: npt.NDArray[np.bool_]) -> Box
     low = (centres - reaches).min(axis=0, initial=np.inf, where=counts)
     high = (centres + reaches).max(axis=0, initial=-np.inf, where=counts)
     arms = np.einsum("tnij,tnj->tni", np.abs(linear), np.abs(middle) + half)
-    turns = (linear != linear[0]).any(axis=(0, 2, 3))
+    first = linear[there.argmax(axis=0), np.arange(there.shape[1])]
+    turns = ((linear != first) & counts[..., None]).any(axis=(0, 2, 3))
     longest = np.sqrt(np.square(arms).sum(axis=2).max(axis=0, initial=0.0, where=there))
     more = np.where(turns, longest, 0.0) + _ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(
         axis=1

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 
 from ..avatars import avatar_meshes
-from ..engine.arrays import F64, I64
+from ..engine.arrays import F64, I64, Bool
 from ..engine.body.model import load_model
 from ..engine.scene import (
     AnimationBlock,
@@ -27,7 +27,7 @@ from ..engine.scene import (
     SurfaceBinding,
 )
 from ..engine.tolerance import Tolerance
-from ..engine.volume.placement import world_bounds
+from ..engine.volume.placing_matrix import world_bounds
 from . import response_values, stepping
 from .adaptive_reading import AdaptivePoses, Poses, Span, VertexMotion, Volume, grid_step
 from .animation_curves import NotModelledError
@@ -39,7 +39,7 @@ from .scene_description import IN_SCENE, HapticObjects, sample_frames
 from .scene_rows import PoseRow, Row, effect_block, pose_block, silence
 from .slow_motion import is_shown_by
 from .stepped_reading import SteppedReading
-from .stepped_volumes import SteppedVolumes, is_placeable, near, swept
+from .stepped_volumes import SteppedVolumes, near, over_time, swept
 
 
 class Pass:
@@ -76,8 +76,9 @@ class Pass:
         self._is_judged = goes_back and spots is None
         # Of meshes only boxes are read where places and values are compared.
         reading.far = frozenset(() if spots is None else self._effects)
-        placed = [k for k in self._effects if self._is_judged and is_placeable(found.effects[k])]
-        self._placed = SteppedVolumes([found.effects[k] for k in placed])
+        stepped = self._effects if self._is_judged else []
+        self._placed = SteppedVolumes({k: found.effects[k] for k in stepped})
+        placed = self._placed.numbers
         self._far = dict(enumerate(placed))  # of which only the place is read, by their number
         self._full = [k for k in self._effects if k not in placed]
         model_ids = {scene.effects[k].model_id for k in placed}
@@ -191,7 +192,7 @@ class Pass:
         found: dict[int, tuple[F64, F64, F64]] = {}
         if self._far and self._light is not None:
             rows = [self._effects_at(index, self._light) for index in indices.tolist()]
-            places = [row.places for row in rows if row.places is not None]
+            places = over_time([row.places for row in rows if row.places is not None])
             (low, high), matrices = swept(places, self._found.unit_m)
             found = {k: (low[n], high[n], matrices[:, n]) for n, k in self._far.items()}
         everywhere, still = np.full(3, np.inf), np.repeat(np.eye(4)[None], len(indices), axis=0)
@@ -247,13 +248,15 @@ class Pass:
         for k in self._volumes:
             if k in effects:
                 wanted |= ~(effects[k].levels <= 0.0)
-        for k in self._far.values():
-            wanted |= self._found.activations[k].may_be_on(frames)
+        idle = self._idle(frames, wanted)
+        self._full = [k for k in self._full if k not in idle]
         beside = int(indices[0]) - grid_step(self._scene.time.rate_hz)
         self._rows = {k: row for k, row in self._rows.items() if k > beside}
-        rows = [self._row(int(i), w) for i, w in zip(indices, wanted.tolist(), strict=True)]
-        if self._effects:
-            self._last = {row.index: row for row in rows[-2:]}
+        is_stepped = len(idle) < len(self._effects)
+        rows = [
+            self._row(int(i), w, is_stepped) for i, w in zip(indices, wanted.tolist(), strict=True)
+        ]
+        self._last = {row.index: row for row in rows[-2:]} if is_stepped else {}
         for k in self._full:
             effects[k] = self._block_of(k, rows)
             if k in self._volumes:
@@ -265,7 +268,8 @@ class Pass:
         poses |= {k: pose_block([row.poses.get(k) for row in rows]) for k in self._bodies}
         if self._far:
             own = rows[history : len(rows) - future]
-            effects |= self._judged(rows, [poses[k] for k in range(len(poses))], own)
+            bodies = [poses[k] for k in range(len(poses))]
+            effects |= self._judged(rows, bodies, idle, own)
         return AnimationBlock(
             indices=indices,
             effects=tuple(effects[k] for k in range(len(effects))),
@@ -274,18 +278,31 @@ class Pass:
             future=future,
         )
 
+    def _idle(self, frames: F64, wanted: Bool) -> set[int]:
+        """Volumes that can be judged by their places, and are off at all of these frames.
+
+        ``wanted`` is set where the others may be on.
+        """
+        idle = set()
+        for k in self._far.values():
+            on = self._found.activations[k].may_be_on(frames)
+            wanted |= on
+            if not on.any():
+                idle.add(k)
+        return idle
+
     def _judged(
-        self, rows: list[Row], poses: list[PoseBlock], own: list[Row]
+        self, rows: list[Row], poses: list[PoseBlock], idle: set[int], own: list[Row]
     ) -> dict[int, EffectBlock]:
         """Volumes of which only the places were read: of those that come near skin, the rest.
 
         What has to be read again is read in full from now on, until it is far again.
         """
-        skins = [skin.over(pose) for skin, pose in zip(self._skins, poses, strict=True)]
-        places = [row.places for row in rows if row.places is not None]
-        is_near = near(places, self._found.unit_m, skins)
-        there = np.stack([each.there for each in places])
-        matrices = np.stack([each.matrices for each in places])
+        is_near = np.array([k not in idle for k in self._far.values()])
+        if is_near.any():
+            skins = [skin.over(pose) for skin, pose in zip(self._skins, poses, strict=True)]
+            places = over_time([row.places for row in rows if row.places is not None])
+            is_near &= near(places, self._found.unit_m, skins)
         again: list[int] = []
         found: dict[int, EffectBlock] = {}
         for n, k in self._far.items():
@@ -294,7 +311,7 @@ class Pass:
                 if k not in self._full:
                     found[k] = self._silence(k, len(rows))
             elif self._reading.is_settled(k):
-                found[k] = self._reading.placed(k, matrices[:, n], there[:, n])
+                found[k] = self._reading.placed(k, places.matrices[:, n], places.there[:, n])
             elif k not in self._full:
                 again.append(k)
         if again:
@@ -322,14 +339,14 @@ class Pass:
     def _modality(self, which: int) -> str:
         return self._scene.effects[which].modality
 
-    def _row(self, index: int, is_posed: bool) -> Row:
-        """What is stepped at one time."""
+    def _row(self, index: int, is_posed: bool, is_stepped: bool) -> Row:
+        """What is stepped at one time; of effects nothing unless ``is_stepped``."""
         if index in self._last:
             return self._last[index]
         row = Row(index)
         joint = self._adaptive is None and (is_posed or self._light is self._whole)
         stepper = self._whole if joint else self._light
-        if self._effects and stepper is not None:
+        if is_stepped and stepper is not None:
             row = self._effects_at(index, stepper)
             is_posed |= any(
                 not row.effects[k].level <= 0.0 for k in self._full if k in self._volumes
@@ -338,7 +355,7 @@ class Pass:
             return row
         if self._adaptive is not None:
             row.poses = dict(self._adaptive.at(index))
-        elif self._effects and joint and stepper is not None:
+        elif is_stepped and joint and stepper is not None:
             self._reading.add_poses(row, stepper, self._bodies)
         else:
             row.poses = self._read_poses(index)

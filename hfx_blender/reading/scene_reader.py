@@ -227,6 +227,8 @@ class SceneReader:
         animation = animation_frames(self._found.scene, frames)
         on = np.zeros(len(indices), np.bool_)
         for effect, state in zip(self._found.effects, self._found.activations, strict=True):
+            if on.all():
+                break
             if effect.hfx.kind in kinds:
                 on |= state.may_be_on(animation)
         if "VOLUME" in kinds:

@@ -68,7 +68,7 @@ class PoseRow:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Placements of N volumes at a time, see :mod:`.stepped_volumes`."""
+    """Placements of N volumes at a time, or over several, see :mod:`.stepped_volumes`."""
 
     there: npt.NDArray[np.bool_]  # (N,) False: disabled; the rest may be anything then
     matrices: F64  # (N, 4, 4) object space to world, Blender's units

@@ -167,9 +167,11 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
     # Curves that swing past a limit between two keys within it are common, and meant so.
     curves = list(_curves_of(obj))
     for path in paths:
-        keys = [p.co[1] for c in curves if c.data_path == path for p in c.keyframe_points]
         limits = _limits(obj, path)
-        if not keys or limits is None:
+        if limits is None:
+            continue
+        keys = [p.co[1] for c in curves if c.data_path == path for p in c.keyframe_points]
+        if not keys:
             continue
         for value, limit in ((min(keys), limits[0]), (max(keys), limits[1])):
             if (value - limit) * (1 if limit == limits[1] else -1) > 1e-5 * max(abs(limit), 1.0):

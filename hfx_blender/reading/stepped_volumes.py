@@ -6,7 +6,7 @@ A place and a box tell that a volume is near no skin; then nothing else of it is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import bpy
 import numpy as np
@@ -29,65 +29,64 @@ _SIZES = {
 """Properties that the size of a volume follows from."""
 
 
-def is_placeable(effect: bpy.types.Object) -> bool:
-    """Test that a volume's place decides where it can be felt, independent of earlier times.
-
-    It is in a box that is known at all times, and has no filters that would go on ringing.
-    """
-    hfx = effect.hfx
-    if hfx.kind != "VOLUME" or responses.active(hfx):
-        return False
-    return _half_size(effect) is not None
-
-
 class SteppedVolumes:
     """Reads where volumes are in scenes that are stepped.
 
     Parameters
     ----------
-    effects : sequence of bpy.types.Object
-        Volumes that are :func:`placeable <is_placeable>`, (N,).
+    effects : mapping of int to bpy.types.Object
+        By any number. Those whose place does not decide where they can be felt are left out.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Of the volumes that are read, (N,).
     """
 
-    def __init__(self, effects: Sequence[bpy.types.Object]) -> None:
-        self._effects = effects
-        self._is_mesh = np.array([each.hfx.shape == "MESH" for each in effects], np.bool_)
-        halves = np.array([_half_size(each) for each in effects], np.float64).reshape(-1, 3)
+    def __init__(self, effects: Mapping[int, bpy.types.Object]) -> None:
+        known = {k: half for k, each in effects.items() if (half := _half_size(each)) is not None}
+        self.numbers = tuple(known)
+        self._effects = [effects[k] for k in known]
+        self._is_mesh = np.array([each.hfx.shape == "MESH" for each in self._effects], np.bool_)
+        self._has_mesh = bool(self._is_mesh.any())
+        halves = np.array([*known.values()], np.float64).reshape(-1, 3)
         self._still = np.stack([-halves, halves], axis=1)
         self._listed: dict[Stepper, tuple[int, I64, list[int]]] = {}
 
     def __len__(self) -> int:
-        return len(self._effects)
+        return len(self.numbers)
 
     def read(self, stepper: Stepper) -> Places:
         """Read their placements at the present time."""
         listed = stepper.objects
         count = len(listed)
-        rows, missing = self._rows(stepper, count)
-        there = np.ones(len(self), np.bool_)
+        rows, missing = self._rows(stepper, listed, count)
+        there = np.full(len(self), True)
         matrices = _all(listed, "matrix_world", count, 16).reshape(-1, 4, 4)[rows]
         matrices = matrices.transpose(0, 2, 1).astype(np.float64)
         boxes = self._still
-        if self._is_mesh.any():
+        if self._has_mesh:
             corners = _all(listed, "bound_box", count, 24).reshape(-1, 8, 3)[rows]
             boxes = _boxes(corners.astype(np.float64))
             boxes[~self._is_mesh] = self._still[~self._is_mesh]
         for k in missing:
             evaluated = stepper.evaluated(self._effects[k])
             there[k] = evaluated.is_evaluated and not evaluated.hide_viewport
-            matrices[k] = effect_values.world_of(evaluated)
-            if self._is_mesh[k]:
-                boxes[k] = np.nan
+            if there[k]:
+                matrices[k] = effect_values.world_of(evaluated)
+                boxes[k] = np.where(self._is_mesh[k], np.nan, boxes[k])
         return Places(there, matrices, boxes)
 
-    def _rows(self, stepper: Stepper, count: int) -> tuple[I64, list[int]]:
+    def _rows(
+        self, stepper: Stepper, objects: bpy.types.bpy_prop_collection, count: int
+    ) -> tuple[I64, list[int]]:
         """Rows of the volumes among the objects that a scene shows, and those not among them.
 
         Their order changes only where some are shown or hidden.
         """
         known = self._listed.get(stepper)
         if known is None or known[0] != count or stepper.is_changing:
-            number = {each.original: k for k, each in enumerate(stepper.objects)}
+            number = {each.original: k for k, each in enumerate(objects)}
             found = [number.get(effect, -1) for effect in self._effects]
             missing = [k for k, row in enumerate(found) if row < 0]
             known = count, np.maximum(np.array(found, np.int64), 0), missing
@@ -103,23 +102,31 @@ def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: i
     return flat
 
 
-def swept(places: Sequence[Places], unit_m: float) -> tuple[Box, F64]:
-    """Boxes (N, 3) around volumes over these times and between them; their matrices, metres."""
-    matrices = np.stack([each.matrices for each in places])
+def over_time(places: Sequence[Places]) -> Places:
+    """Placements at several times as one, its arrays (T, N, ...)."""
+    return Places(
+        np.array([each.there for each in places]),
+        np.array([each.matrices for each in places]),
+        np.array([each.boxes for each in places]),
+    )
+
+
+def swept(places: Places, unit_m: float) -> tuple[Box, F64]:
+    """Boxes (N, 3) around volumes :func:`over time <over_time>`, and between two times; their
+    matrices (T, N, 4, 4), metres."""
+    matrices = places.matrices.copy()
     matrices[..., :3, :] *= unit_m
-    there = np.stack([each.there for each in places])
-    return swept_boxes(matrices, np.stack([each.boxes for each in places]), there), matrices
+    return swept_boxes(matrices, places.boxes, places.there), matrices
 
 
-def near(places: Sequence[Places], unit_m: float, skins: Sequence[Box | None]) -> Bool:
-    """Volumes that may meet any of some boxes at these times, or between two of them, (N,)."""
-    there = np.stack([each.there for each in places])
+def near(places: Places, unit_m: float, skins: Sequence[Box | None]) -> Bool:
+    """Volumes that may meet any of some boxes :func:`over time <over_time>`, (N,)."""
     (low, high), _ = swept(places, unit_m)
     # Not "and": a box that is no number may be anywhere.
-    found = np.zeros(there.shape[1], np.bool_)
+    found = np.zeros(len(low), np.bool_)
     for skin in skins:
         found |= skin is None or ~((low > skin[1]).any(axis=1) | (high < skin[0]).any(axis=1))
-    return found & there.any(axis=0)
+    return found & places.there.any(axis=0)
 
 
 def _boxes(corners: F64) -> F64:
@@ -133,12 +140,13 @@ def _boxes(corners: F64) -> F64:
 
 
 def _half_size(effect: bpy.types.Object) -> list[float] | None:
-    """Half of the size that a volume has at most, (3,) Blender's units; None: no such is known.
+    """Half of the size that a volume has at most, (3,) Blender's units.
 
-    Of a mesh NaN: its box is read.
+    Of a mesh NaN: its box is read. None where no such is known, or a place does not decide
+    where an effect can be felt: it is no volume, or has filters that go on ringing.
     """
     hfx = effect.hfx
-    if _has_curves(effect, "shape"):
+    if hfx.kind != "VOLUME" or responses.active(hfx) or _has_curves(effect, "shape"):
         return None
     if hfx.shape == "MESH":
         is_read = effect.type == "MESH" and effect.mode != "EDIT"

@@ -50,10 +50,10 @@ class Stepper:
 
     def set_frame(self, frame: Fraction) -> None:
         """Evaluate the scene at a frame, which may lie between whole ones."""
-        whole = frame.numerator // frame.denominator
+        whole, rest = divmod(frame.numerator, frame.denominator)
         for rig in self._presampled:
             rig.set_frame(frame)
-        self._scene.frame_set(whole, subframe=float(frame - whole))
+        self._scene.frame_set(whole, subframe=rest / frame.denominator)
 
     def evaluated(self, obj: bpy.types.Object) -> bpy.types.Object:
         """Evaluated object at this time."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 import bpy
 from mathutils import Matrix, Vector
 
-from ..authoring import paths, posed_skin
+from ..authoring import paths, skin_picking
 from ..errors import HfxError
 from ..operators.paths import active_spot
 
@@ -79,7 +79,7 @@ def placed_on_body(context: bpy.types.Context, effect: bpy.types.Object) -> Matr
         if not len(path) or effect.hfx.body is None:
             return None
         position = effect.evaluated_get(depsgraph).hfx.path_position
-        anchors = posed_skin.Anchors.of(places_on(path, np.array([position])))
+        anchors = skin_picking.Anchors.of(places_on(path, np.array([position])))
         points, normals = anchors.on(effect.hfx.body, depsgraph)
     except (HfxError, ReferenceError):
         return None  # the panels report faults

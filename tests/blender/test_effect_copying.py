@@ -12,7 +12,7 @@ import pytest
 from hfx_blender import resources
 from hfx_blender.authoring import clips, effect_file, effects
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.operators import library
+from hfx_blender.operators import sensation_library
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_a_copy_of_another_file_is_pasted(body: Any, tmp_path: Path) -> None:
 
 def test_nothing_copied_is_told(body: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for text, words in (("", "no effects to paste"), ("{]", "What was copied"), ("{}", "'schema'")):
-        monkeypatch.setattr(library, "_copied", text)
+        monkeypatch.setattr(sensation_library, "_copied", text)
         with pytest.raises(RuntimeError, match=words):
             bpy.ops.hfx.paste_effects()
     assert effects.effects_of(bpy.context.scene) == []
@@ -102,12 +102,12 @@ def test_own_sensations_are_listed_and_spoilt_ones_left_out(body: Any) -> None:
     folder = resources.user_effects()
     folder.mkdir()
     (folder / "spoilt.hfxeffect").write_text("{")
-    shipped = library._sensation_items(None, None)
+    shipped = sensation_library._sensation_items(None, None)
     assert len(shipped) >= 20 and all(item[0] for item in shipped)
     _, ball = touch_and_ball()
     only(ball)
     bpy.ops.hfx.save_effects(filepath=str(folder / "my_wind.hfxeffect"))
-    listed = library._sensation_items(None, None)
+    listed = sensation_library._sensation_items(None, None)
     assert listed[len(shipped) :] == [
         ("", "Your Own", ""),
         ("own/my_wind", "My Wind", "A sensation of your own"),

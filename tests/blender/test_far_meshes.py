@@ -11,6 +11,7 @@ import pytest
 from hfx_blender.authoring.effect_values import Shapes
 from hfx_blender.engine.tolerance import STANDARD
 from hfx_blender.reading import reading_pass
+from hfx_blender.reading.nearness import swept_boxes
 from hfx_blender.reading.scene_reader import SceneReader
 
 bpy = pytest.importorskip("bpy")
@@ -96,3 +97,16 @@ def test_a_mesh_without_an_inside_is_told_where_it_matters(scene: Any, blob: Any
     evaluation = oracle.evaluate(scene, rate_hz=24)
     assert any("'Blob'" in text for text in evaluation.reader.warnings)
     assert evaluation.samples == {}
+
+
+def test_turns_while_it_is_hidden_make_no_box_larger() -> None:
+    """A cube 5 m away of 2 m; seen to turn, it is in the sphere around its corners."""
+    matrices = np.tile(np.eye(4), (3, 2, 1, 1))
+    matrices[..., 0, 3] = 5.0
+    matrices[1, :, :2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    bounds = np.tile([[-1.0] * 3, [1.0] * 3], (3, 2, 1, 1))
+    there = np.array([[True, True], [False, True], [True, True]])
+    low, high = swept_boxes(matrices, bounds, there)
+    assert low[0] == pytest.approx([4.0, -1.0, -1.0], abs=1e-4)
+    assert high[0] == pytest.approx([6.0, 1.0, 1.0], abs=1e-4)
+    assert low[1, 0] < 5.0 - 3.0**0.5 and high[1, 0] > 5.0 + 3.0**0.5

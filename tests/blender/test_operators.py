@@ -424,7 +424,7 @@ def test_an_area_means_nothing_on_another_model(body: Any) -> None:
 def test_painting_without_a_body_says_so(body: Any) -> None:
     effect = painted()
     effect.hfx.body = None
-    with pytest.raises(RuntimeError, match="'Touch' is painted on no body"):
+    with pytest.raises(RuntimeError, match="'Touch' has no body"):
         bpy.ops.hfx.paint_begin()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from hfx_blender.reading import reading_pass
 from hfx_blender.reading_counters import ReadingCounters, as_reported
 
 bpy = pytest.importorskip("bpy")
@@ -122,8 +123,8 @@ def _without_names(counters: ReadingCounters) -> dict[str, Any]:
     return {**counters.as_dict(), "skipped": {}}
 
 
-def _entries(evaluation: Any) -> dict[int, tuple[list[int], list[float]]]:
-    found = evaluation.samples["Felt"].items()
+def _entries(evaluation: Any, name: str = "Felt") -> dict[int, tuple[list[int], list[float]]]:
+    found = evaluation.samples[name].items()
     return {index: (each.vertices.tolist(), each.weights.tolist()) for index, each in found}
 
 
@@ -161,6 +162,25 @@ def test_of_what_is_far_only_places_are_read(scene: Any, felt: Any) -> None:
     assert evaluation.counters.meshes_searched == 0
     assert evaluation.counters.vertices_posed == alone.counters.vertices_posed
     assert _entries(evaluation) == _entries(alone)
+
+
+@pytest.mark.parametrize("kind", [deforming, constrained])
+def test_blocks_of_samples_outside_a_clip_are_not_stepped(
+    scene: Any, felt: Any, kind: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In reach, and on at 12 of 96 frames: blocks have 32 samples."""
+    scene.frame_end = 96
+    oracle.add_clip(kind(NEAR), 40, 52)
+    lazy = oracle.evaluate(scene, rate_hz=RATE_HZ)
+    read = lazy.reader.counters
+    assert read.times_stepped <= 2 * 33 + 10  # a block, read again in full as it is near; probes
+    assert read.meshes_made <= 33
+    name = kind.__name__.capitalize()
+    monkeypatch.setattr(reading_pass.Pass, "_idle", lambda *_: set())
+    whole = oracle.evaluate(scene, rate_hz=RATE_HZ)
+    assert whole.reader.counters.times_stepped >= 96
+    assert _entries(lazy) == _entries(whole)
+    assert _entries(lazy, name) == _entries(whole, name) != {}
 
 
 def test_what_comes_near_is_counted(scene: Any, felt: Any) -> None:

@@ -191,7 +191,7 @@ def test_a_response_is_baked_to_keys(ball: Any, target: str) -> None:
 def test_baking_what_touches_nobody_is_told(ball: Any) -> None:
     ball.location = (5.0, 0.0, 0.0)
     ball.animation_data_clear()
-    with pytest.raises(RuntimeError, match="'Ball' touches nobody"):
+    with pytest.raises(RuntimeError, match="'Ball' touches no body"):
         bpy.ops.hfx.bake_response()
 
 

@@ -216,32 +216,6 @@ def _flat(rig: Any, skin: Any) -> None:
     rig.scale = (0.0, 0.0, 0.0)
 
 
-def _pieces(rig: Any, skin: Any) -> None:
-    import bmesh
-
-    mesh = bmesh.new()
-    mesh.from_mesh(skin.data)
-    bmesh.ops.split_edges(mesh, edges=mesh.edges[:])
-    for face in mesh.faces:
-        for vertex in face.verts:
-            vertex.co += 0.1 * face.normal
-    mesh.to_mesh(skin.data)
-    mesh.free()
-
-
-def _double(rig: Any, skin: Any) -> None:
-    import bmesh
-
-    mesh = bmesh.new()
-    mesh.from_mesh(skin.data)
-    mesh.verts.ensure_lookup_table()
-    for face in mesh.faces[:]:
-        if mesh.verts[0] not in face.verts:  # a fin on the edge of each face
-            mesh.faces.new([face.verts[0], face.verts[1], face.verts[3], mesh.verts[0]])
-    mesh.to_mesh(skin.data)
-    mesh.free()
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -252,8 +226,6 @@ def _double(rig: Any, skin: Any) -> None:
         (_not_human, "human"),
         (_mirrored, "negative scale"),
         (_flat, "scaled by zero"),
-        (_pieces, "pieces"),
-        (_double, "non-manifold"),
     ],
 )
 def test_what_cannot_be_used_is_refused_and_nothing_changes(

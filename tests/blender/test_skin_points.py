@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mathutils import Vector
 
-from hfx_blender.authoring import effect_exchange, effect_file, path_file, paths, posed_skin
+from hfx_blender.authoring import effect_exchange, effect_file, path_file, paths, skin_picking
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.tolerance import STANDARD
@@ -299,10 +299,10 @@ def test_what_is_drawn_lies_on_the_posed_body(spot: Any) -> None:
 
 def test_a_ray_finds_the_place_on_a_moved_body(body: Any) -> None:
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    place = posed_skin.Picker(body, depsgraph).hit(Vector((0.05, 3, 1.2)), Vector((0, -1, 0)))
+    place = skin_picking.Picker(body, depsgraph).hit(Vector((0.05, 3, 1.2)), Vector((0, -1, 0)))
     body.location, body.rotation_euler = (4.0, 0.0, 0.0), (0.0, 0.0, np.pi)
     bpy.context.view_layer.update()
-    picker = posed_skin.Picker(body, bpy.context.evaluated_depsgraph_get())
+    picker = skin_picking.Picker(body, bpy.context.evaluated_depsgraph_get())
     again = picker.hit(Vector((3.95, -3, 1.2)), Vector((0, 1, 0)))
     assert again == pytest.approx(place, abs=1e-5)
     assert picker.hit(Vector((0.05, 3, 1.2)), Vector((0, -1, 0))) is None
@@ -317,7 +317,7 @@ class _Drawing:
 
         self.mode, self.stroke, self.finished = mode, _Stroke(), False
         self._is_held, self._began_s, self._timer = False, 0.0, None
-        self._picker = posed_skin.Picker(body, bpy.context.evaluated_depsgraph_get())
+        self._picker = skin_picking.Picker(body, bpy.context.evaluated_depsgraph_get())
         for name in ("modal", "_held", "_over_region", "_add", "_show", "_path_through"):
             setattr(self, name, getattr(HFX_OT_draw_path, name).__get__(self))
 

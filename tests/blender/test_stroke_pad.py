@@ -12,7 +12,7 @@ import pytest
 
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import make_map
-from hfx_blender.engine.texture.render import render_stroke
+from hfx_blender.engine.texture.stroke_rendering import render_stroke
 from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
 from hfx_blender.maintenance.demo import board
 from hfx_blender.operators.stroke_pad_view import PadPlace

@@ -277,8 +277,8 @@ def test_a_broken_calibration_is_as_if_there_were_none(
 def test_a_stroke_is_exported_in_every_format(
     denim: Any, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hfx_blender.engine.texture.render import render_stroke
     from hfx_blender.engine.texture.stroke import along
+    from hfx_blender.engine.texture.stroke_rendering import render_stroke
     from hfx_blender.operators import stroke_pad
     from hfx_blender.playback.stroke_pad import Take
 

@@ -177,6 +177,21 @@ def test_a_stroke_is_as_strong_as_the_device_was_calibrated(
     assert felt[0] == pytest.approx(4.0 * felt[1]) and felt[2] == pytest.approx(felt[0])
 
 
+def test_a_stroke_is_played_within_the_facts_of_its_device(capsys: Any, tmp_path: Path) -> None:
+    """A phone of one frequency and 10 m/s2, and one of 80 to 260 Hz and 1.3 g."""
+    way = ("stroke", "gravel-fine", "--resolution", 256, "--from", "0,0", "--to", "50,0")
+    _, plain, _ = texture(capsys, *way)
+    _, lra, _ = texture(capsys, *way, "--device", "phone_lra", "-o", tmp_path / "s.csv")
+    assert plain["peak_amplitude_m_s2"] > 11.0
+    assert lra["peak_amplitude_m_s2"] == 10.0 and lra["mean_frequency_hz"] == 175.0
+    _, wide, _ = texture(capsys, *way, "--device", "phone_wide_band")
+    # The material's own: sharpness 1 - 0.85, over 80 to 260 Hz.
+    assert wide["mean_frequency_hz"] == pytest.approx(80.0 + 180.0 * 0.15, abs=18.0)
+    assert wide["peak_amplitude_m_s2"] == plain["peak_amplitude_m_s2"], "12.75 is enough"
+    code, said, _ = texture(capsys, *way, "--device", "fan_heater")
+    assert code == 3 and "no actuator of it vibrates" in said["error"]
+
+
 def test_a_scan_of_an_unlikely_size_is_asked_about(
     capsys: Any, registered: Any, tmp_path: Path
 ) -> None:

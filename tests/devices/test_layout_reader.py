@@ -125,5 +125,5 @@ def test_pads_that_go_round_more_than_once_are_refused(full, stored, sign):
     # 125.8 / 2 pi is 20.0217.
     assert str(refused.value).endswith(
         f"mount.bend_radius_mm is {sign * 20}, allowed is at least 20.03 mm: pads are 125.8 mm "
-        "apart along x, and once round is 125.7 mm."
+        "apart along x, and the circumference is 125.7 mm."
     )

@@ -13,7 +13,7 @@ import pytest
 from hfx_blender.devices.configuration import check, load_device
 from hfx_blender.devices.node_map import import_node_map
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.rendering.placement import vertices_of
+from hfx_blender.engine.rendering.actuator_vertices import vertices_of
 from hfx_blender.errors import InputError
 
 PLACES = [(x, y, z) for z in (0.75, 0.25) for y in (0.8, 0.2) for x in (0.3, 0.7)]

@@ -41,13 +41,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize("what", STORES)
 def test_two_processes_that_write_at_the_same_time_lose_nothing(what: str) -> None:
     program = PROGRAM.format(store=STORES[what], count=COUNT)
-    processes = [
+    children = [
         own_processes.start(processes.program(program, name), stdin=-1, stdout=-1, text=True)
         for name in ("one", "other")
     ]
-    for each in processes:
+    for each in children:
         assert each.stdout.readline() == "ready\n"
-    for each in processes:
+    for each in children:
         each.communicate("x")
         assert each.returncode == 0
     load = live_settings.load if what == "connections" else surface_calibration.load

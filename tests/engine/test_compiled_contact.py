@@ -32,7 +32,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.skin.bound_skins import BoundSkins
 from hfx_blender.engine.tolerance import PAPER, PREVIEW, STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
-from hfx_blender.engine.volume.placement import inverse_placement, world_bounds
+from hfx_blender.engine.volume.placing_matrix import inverse_placement, world_bounds
 from hfx_blender.engine.volume.shape import Falloff
 
 pytestmark = needs_library

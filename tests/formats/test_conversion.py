@@ -14,11 +14,18 @@ from test_hjif import BEAT, track_of
 from hfx_blender import cli
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError, UsageError
-from hfx_blender.formats import files, haptic, npz_raster, registry, wav
+from hfx_blender.formats import ahap, files, haptic, npz_raster, registry, wav
 from hfx_blender.formats.conversion import convert
+from hfx_blender.formats.curves import Curve, CurveTolerance
+from hfx_blender.formats.hjif import from_actuators, to_signals
 from hfx_blender.formats.hjif import reader as hjif_reader
-from hfx_blender.formats.hjif import to_signals
-from hfx_blender.formats.signals import Transient, signals_of
+from hfx_blender.formats.signals import (
+    FrequencyRange,
+    Signal,
+    Transient,
+    signals_of,
+    simplified_signals,
+)
 
 ENVELOPES = ["ahap", "haptic", "he", "he1", "openharmony", "openxr"]
 
@@ -34,7 +41,12 @@ def test_every_device_format_writes_valid_files(tmp_path, name):
         if not path.name.endswith(wav.SIDECAR_SUFFIX):
             found, findings = files.validate(path)
             assert findings == [], path
-            assert found.name == {"he1": "he", "wav24": "wav", "wavfloat": "wav"}.get(name, name)
+            assert found.name == {
+                "he1": "he",
+                "wav24": "wav",
+                "wavfloat": "wav",
+                "ahap-sqrt": "ahap",
+            }.get(name, name)
     again = registry.write(name, raster, device, tmp_path / "other.back_pad")
     for one, other in zip(written.files, again.files, strict=True):
         same = other.read_bytes().replace(b"other.back_pad", b"scene.back_pad")
@@ -319,3 +331,97 @@ def test_a_track_is_validated_as_a_whole(tmp_path, capsys):
     path.write_bytes(data)
     code, out, _ = run(capsys, "validate", path)
     assert code == 3 and "TRACK-CONTENT" in out
+
+
+def _tones(folder, hertz):
+    """An HJIF file with a tone a channel, as MPEG writes it: no range of frequencies."""
+    made = [signal([1.0] * 10, [each] * 10, name=f"{each:g}") for each in hertz]
+    (path,) = from_actuators.write_signals(made, FrequencyRange(0, 1000), folder / "tones").files
+    return path
+
+
+def _sharpness(document):
+    return document["Pattern"][0]["Event"]["EventParameters"][1]["ParameterValue"]
+
+
+def _frequency(document):
+    return document["signals"]["continuous"]["envelopes"]["frequency"][0]["frequency"]
+
+
+def _hundredths(document):
+    event = document["PatternList"][0]["Pattern"][0]["Event"]
+    return event["Parameters"]["Curve"][0]["Frequency"] / 100
+
+
+@pytest.mark.parametrize(
+    ("suffix", "read", "lowest", "highest"),
+    [
+        (".ahap", _sharpness, 80, 230),
+        (".haptic", _frequency, 50, 200),
+        (".he", _hundredths, 50, 250),
+    ],
+)
+def test_hertz_without_a_range_follow_the_targets_documented_one(
+    tmp_path, suffix, read, lowest, highest
+):
+    hertz = (100.0, 120.0, 190.0, 300.0)
+    written = convert(_tones(tmp_path, hertz), tmp_path / f"x{suffix}")
+    found = {path.name: read(json.loads(path.read_text())) for path in written.files}
+    for each in hertz:
+        wanted = min(max((each - lowest) / (highest - lowest), 0.0), 1.0)
+        assert found[f"x.{each:g}{suffix}"] == pytest.approx(wanted, abs=0.011)
+    assert any(f"{lowest} to {highest} Hz" in told and "300" in told for told in written.left_out)
+
+
+def test_a_device_of_one_frequency_has_a_place_in_the_documented_range(tmp_path):
+    device = load_device("bhaptics_tactosy_left")  # 100 Hz
+    raster = raster_for(device)
+    raster.values[:, 1::2] = 100.0
+    written = registry.write("ahap", raster, device, tmp_path / "x")
+    for path in written.files:
+        found = json.loads(path.read_text())
+        (sharpness,) = {
+            each["Event"]["EventParameters"][1]["ParameterValue"]
+            for each in found["Pattern"]
+            if "Event" in each and each["Event"]["EventParameters"][0]["ParameterValue"] > 0.0
+        }
+        assert sharpness == pytest.approx(20 / 150, abs=1e-5)
+        assert found["Metadata"]["HfxFrequencyRangeHz"] == [80.0, 230.0]
+
+
+def test_square_roots_are_written_and_read_back(tmp_path):
+    levels = np.concatenate(
+        [np.linspace(0.0, 1.0, 50), np.full(20, 0.25), np.linspace(0.25, 0, 30)]
+    )
+    content = signal(levels, name="a", transients=(Transient(0.5, 0.64, 120.0),))
+    chosen = registry.DEVICE_FORMATS["ahap-sqrt"]
+    made = chosen.write_signals(
+        [content], FrequencyRange(50, 250), tmp_path / "x", CurveTolerance()
+    )
+    names = sorted(path.name for path in made.files)
+    assert names == ["x.a.sqrt.ahap", "x.a.sqrt.transients.ahap"]
+    tick = json.loads((tmp_path / names[1]).read_text())["Pattern"][0]["Event"]
+    assert tick["EventParameters"][0]["ParameterValue"] == pytest.approx(0.8)
+    pattern = json.loads((tmp_path / names[0]).read_text())["Pattern"]
+    points = [
+        (curve["Time"] + point["Time"], point["ParameterValue"])
+        for curve in (each["ParameterCurve"] for each in pattern if "ParameterCurve" in each)
+        if curve["ParameterID"] == "HapticIntensityControl"
+        for point in curve["ParameterCurveControlPoints"]
+    ]
+    times = np.arange(len(levels)) / 100.0
+    np.testing.assert_allclose(
+        np.interp(times, *zip(*points, strict=True)), np.sqrt(levels), atol=0.0101
+    )
+    ((again,), _) = ahap.decode((tmp_path / names[0]).read_bytes(), "x")
+    np.testing.assert_allclose(again.amplitude.at(times), levels, atol=0.0205)  # twice 1 % at 1
+    assert ahap.decode((tmp_path / names[1]).read_bytes(), "x")[0][0].transients[0].amplitude == (
+        pytest.approx(0.64)
+    )
+
+
+def test_a_step_is_no_error_of_the_keyframes(tmp_path):
+    step = Signal("a", Curve.of([0, 1, 1, 2], [0.2, 0.2, 0.9, 0.9]), Curve.of([0], [100.0]))
+    few = simplified_signals([step])
+    assert few.amplitude_error <= 0.01
+    np.testing.assert_allclose(few.signals[0].amplitude.at([0.5, 1.5]), [0.2, 0.9], atol=0.01)

@@ -68,6 +68,8 @@ def hjif(ticks):
                     {
                         "effect_type": "Basis",
                         "position": ticks,
+                        "phase": 0.0,
+                        "base_signal": "Sine",
                         "keyframes": [{"relative_position": 0, "amplitude_modulation": 0.5}],
                     }
                 ]

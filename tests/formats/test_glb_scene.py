@@ -12,10 +12,12 @@ import pytest
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.scene import (
     AnimationBlock,
+    BodyDescription,
     EffectBlock,
     EffectDescription,
     HapticVolume,
     SceneDescription,
+    SurfaceBinding,
     TimeBase,
 )
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
@@ -138,7 +140,7 @@ def test_a_moving_volume_is_animated(tmp_path):
                 [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
             ]
         )
-        again = rotation @ np.diag(paths["scale"][k])
+        again = rotation @ np.diag(found["nodes"][0]["scale"])  # it stays
         np.testing.assert_allclose(again, turn @ matrices[k][:3, :3], atol=1e-5)
     steps = (paths["rotation"][1:] * paths["rotation"][:-1]).sum(axis=1)
     assert (steps > 0.0).all()  # the short way round
@@ -147,7 +149,7 @@ def test_a_moving_volume_is_animated(tmp_path):
 def test_mirrored_and_sheared_volumes(tmp_path):
     mirrored = np.stack([placed(None, (-1, 1, 1), (k, 0, 0)) for k in range(COUNT)])
     found, _, result = written(recorded(Cuboid(), mirrored), tmp_path)
-    assert np.prod(found["nodes"][1]["scale"]) == pytest.approx(-1.0)
+    assert np.prod(found["nodes"][0]["scale"]) == pytest.approx(-1.0)
     assert not result.notes
     sheared = mirrored.copy()
     sheared[:, 0, 1] = 0.5
@@ -174,3 +176,13 @@ def test_triggers_without_what_they_play_are_told(tmp_path):
     assert written(recorded(Cuboid(), sheared), tmp_path)[2].notes == ()  # a matrix holds it
     alone = recorded(Cuboid(), STILL).write([load_model("hfx-temperature-1")], tmp_path / "y")
     assert "no HJIF file" in alone.notes[0]
+
+
+def test_a_body_that_follows_its_mesh_is_told_and_stands_at_rest(tmp_path):
+    model = load_model("hfx-temperature-1")
+    body = BodyDescription("b", "Anna", SurfaceBinding({}, "cloth"))
+    time = TimeBase(Fraction(24), Fraction(24), 1, 1, COUNT)
+    recorder = glb_scene.VolumeRecorder(SceneDescription(time, (body,), ()))
+    found, _, result = written(recorder, tmp_path)
+    assert [node["name"] for node in found["nodes"]] == ["Anna", f"Anna: {model.id}"]
+    assert "skins" not in found and "'Anna' follows its mesh" in result.notes[0]

@@ -69,7 +69,7 @@ def test_what_is_no_report_is_told_in_one_line(tmp_path, capsys, content, told):
 
 
 def test_json_that_is_nothing_of_ours_is_told_so(tmp_path, capsys):
-    path = tmp_path / "x.wav.channels.json"
+    path = tmp_path / "x.other.json"
     path.write_text('{"channels": []}')
     code, _, err = info(capsys, path)
     assert code == 3 and "neither a device configuration, nor an export's report" in err

@@ -29,7 +29,7 @@ from ..skin.cell_coverage import BodySkin
 from ..surface.surface_effects import SurfaceEffects
 from ..volume.fewer_faces import SHARE, of_fewer_faces
 from ..volume.mesh import MeshVolume
-from ..volume.placement import world_bounds
+from ..volume.placing_matrix import world_bounds
 from . import on_demand
 from .sample_run_builder import SampleRunBuilder
 

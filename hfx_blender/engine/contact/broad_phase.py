@@ -18,7 +18,7 @@ from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
 from ..volume.mesh import MeshVolume
-from ..volume.placement import world_bounds
+from ..volume.placing_matrix import world_bounds
 from ..volume.shape import Falloff, Shape
 from . import continuous_collision
 from .target import Target

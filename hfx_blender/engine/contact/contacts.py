@@ -21,7 +21,7 @@ from ..native import skin as native_skin
 from ..scene import PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..skin.skinned_model import SkinnedModel
-from ..volume.placement import inverse_placement
+from ..volume.placing_matrix import inverse_placement
 from . import compiled_contacts
 from .accumulator import ContactAccumulator
 from .broad_phase import ReachableBounds, VolumeBroadPhase

@@ -19,7 +19,7 @@ from ..kinematics.motion import Motion
 from ..skin.posed_skin import PosedSkin
 from ..tolerance import Tolerance
 from ..volume.mesh import MeshVolume
-from ..volume.placement import inverse_placement
+from ..volume.placing_matrix import inverse_placement
 from ..volume.shape import Falloff, Shape
 from ..ways import Ways
 from .contact_details import Details

@@ -258,7 +258,7 @@ class _Helper:
 
     def __init__(self, settings: bytes) -> None:
         self._process = own_processes.start(
-            own_processes.command("engine.parallel.worker"),
+            own_processes.command("engine.parallel.evaluation_worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             # The cores have work.

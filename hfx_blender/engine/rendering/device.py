@@ -107,12 +107,16 @@ class VertexPlace:
 
 @dataclass(frozen=True)
 class BodyPlace:
-    """A patch of skin: what lies in a ball, on certain parts and one side of the body."""
+    """A patch of skin: what lies in a ball, on certain parts and one side of the body.
+
+    A device on which skin strokes, such as a phone, is felt by those parts as well.
+    """
 
     parts: tuple[str, ...]
     centre_m: tuple[float, float, float]  # rest space
     radius_m: float
     side: str | None = None  # None: any
+    stroked_by: tuple[str, ...] = ()  # all of these parts, on either side
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from ...errors import InputError
 from ..body.model import load_model
 from ..scene import ActuatorArea, SceneDescription
 from ..track import TrackHeader, TrackReader
+from .actuator_vertices import rows_of
 from .device import DeviceConfig
 from .dispatch import ModelLoader, shown_as
-from .placement import rows_of
 from .raster import Raster
 from .render import Renderer, blocks
 

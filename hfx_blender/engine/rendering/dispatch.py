@@ -16,10 +16,10 @@ from ..areas.vector_sensation import gains_of
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel
 from ..samples import SampleRun
+from .actuator_vertices import on_parts
 from .coverage import ActuatorCells
 from .device import DeviceConfig, RoomPlace
 from .focus import FocusPanning, focus_panning
-from .placement import on_parts
 from .room import PlaySpace, room_gains, stands
 from .schemes import cells_of, unpanned
 

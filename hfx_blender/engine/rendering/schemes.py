@@ -17,6 +17,7 @@ import numpy as np
 from ..arrays import F64, I32
 from ..body.model import PerceptualModel
 from ..body.parts import SIDES
+from .actuator_vertices import on_parts, rows_of
 from .coverage import ActuatorCells
 from .device import Actuator, BodyPlace, DeviceConfig, Mount, RoomPlace
 from .mounts import Pad, on_mount
@@ -24,9 +25,8 @@ from .panning.neighbours import SkinNeighbours, parted
 from .panning.planar import PlanarPanning
 from .panning.ring import LinePanning, RingPanning
 from .panning.splat import GaussianSplatting, NearestPanning
-from .panning.surface import surface_gains
+from .panning.surface_panning import surface_gains
 from .panning.vbap import VectorBasePanning
-from .placement import on_parts, rows_of
 
 _LONE_SPACING_M: Final = 0.05
 """Takes the place of the distance between actuators where there is only one."""

@@ -24,7 +24,7 @@ from ..scene import (
     SceneDescription,
 )
 from ..skin.cell_coverage import BodySkin
-from ..volume.placement import world_bounds
+from ..volume.placing_matrix import world_bounds
 from .settling import Settling
 from .touches import BodyPlaces, Moments, Touches
 

@@ -25,7 +25,7 @@ from ..samples import SampleRun, Stream
 from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..volume.outside import distances_m
-from ..volume.placement import inverse_placement, world_bounds
+from ..volume.placing_matrix import inverse_placement, world_bounds
 
 
 @dataclass(frozen=True, eq=False)

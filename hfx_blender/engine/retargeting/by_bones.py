@@ -20,7 +20,7 @@ from .joints import skeletons_of
 from .pose import matrices, posed
 from .quality import PartQuality, Quality
 from .retarget import carried, mapped_weights
-from .surface import TargetSurface, vertex_normals
+from .surface import vertex_normals
 from .target import TargetAvatar
 
 _LOST: Final = 0.5
@@ -38,25 +38,27 @@ def fit_by_bones(
     Returns
     -------
     list of FittedModel
-        In the target's own space and unit; weights are the canonical ones through the mapping.
+        In the target's own space and unit; weights are the canonical ones through the mapping,
+        anchors the nearest triangles, which pictures are taken from and nothing follows.
 
     Raises
     ------
     InputError
         The target's joints are missing or are not a person's.
     """
+    from scipy.spatial import cKDTree
+
     bodies = skeletons_of(avatar, target, mapping)
     vertices = posed(avatar, matrices(avatar, bodies))
     faces = avatar.faces.astype(np.int64)
     normals = vertex_normals(vertices, np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]])))
-    surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
+    nearest = cKDTree(bodies.points[target.triangles].mean(axis=1))
     moving = (*mapping.bones.values(), *mapping.fallbacks.values())
     boned = replace(target, bone_names=tuple(dict.fromkeys((*target.bone_names, *moving))))
     found = []
     for model in models:
-        points, outward = carried(model, vertices, normals)
-        everywhere = np.ones((len(points), bodies.target_shares.shape[1]))
-        places = surface.nearest(points, outward, everywhere, np.inf, facing=-1.0)
+        points, _ = carried(model, vertices, normals)
+        triangle = nearest.query(points)[1]
         found.append(
             FittedModel(
                 model_id=model.id,
@@ -67,8 +69,8 @@ def fit_by_bones(
                 bone_names=boned.bone_names,
                 weights=mapped_weights(model, boned, mapping),
                 anchors=SurfaceAnchors(
-                    target.triangles[places.triangle].astype(np.int32),
-                    places.weights,
+                    target.triangles[triangle].astype(np.int32),
+                    np.full((len(points), 3), 1.0 / 3.0),
                     np.zeros(len(points)),
                 ),
             )

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,10 @@ IN_PLACE: Final = 0.8
 
 AREA_RATIOS: Final = (0.4, 2.5)
 """Allowed range of a part's area relative to the canonical body of the same size."""
+
+JOINT_MM: Final = 20.0
+"""Allowed distance of the model's skin at a joint from where the rig has the joint: at 25 mm of a
+body 1.75 m tall a touch on a kneecap is felt beside it."""
 
 RIGHT_WAY: Final = 0.9
 """Share of the limbs' vertices that must lie on their own side."""
@@ -73,6 +78,7 @@ class Quality:
     parts: tuple[PartQuality, ...]
     sides: float  # 0..1, share of the limbs' vertices that lie on their own side
     feet_forward: float  # 0..1, share of the feet that point where the body faces
+    joints_mm: Mapping[str, float] = field(default_factory=dict)  # joint -> skin's distance from it
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -80,7 +86,7 @@ class Quality:
         parts = [
             f"{part.part.replace('_', ' ')} {fault}" for part in self.parts for fault in part.faults
         ]
-        return (*parts, *self.whole_faults)
+        return (*parts, *joint_faults([self]), *self.whole_faults)
 
     @property
     def whole_faults(self) -> tuple[str, ...]:
@@ -93,12 +99,27 @@ class Quality:
         return tuple(found)
 
 
+def joint_faults(qualities: Sequence[Quality]) -> list[str]:
+    """Joints whose skin lies beside them, as text, each by the model that fits it worst."""
+    worst: dict[str, float] = {}
+    for quality in qualities:
+        for joint, off_mm in quality.joints_mm.items():
+            worst[joint] = max(off_mm, worst.get(joint, 0.0))
+    return [
+        f"{'left' if joint.endswith('.L') else 'right'} {joint.partition('.')[0]} is up to "
+        f"{off_mm:.0f} mm from where the rig has it"
+        for joint, off_mm in worst.items()
+        if off_mm > JOINT_MM
+    ]
+
+
 def judge(
     model: PerceptualModel,
     places: Places,
     target_shares: F64,
     distance_m: F64,
     feet_forward: float,
+    joints_m: Mapping[str, float],
 ) -> Quality:
     """Judge the fit of a model's placed vertices.
 
@@ -112,6 +133,8 @@ def judge(
         How far each vertex was from the skin.
     feet_forward : float
         Share of the feet that point forwards.
+    joints_m : mapping of joint to float
+        Distance of the model's skin around it from where the rig has it.
     """
     stems = [region.partition(".")[0].rstrip("12345") for region in REGIONS]
     known = {stem for k, stem in enumerate(stems) if target_shares[:, k].any()}
@@ -134,7 +157,9 @@ def judge(
     limb = ~np.isin(model.part, [PARTS.index("head"), PARTS.index("torso")])
     right_side = np.where(model.side == LEFT, places.points[:, 0] > 0.0, places.points[:, 0] < 0.0)
     limb &= np.isin(model.side, (LEFT, RIGHT))
-    return Quality(model.id, tuple(parts), float(right_side[limb].mean()), feet_forward)
+    sides = float(right_side[limb].mean())
+    joints_mm = {joint: 1000.0 * off for joint, off in joints_m.items()}
+    return Quality(model.id, tuple(parts), sides, feet_forward, joints_mm)
 
 
 def _areas(points: F64, model: PerceptualModel) -> F64:

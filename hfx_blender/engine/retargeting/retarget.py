@@ -17,6 +17,7 @@ from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
 from .joints import Skeletons, skeletons_of
+from .limbs import Limbs
 from .pose import matrices, posed
 from .quality import Quality, judge
 from .shapes import fields_for, shape
@@ -43,6 +44,8 @@ class Warp:
     surface: TargetSurface
     vertices: F64  # (V, 3) of the canonical avatar, normalised space
     normals: F64  # (V, 3)
+    limbs: Limbs
+    posed: F64  # (V, 3) where the rig's joints alone put the vertices
     same: I64 | None  # (V,) the target's own vertices, where it is the same mesh
 
 
@@ -62,21 +65,21 @@ def warp(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Warp:
     same = _same_mesh(avatar, target)
     faces = avatar.faces.astype(np.int64)
     triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
+    limbs = Limbs(avatar, bodies)
     if same is not None:
-        vertices = bodies.points[same]
+        vertices = start = bodies.points[same]
     else:
-        vertices = pull(
-            _shaped(avatar, bodies, triangles, surface), triangles, bodies.avatar_shares, surface
+        moved = matrices(avatar, bodies)
+        start, fields = posed(avatar, moved), fields_for(avatar)
+        shaped = (
+            start
+            if fields is None
+            else shape(fields, moved, start, triangles, bodies, surface, limbs)
         )
+        pulled = pull(shaped, triangles, bodies.avatar_shares, limbs.axes, surface)
+        vertices = limbs.seated(pulled, start)
     normals = vertex_normals(vertices, triangles)
-    return Warp(target, mapping, bodies, surface, vertices, normals, same)
-
-
-def _shaped(avatar: Avatar, bodies: Skeletons, triangles: I64, surface: TargetSurface) -> F64:
-    """Deform the canonical avatar to the target's pose and, with the shape fields, its shape."""
-    moved = matrices(avatar, bodies)
-    start, fields = posed(avatar, moved), fields_for(avatar)
-    return start if fields is None else shape(fields, moved, start, triangles, bodies, surface)
+    return Warp(target, mapping, bodies, surface, vertices, normals, limbs, start, same)
 
 
 def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
@@ -111,7 +114,11 @@ def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:
     shares = warped.bodies.target_shares[warped.target.triangles[places.triangle]].mean(axis=1)
     # At the canonical size: an avatar in another unit, or of a giant, is judged alike.
     distance = np.linalg.norm(places.points - before, axis=1)
-    return fitted, judge(model, places, shares, distance, warped.bodies.feet_forward)
+    nearest = model.avatar_vertices[np.arange(len(model)), model.avatar_weights.argmax(axis=1)]
+    rest, _ = carried(model, warped.posed, warped.normals)
+    joints = warped.limbs.offsets_m(nearest, rest, places.points, warped.surface)
+    feet_forward = warped.bodies.feet_forward
+    return fitted, judge(model, places, shares, distance, feet_forward, joints)
 
 
 def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F64]:

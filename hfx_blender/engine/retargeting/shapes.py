@@ -25,6 +25,7 @@ from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import Avatar
 from .joints import Skeletons
+from .limbs import SLACK_M, Limbs
 from .surface import TargetSurface, vertex_normals
 from .target import areas_of
 
@@ -46,6 +47,10 @@ Far larger than the noise of a scan: the distances of neighbours are not indepen
 is of another modeller. Chosen on a body that no target of the fields' source made.
 """
 
+_HOLD: Final = 0.3
+"""Weight of a joint that has slid along its limb by what rigs differ, against one field's standard
+deviation: the distances of loose cloth from a limb are many and all wrong in the same way."""
+
 
 @dataclass(frozen=True, eq=False)
 class ShapeFields:
@@ -64,11 +69,13 @@ def shape(
     triangles: I64,
     bodies: Skeletons,
     surface: TargetSurface,
+    limbs: Limbs,
 ) -> F64:
     """Give a posed body the shape that brings it nearest to a target's skin.
 
     A regularised least-squares fit (Gauss-Newton on the distances to tangent planes, each field's
-    share normally distributed), with the nearest places looked for anew in each round.
+    share normally distributed), with the nearest places looked for anew in each round. The joints
+    of the rig hold the skin along the limbs.
 
     Parameters
     ----------
@@ -88,6 +95,9 @@ def shape(
     areas = areas / areas.mean()
     shares = np.zeros(len(fields))
     prior = _DISTRUST * np.eye(len(fields))
+    for name, ring in limbs.rings.items():
+        slide = ring.slide(moves) / SLACK_M[name.partition(".")[0]]
+        prior += _HOLD * _DISTRUST * np.outer(slide, slide)
     for number in range(_ROUNDS):
         at = posed + np.einsum("k,kvi->vi", shares, moves)
         reach = _REACH_M * (1.0 - 0.5 * number / _ROUNDS)
@@ -98,10 +108,9 @@ def shape(
         # Not as matrix products: large ones wake BLAS's threads, which cost more than they save.
         weighted = along * weight
         normal = np.einsum("kv,lv->kl", weighted, along)
-        slope = np.einsum("kv,v->k", weighted, gap) - _DISTRUST * shares
+        slope = np.einsum("kv,v->k", weighted, gap) - prior @ shares
         shares += np.linalg.solve(normal + prior, slope)
-    found: F64 = posed + np.einsum("k,kvi->vi", shares, moves)
-    return found
+    return limbs.seated(posed + np.einsum("k,kvi->vi", shares, moves), posed)
 
 
 @lru_cache(maxsize=1)

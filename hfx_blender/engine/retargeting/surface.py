@@ -5,6 +5,7 @@ of a posed body onto them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -102,6 +103,18 @@ class TargetSurface:
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
         return Places(np.isfinite(best), triangle, weights, place, out)
 
+    def around(
+        self, point: F64, axis: F64, half_m: float, radius_m: float, regions: Sequence[int]
+    ) -> F64:
+        """Places (N, 3) of a slab of the skin about a point, across an axis."""
+        members = np.unique(np.concatenate([self._members[region] for region in regions]))
+        centres = self._pieces[members].mean(axis=1)
+        offset = centres - point
+        along = offset @ axis
+        off = np.linalg.norm(offset - along[:, None] * axis, axis=1)
+        found: F64 = centres[(np.abs(along) < half_m) & (off < radius_m)]
+        return found
+
 
 def _cut(corners: F64) -> tuple[F64, I64, F64]:
     """Halve triangles at their longest edge until none is too long.
@@ -148,8 +161,11 @@ STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
 _REACH_M: Final = 0.12
 """Farthest that the surface may pull from in the first round; half of it in the last."""
 
+_STEEPEST: Final = 0.5
+"""Least squared cosine between a surface's normal and a way across the limb that is believed."""
 
-def pull(points: F64, triangles: I64, shares: F64, surface: TargetSurface) -> F64:
+
+def pull(points: F64, triangles: I64, shares: F64, axes: F64, surface: TargetSurface) -> F64:
     """Pull a posed body onto the surface smoothly: neighbours move alike.
 
     Each round looks for the nearest places and moves towards their tangent planes, so that the
@@ -162,6 +178,8 @@ def pull(points: F64, triangles: I64, shares: F64, surface: TargetSurface) -> F6
     triangles : (F, 3) int64
     shares : (V, R) float64
         Regions of the vertices.
+    axes : (V, 3) float64
+        Directions of limbs, along which nothing is pulled; 0 outside of limbs.
 
     Returns
     -------
@@ -177,7 +195,10 @@ def pull(points: F64, triangles: I64, shares: F64, surface: TargetSurface) -> F6
         normals = vertex_normals(moved, triangles)
         places = surface.nearest(moved, normals, shares, reach)
         gap = np.einsum("vi,vi->v", places.points - moved, places.normals)
-        goal = moved + gap[:, None] * places.normals
+        across = places.normals - np.einsum("vi,vi->v", places.normals, axes)[:, None] * axes
+        steep = np.maximum(np.einsum("vi,vi->v", across, places.normals), _STEEPEST)
+        slid = np.einsum("vi,vi->v", moved - points, axes)
+        goal = moved + (gap / steep)[:, None] * across - slid[:, None] * axes
         hold = places.found.astype(np.float64)
         system = stiffness * laplacian + diags_array(hold + 1e-6)
         shift = splu(system.tocsc()).solve((hold + 1e-6)[:, None] * (goal - points))

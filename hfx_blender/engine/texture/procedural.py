@@ -49,7 +49,7 @@ class ProceduralMaterial:
         heights = self.heights(rng, texels, self.size_m)
         texel = self.size_m / texels
         field = HeightField(heights - heights.min(), (texel, texel))
-        deviation = _noise(rng, texels, self.size_m, 4e-3, 1e-3)
+        deviation = noise(rng, texels, self.size_m, 4e-3, 1e-3)
         return field, np.clip(self.roughness + 0.05 * deviation, 0.0, 1.0)
 
 
@@ -66,7 +66,7 @@ def material(name: str) -> ProceduralMaterial:
     return MATERIALS[name]
 
 
-def _noise(
+def noise(
     rng: np.random.Generator,
     texels: int,
     size_m: float,
@@ -121,7 +121,7 @@ def _stones(
 def _gravel(diameter_m: float, depth_m: float, flatness: float, grit_m: float) -> Recipe:
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         stones = depth_m * _stones(rng, texels, size_m, diameter_m, flatness)
-        grit = grit_m * _noise(rng, texels, size_m, 1.5e-3, 0.25e-3, fall=0.5)
+        grit = grit_m * noise(rng, texels, size_m, 1.5e-3, 0.25e-3, fall=0.5)
         return np.asarray(stones + grit)
 
     return heights
@@ -129,14 +129,14 @@ def _gravel(diameter_m: float, depth_m: float, flatness: float, grit_m: float) -
 
 def _brushed(depth_m: float, length: float) -> Recipe:
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
-        return depth_m * _noise(rng, texels, size_m, 0.6e-3, 0.12e-3, stretch=length, fall=0.0)
+        return depth_m * noise(rng, texels, size_m, 0.6e-3, 0.12e-3, stretch=length, fall=0.0)
 
     return heights
 
 
 def _cast(depth_m: float) -> Recipe:
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
-        return depth_m * _noise(rng, texels, size_m, 2e-3, 0.2e-3, fall=0.6)
+        return depth_m * noise(rng, texels, size_m, 2e-3, 0.2e-3, fall=0.6)
 
     return heights
 
@@ -144,7 +144,7 @@ def _cast(depth_m: float) -> Recipe:
 def _hammered(diameter_m: float, depth_m: float) -> Recipe:
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         dents = -depth_m * _stones(rng, texels, size_m, diameter_m, 1.0)
-        return np.asarray(dents + 1e-6 * _noise(rng, texels, size_m, 1e-3, 0.2e-3))
+        return np.asarray(dents + 1e-6 * noise(rng, texels, size_m, 1e-3, 0.2e-3))
 
     return heights
 
@@ -152,8 +152,8 @@ def _hammered(diameter_m: float, depth_m: float) -> Recipe:
 def _cloth(weave: Weave) -> Recipe:
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         cloth = woven(weave, size_m, texels).heights_m
-        slack = 0.06 * weave.depth_m * _noise(rng, texels, size_m, 8e-3, 1.5e-3)
-        fibres = 0.04 * weave.depth_m * _noise(rng, texels, size_m, 0.5e-3, 0.15e-3, fall=0.0)
+        slack = 0.06 * weave.depth_m * noise(rng, texels, size_m, 8e-3, 1.5e-3)
+        fibres = 0.04 * weave.depth_m * noise(rng, texels, size_m, 0.5e-3, 0.15e-3, fall=0.0)
         return np.asarray(cloth + slack + fibres)
 
     return heights
@@ -164,7 +164,7 @@ def _corduroy(period_m: float, depth_m: float) -> Recipe:
         ribs = max(round(size_m / period_m), 1)
         y = (np.arange(texels) + 0.5) / texels
         rib = np.abs(np.sin(np.pi * ribs * y)) ** 0.6
-        pile = 0.05 * _noise(rng, texels, size_m, 0.6e-3, 0.15e-3, fall=0.0)
+        pile = 0.05 * noise(rng, texels, size_m, 0.6e-3, 0.15e-3, fall=0.0)
         return np.asarray(depth_m * (rib[:, None] + pile))
 
     return heights
@@ -175,13 +175,13 @@ def _timber(rings_m: float, depth_m: float, pores_m: float, cracks_m: float) -> 
 
     def heights(rng: np.random.Generator, texels: int, size_m: float) -> F64:
         y = (np.arange(texels) + 0.5) / texels
-        bend = 0.9 * _noise(rng, texels, size_m, size_m, 0.15 * size_m, stretch=3.0)
+        bend = 0.9 * noise(rng, texels, size_m, size_m, 0.15 * size_m, stretch=3.0)
         rings = max(round(size_m / rings_m), 1)
         phase = rings * y[:, None] + bend
         late = (phase - np.floor(phase)) ** 3  # early wood rises slowly, late wood ends sharply
-        grain = _noise(rng, texels, size_m, 1.2e-3, 0.2e-3, stretch=20.0, fall=0.4)
-        pore = _noise(rng, texels, size_m, 0.8e-3, 0.25e-3, stretch=8.0, fall=0.3)
-        crack = _noise(rng, texels, size_m, 6e-3, 0.8e-3, stretch=25.0, fall=0.8)
+        grain = noise(rng, texels, size_m, 1.2e-3, 0.2e-3, stretch=20.0, fall=0.4)
+        pore = noise(rng, texels, size_m, 0.8e-3, 0.25e-3, stretch=8.0, fall=0.3)
+        crack = noise(rng, texels, size_m, 6e-3, 0.8e-3, stretch=25.0, fall=0.8)
         wood = depth_m * (late + 0.12 * grain)
         wood = wood - pores_m * np.clip(pore - 1.3, 0.0, 1.0)
         return np.asarray(wood - cracks_m * np.clip(crack - 1.5, 0.0, 1.0))

@@ -12,12 +12,14 @@ import numpy as np
 from ... import file_limits
 from ..curves import Curve, with_zeros
 from ..signals import Piece, Transient
-from ..waveforms import Waveform
+from ..waveforms import BYTES, Waveform
 from .interpolation import interpolated
 from .model import Band, Effect, Keyframe
 
 DEFAULT_HZ: Final = 100.0
 _LEAST_RATE_HZ: Final = 2000.0
+_SAMPLES: Final = 64  # for each point of a slow curve, and of few of them
+_LEAST_SAMPLES: Final = 1 << 16
 _OVERSAMPLING: Final = 8.0  # of the highest frequency of a curve that is a waveform
 
 Placed = tuple[int, Effect]  # position, ticks, and effect
@@ -70,7 +72,8 @@ def curve_as_waveform(band: Band, values: Curve, name: str) -> Waveform:
     rate = max(_LEAST_RATE_HZ, _OVERSAMPLING * min(band.upper_frequency_limit, 1000.0))
     begin, end = float(values.times_s[0]), float(values.times_s[-1])
     file_limits.SECONDS.check(end, name, "its curves last")
-    file_limits.MEMORY.check(24.0 * (end - begin) * rate, name, "its waveform would take")
+    rate = min(rate, max(_SAMPLES * len(values), _LEAST_SAMPLES) / max(end - begin, 1e-6))
+    file_limits.MEMORY.check(BYTES * (end - begin) * rate, name, "its waveform would take")
     times = begin + np.arange(int((end - begin) * rate) + 1) / rate
     return Waveform(begin, rate, values.at(times))
 

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +25,8 @@ from .body_parts import place_mask
 from .envelopes import Dense, timescale_of
 from .model import Hjif, Perception
 from .perceptions import SUFFIX, TOO_WEAK, Place, document_of, perception_of, vanished
+
+_SAMPLING_HZ: Final = 8000  # that the length of the original is told in
 
 
 def write(
@@ -98,10 +102,21 @@ def write_signals(
         Place(each.name, 1.0, 0, dense=_dense(each), transients=each.transients) for each in signals
     ]
     perception = perception_of(0, "vibration", places, (), timescale, tolerance, has_units=False)
+    perception = _lasting(perception, max((each.duration_s for each in signals), default=0.0))
     document = document_of(clean(stem.name), [perception], timescale)
     left_out = losses.off_range(signals, FrequencyRange(0.0, MAX_HZ))
     notes = counted(vanished(perception, places), TOO_WEAK)
     return _write(document, stem, tolerance) + Written((), left_out, notes)
+
+
+def _lasting(perception: Perception, duration_s: float) -> Perception:
+    """The same, its channels as long as the original, silence at the end included."""
+    count = round(duration_s * _SAMPLING_HZ)
+    channels = (
+        replace(each, frequency_sampling=_SAMPLING_HZ, sample_count=count)
+        for each in perception.channels
+    )
+    return replace(perception, channels=tuple(channels))
 
 
 def _dense(signal: Signal) -> Dense:

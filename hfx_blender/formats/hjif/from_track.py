@@ -72,7 +72,7 @@ def write(
     files = [path]
     for model in meshes:
         files.append(stem.with_name(f"{stem.name}.{model.id}{glb.SUFFIX}"))
-        glb.write_model(model, files[-1])
+        glb.write_model(model, files[-1], quote(path.name))
     with atomic_file(path) as file:
         text.write(document, file)
     driven = [each.name for each in track.header.effects if each.kind == "actuators"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..checking import Report, Told, check, parse, read_bytes, refuse_but, refuse_errors
+from ..checking import Report, check, parse, read_bytes, refuse_errors
+from ..leniency import Told, refuse_but
 from .foreign import standardized
 from .model import Hjif, from_json
 from .rules import DOCUMENT, findings
@@ -43,7 +44,6 @@ def decode_telling(content: bytes, name: str) -> tuple[Hjif, Told]:
         report = Report("HJIF")
         check(DOCUMENT, found, report)
         refuse_errors([each for each in report.findings if each.code in _FATAL], name)
-    faults = [each for each in faults if each.code != "HJIF-UNKNOWN"]
-    told = refuse_but(faults, name, lambda code: True)
+    told = refuse_but(faults, name, lambda each: True)
     document: Hjif = from_json(found)
     return document, told

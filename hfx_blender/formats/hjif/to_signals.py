@@ -76,7 +76,9 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         for f in (each.frequency_hz.values.min(), each.frequency_hz.values.max())
     ]
     hertz += [tick.frequency_hz for each in signals for tick in each.transients]
-    return signals, FrequencyRange(min(hertz, default=0.0), max(hertz, default=1.0))
+    return signals, FrequencyRange(
+        min(hertz, default=0.0), max(hertz, default=1.0), is_stated=False
+    )
 
 
 def envelopes(document: Hjif, name: str = "HJIF") -> Iterator[Envelope]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ... import file_limits
 from ...engine.arrays import F64
-from ..waveforms import Waveform
+from ..waveforms import BYTES, Waveform
 from . import spiht
 from .model import Band, Effect
 
@@ -109,7 +109,7 @@ def waveform(
     for first, samples in blocks:
         firsts.append(max(first, end))
         end = firsts[-1] + len(samples)
-    file_limits.MEMORY.check(8.0 * (end - begin), name, "its waveform would take")
+    file_limits.MEMORY.check(BYTES * (end - begin), name, "its waveform would take")
     values = np.zeros(end - begin)
     for first, (_, samples) in zip(firsts, blocks, strict=True):
         values[first - begin : first - begin + len(samples)] = samples

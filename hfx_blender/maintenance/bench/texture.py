@@ -15,17 +15,14 @@ from ...engine.texture import mcha, procedural, stroke, weave
 from ...engine.texture.contact_path import ContactFollower, SurfaceMesh
 from ...engine.texture.contact_rendering import ContactRenderer
 from ...engine.texture.height_field import HeightField
-from ...engine.texture.render import render_stroke
-from ...engine.texture.roughness import CUTOFF_M, roughness_of_surface
 from ...engine.texture.signal import Signal
+from ...engine.texture.stroke_rendering import render_stroke
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...engine.texture.textile import drive_levels
 from . import classify
 from .collisions import Collisions, collisions, most_salient
+from .textile_correlation import SPEEDS_M_S, as_lines, correlation
 
-SPEEDS_M_S: Final = (stroke.SLOW_M_S, stroke.FAST_M_S)
-PARAMETERS: Final = ("Ra", "Rz", "Rmax")
-_DIRECTIONS: Final = (0.0, np.pi / 6.0, np.pi / 4.0, np.pi / 3.0, np.pi / 2.0, 0.2)
 _FRAME_HZ: Final = 60.0
 _FRAMES: Final = 4  # followed together, as the engine does with 100 contacts
 
@@ -45,106 +42,6 @@ def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
     result["contacts"] = contacts((100,) if short else (1, 10, 100, 400), 20 if short else 60)
     progress(1.0)
     return result
-
-
-# Roughness
-
-
-def dealt_surfaces(seed: int) -> list[weave.Weave]:
-    """36 cloths: each weave in six periods from 0.2 to 2 mm, from fine shirting to rough tweed.
-
-    Depths (15 to 600 micrometres, half of the period at most), directions and shapes are dealt
-    out at random, so that surfaces differ in more than scale.
-    """
-    rng = np.random.default_rng(seed)
-    made = []
-    for draft in weave.DRAFTS:
-        depths = rng.permutation(np.geomspace(15e-6, 600e-6, 6))
-        directions = rng.permutation(_DIRECTIONS)
-        for k, period in enumerate(np.geomspace(0.2e-3, 2e-3, 6).tolist()):
-            depth = min(float(depths[k]), 0.5 * period)
-            dive = float(rng.uniform(0.4, 0.9))
-            made.append(weave.Weave(draft, period, depth, float(directions[k]), dive, 0.01 * depth))
-    return made
-
-
-def drawn_surfaces(seed: int) -> list[weave.Weave]:
-    """Draw 36 cloths with all parameters at random within the same bounds."""
-    rng = np.random.default_rng([seed, 1])
-    made = []
-    for _ in range(36):
-        period = float(np.exp(rng.uniform(np.log(0.2e-3), np.log(2e-3))))
-        depth = min(float(np.exp(rng.uniform(np.log(15e-6), np.log(600e-6)))), 0.5 * period)
-        draft = str(rng.choice(list(weave.DRAFTS)))
-        direction, dive = float(rng.uniform(0.0, np.pi)), float(rng.uniform(0.4, 0.9))
-        made.append(weave.Weave(draft, period, depth, direction, dive, 0.01 * depth))
-    return made
-
-
-RECIPES: Final = {"dealt": dealt_surfaces, "drawn": drawn_surfaces}
-
-
-def correlation(
-    rounds: int, texels: int = 512, progress: Callable[[float], None] = lambda _: None
-) -> dict[str, Any]:
-    """Correlation of the textile renderer's output with measured roughness, over woven surfaces.
-
-    The first set of the first recipe gives the surfaces that are listed; all others, ``rounds``
-    of each recipe, tell how far that was luck.
-    """
-    sets: dict[str, list[Any]] = {name: [] for name in RECIPES}
-    rows: list[dict[str, Any]] = []
-    for seed in range(rounds):
-        for name, surfaces in RECIPES.items():
-            found = [_cloth(each, texels, seed) for each in surfaces(seed)]
-            rows = rows or found
-            sets[name].append(_correlations(found))
-        progress((seed + 1) / rounds)
-    return {
-        "cutoff_mm": 1e3 * CUTOFF_M,
-        "speeds_m_s": list(SPEEDS_M_S),
-        "surfaces": rows,
-        "r": sets["dealt"][0],
-        "sets": sets,  # by recipe: set, speed, parameter
-        "median_r": {name: np.median(found, axis=0).tolist() for name, found in sets.items()},
-        "lowest_r": {name: np.min(found, axis=0).tolist() for name, found in sets.items()},
-        "rounds": rounds,
-    }
-
-
-def _correlations(found: list[dict[str, Any]]) -> list[list[float]]:
-    """r of drive and roughness, for each speed and parameter."""
-    return [
-        [
-            float(np.corrcoef([r["drive"][v] for r in found], [r[p] for r in found])[0, 1])
-            for p in PARAMETERS
-        ]
-        for v in range(len(SPEEDS_M_S))
-    ]
-
-
-def _cloth(cloth: weave.Weave, texels: int, seed: int) -> dict[str, Any]:
-    field = weave.woven(cloth, max(0.02, 12.0 * cloth.period_m), texels, seed)
-    rough = roughness_of_surface(field, profiles=6)
-    starts = [(1e-3 * k, 2.3e-3 * k) for k in range(4)]
-    drive = [
-        float(
-            np.mean(
-                [drive_levels(field, stroke.line(s, 0.0, speed, speed), 1.0).mean() for s in starts]
-            )
-        )
-        for speed in SPEEDS_M_S
-    ]
-    return {
-        "weave": cloth.draft,
-        "period_mm": 1e3 * cloth.period_m,
-        "direction_deg": float(np.degrees(cloth.direction_rad)),
-        "depth_um": 1e6 * cloth.depth_m,
-        "Ra": 1e6 * rough.ra_m,
-        "Rz": 1e6 * rough.rz_m,
-        "Rmax": 1e6 * rough.rmax_m,
-        "drive": [1e6 * each for each in drive],  # with c_v of 1: micrometres
-    }
 
 
 # Identification
@@ -341,18 +238,8 @@ def _sheet(count: int) -> tuple[F64, npt.NDArray[np.int32]]:
 
 def as_text(result: dict[str, Any]) -> str:
     """The measurement for a terminal."""
-    rough, told = result["roughness"], result["identification"]
-    lines = [
-        f"Textile renderer against measured roughness: {len(rough['surfaces'])} woven surfaces, "
-        f"cut-off {rough['cutoff_mm']:g} mm, correlation r; median (lowest) of "
-        f"{rough['rounds']} sets of each recipe:",
-        f"  {'':6}{'speed':>8} " + " ".join(f"{name:>14}" for name in PARAMETERS),
-    ]
-    for recipe in rough["sets"]:
-        found = zip(rough["median_r"][recipe], rough["lowest_r"][recipe], strict=True)
-        for speed, (middle, low) in zip(rough["speeds_m_s"], found, strict=True):
-            cells = " ".join(f"{a:6.3f} ({b:5.3f})" for a, b in zip(middle, low, strict=True))
-            lines.append(f"  {recipe:6}{100 * speed:3g} cm/s {cells}")
+    told = result["identification"]
+    lines = as_lines(result["roughness"])
     lines += [
         f"Nearest neighbour of {told['learnt']} strokes, unseen maps, directions and speeds: "
         f"{100 * told['share']:.1f} % right; rows are, columns were found:",

@@ -6,27 +6,25 @@ from __future__ import annotations
 from html import escape
 from typing import Any, Final
 
-from .texture import PARAMETERS
+from .textile_correlation import PAPER_R, PARAMETERS
 
 _SIZE: Final = 250
-_LEFT: Final = 58
+_LEFT: Final = 96
 _TOP: Final = 44
-_GAP: Final = 70
+_GAP: Final = 60
 _TEXT: Final = 'font-family="sans-serif" font-size="11"'
 _COLOURS: Final = ("#2e6f9e", "#b03a2e")  # slow, fast
-_ROW: Final = 22
-_LEAST_R: Final = 0.85
-PAPER_R: Final = (0.92, 0.93, 0.95)
-"""Correlations in the textile paper, for each of the parameters."""
+_ROW: Final = 16
+_LEAST_R: Final = 0.8
 
 
 def svg(result: dict[str, Any]) -> str:
-    """Chart of the results of :func:`texture.correlation`."""
+    """Chart of the results of :func:`textile_correlation.correlation`."""
     width = _LEFT + len(PARAMETERS) * (_SIZE + _GAP)
     height = _TOP + _SIZE + 64 + _strip_height(result)
     title = (
         f"{len(result['surfaces'])} woven surfaces: drive at c_v = 1 against roughness "
-        f"(ISO 4287, cut-off {result['cutoff_mm']:g} mm)"
+        f"(ISO 4287, cut-off {result['cutoffs_mm'][0]:g} mm)"
     )
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
@@ -68,9 +66,15 @@ def _panel(result: dict[str, Any], parameter: int, name: str, left: float) -> li
             )
         parts.append(
             f'<text x="{left + 8}" y="{_TOP + 16 + 15 * v}" fill="{_COLOURS[v]}" {_TEXT}>'
-            f"{100 * speed:g} cm/s: r = {result['r'][v][parameter]:.3f}</text>"
+            f"{100 * speed:g} cm/s: r = {_first_set(result)[v][parameter]:.3f}</text>"
         )
     return parts
+
+
+def _first_set(result: dict[str, Any]) -> list[list[float]]:
+    """r of the surfaces that are listed, by speed and parameter."""
+    first: list[list[float]] = next(iter(result["sets"].values()))[0][0]
+    return first
 
 
 def _strip_height(result: dict[str, Any]) -> int:
@@ -78,14 +82,14 @@ def _strip_height(result: dict[str, Any]) -> int:
 
 
 def _strip(result: dict[str, Any], parameter: int, name: str, left: float) -> list[str]:
-    """r of every set, a row for each recipe and speed; the paper's as a line."""
+    """r of all sets at the last cut-off, a row for each family and speed; the paper's as a line."""
     top = _TOP + _SIZE + 64
 
     def at(r: float) -> float:
         return left + _SIZE * (max(r, _LEAST_R) - _LEAST_R) / (1.0 - _LEAST_R)
 
     rows = [
-        (recipe, v, [each[v][parameter] for each in found])
+        (recipe, v, [each[-1][v][parameter] for each in found])
         for recipe, found in result["sets"].items()
         for v in range(len(result["speeds_m_s"]))
     ]
@@ -96,10 +100,10 @@ def _strip(result: dict[str, Any], parameter: int, name: str, left: float) -> li
         f'<line x1="{line:.1f}" y1="{top}" x2="{line:.1f}" y2="{bottom}" stroke="#222" '
         'stroke-dasharray="3 3"/>',
         f'<text x="{left + _SIZE / 2}" y="{bottom + 30}" text-anchor="middle" fill="#222" {_TEXT}>'
-        f"r with {name} in {result['rounds']} sets of each recipe; the paper: "
+        f"r with {name} at {result['cutoffs_mm'][-1]:g} mm, {result['rounds']} sets each; paper: "
         f"{PAPER_R[parameter]:g}</text>",
     ]
-    for r in (_LEAST_R, 0.9, 0.95, 1.0):
+    for r in (_LEAST_R, 0.9, 1.0):
         parts.append(
             f'<text x="{at(r):.1f}" y="{bottom + 15}" text-anchor="middle" fill="#555" {_TEXT}>'
             f"{r:g}</text>"

@@ -14,7 +14,7 @@ from ...engine.samples import SampleRun, Stream
 from ...engine.scene import SkinBinding
 from ...engine.skin.skinned_model import SkinnedModel
 from ...engine.tolerance import Tolerance
-from ...engine.volume.placement import inverse_placement
+from ...engine.volume.placing_matrix import inverse_placement
 from . import trade_errors
 from .trade_recording import Recording
 

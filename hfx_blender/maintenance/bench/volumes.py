@@ -17,7 +17,7 @@ import numpy as np
 from ...engine.arrays import F64, I32, I64
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.mesh import MeshVolume
-from ...engine.volume.placement import inverse_placement
+from ...engine.volume.placing_matrix import inverse_placement
 from ...engine.volume.shape import Shape
 from ...engine.volume.sweep import passage
 

@@ -24,15 +24,16 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "demo",
         help="build, export and draw the garage scene",
-        description="Build a scene (tasks T1 to T4 of HFX Studio's study, or the belt's), save "
+        description="Build a scene (tasks T1 to T4 of HFX Studio's study, or another), save "
         "it, export it like any other scene, and draw what was felt.",
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("hfx_demo"), metavar="DIR")
     parser.add_argument(
         "--scene",
-        choices=("garage", "belt"),
+        choices=("garage", "belt", "surfaces"),
         default="garage",
-        help="belt: particles that fly round a walker with a belt of 8 motors, and their sound",
+        help="belt: particles that fly round a walker with a belt of 8 motors, and their sound; "
+        "surfaces: a fingertip strokes 4 x 4 squares of four materials, played by two phones",
     )
     parser.add_argument("--no-pictures", action="store_true", help="leave out the pictures")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
@@ -45,6 +46,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
         from .demo_belt import run as run_belt
 
         return run_belt(options, console)
+    if options.scene == "surfaces":
+        from .demo_surfaces import run as run_surfaces
+
+        return run_surfaces(options, console)
     bpy = blender_session.start()
 
     from ...devices.configuration import load_device

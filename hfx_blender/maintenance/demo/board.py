@@ -24,8 +24,8 @@ from ...engine.body.model import load_model
 from ...engine.body.parts import PARTS
 from ...engine.texture.device_range import STANDARD_GRAVITY, DeviceRange
 from ...engine.texture.procedural import MATERIALS
-from ...engine.texture.render import render_stroke
 from ...engine.texture.stroke import line
+from ...engine.texture.stroke_rendering import render_stroke
 from ...engine.texture.surface_texture import Renderer, SurfaceTexture
 from ...errors import OutputError
 from ...formats import stroke_files
@@ -44,6 +44,7 @@ _COLOURS = {
 }
 _TEXELS = 256
 _SPEED_M_S = 0.1
+_TIP_M = 0.012  # reach of a fingertip to each side
 _FPS = 50
 _RATE_HZ = 200
 
@@ -86,7 +87,7 @@ def build(context: bpy.types.Context) -> list[bpy.types.Object]:
     for row, kinds in enumerate(ORDER):
         for column, kind in enumerate(kinds):
             name = CHOSEN[kind]
-            title = f"{MATERIALS[name].kind.title()} {row + 1}{column + 1}"
+            title = _title(row, column, kind)
             square = _square(collection, title, first.get(name))
             if name not in first:
                 first[name] = square
@@ -202,6 +203,25 @@ def _add_cover(collection: bpy.types.Collection, board: bpy.types.Object) -> Non
     cover.hide_render = True
     collection.objects.link(cover)
     cover.hide_set(True)
+
+
+def crossings() -> list[tuple[str, float, float]]:
+    """Squares in the order of the stroke: title, and the seconds of the fingertip on it alone."""
+    reach, found = SQUARE_M * (SQUARES / 2.0 - 0.2), []
+    row_s = (2.0 * reach + SQUARE_M) / _SPEED_M_S
+    edges = np.clip(SQUARE_M * (np.arange(SQUARES + 1) - SQUARES / 2.0), -reach, reach)
+    since_s = row_s * np.arange(SQUARES)[:, None] + (edges + reach) / _SPEED_M_S
+    for row, kinds in enumerate(ORDER):
+        order = range(SQUARES) if row % 2 == 0 else range(SQUARES - 1, -1, -1)
+        for step, column in enumerate(order):
+            begin_s, end_s = since_s[row, step : step + 2].tolist()
+            tip_s = _TIP_M / _SPEED_M_S
+            found.append((_title(row, column, kinds[column]), begin_s + tip_s, end_s - tip_s))
+    return found
+
+
+def _title(row: int, column: int, kind: int) -> str:
+    return f"{MATERIALS[CHOSEN[kind]].kind.title()} {row + 1}{column + 1}"
 
 
 def _slide(scene: bpy.types.Scene, board: bpy.types.Object, place: F64) -> None:

@@ -285,7 +285,7 @@ def test_what_changed_while_it_was_looked_at_is_not_approved(folder: Path) -> No
     path.write_text(HALF)
     seen = approval.script_of(NAME, folder)
     path.write_text(HALF + "# more\n")
-    with pytest.raises(InputError, match="has changed"):
+    with pytest.raises(InputError, match="has just changed"):
         approval.approve(seen)
 
 

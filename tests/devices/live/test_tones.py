@@ -19,10 +19,10 @@ from scipy.io import wavfile
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live.device_thread import DeviceThread
+from hfx_blender.devices.live.oscillators import SumOfTones
 from hfx_blender.devices.live.output import SoundingOutput
 from hfx_blender.devices.live.tones import LONE, MAX_TONES, Sounding, Tones, frame_of, of_partials
 from hfx_blender.devices.live.transports.sound_card import RATE_HZ, SoundCard
-from hfx_blender.devices.live.waveform import SumOfTones
 from hfx_blender.engine.rendering.frequency import Partial
 from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.formats import wav

@@ -13,10 +13,10 @@ import pytest
 from bench_devices import device, heat, vibration
 
 from hfx_blender.devices.live import opening
+from hfx_blender.devices.live.oscillators import Oscillators
 from hfx_blender.devices.live.output import OutputLostError
 from hfx_blender.devices.live.transports import sound_card
 from hfx_blender.devices.live.transports.sound_card import RATE_HZ, SoundCard
-from hfx_blender.devices.live.waveform import Oscillators
 
 
 class Stream:

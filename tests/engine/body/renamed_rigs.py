@@ -297,4 +297,70 @@ RENAMED: dict[str, dict[str, str]] = {
             },
         ),
     },
+    "shoulder 1 and 2": named(
+        "root=root hips;spine05=spine lower;spine04=spine middle;spine03=spine upper;"
+        "neck01=head neck lower;head=head neck upper",
+        "arm * shoulder 1;arm * shoulder 2;arm * elbow;arm * wrist;leg * thigh;leg * knee;"
+        "leg * ankle;leg * toes",
+        "-;-;-;-;-",
+        ("left", "right"),
+    ),
+    "letters": named(
+        "root=HipMaster_01;spine03=TorsoA_01;spine01=TorsoB_01;neck01=NeckA_01;head=Head_01",
+        "Clavicle*_01;Shoulder*_01;Elbow*_01;Hand*_01;Hip*_01;Knee*_01;Foot*_01;Toe*_01",
+        "-;-;-;-;-",
+        ("LT", "RT"),
+    ),
+    "arm, arm 1, arm 2": named(
+        "root=Bip01 Pelvis;spine03=Bip01 Spine;spine01=Bip01 Spine1;neck01=Bip01 Neck;"
+        "head=Bip01 Head",
+        "Bip01 * Arm;Bip01 * Arm1;Bip01 * Arm2;Bip01 * Hand;Bip01 * Leg;Bip01 * Leg1;"
+        "Bip01 * Foot;-",
+        "-;-;-;-;-",
+        _UPPER,
+    ),
+    "bones of the skeleton": {
+        **named(
+            "root=Waist;spine03=Stomach;spine01=Chest;neck01=Neck;head=Head",
+            "Clavicle.*;Humerus.*;Ulna.*;Hand.*;Thigh.*;Calf.*;Foot.*;Toe.*",
+            "-;-;-;-;-",
+            _UPPER,
+        ),
+        **with_sides(
+            {},
+            _UPPER,
+            **{
+                f"finger{f}-{j}": f"{name}{joint}.*"
+                for f, name in enumerate(("Thumb", "IndexFinger", "MiddleFinger"), start=1)
+                for j, joint in enumerate(("Prox", "Med", "Dist"), start=1)
+            },
+        ),
+    },
+    "fingers from 00": {
+        **named(
+            "root=SKEL_Pelvis;spine04=SKEL_Spine0;spine03=SKEL_Spine1;spine02=SKEL_Spine2;"
+            "spine01=SKEL_Spine3;neck01=SKEL_Neck_1;head=SKEL_Head",
+            "SKEL_*_Clavicle;SKEL_*_UpperArm;SKEL_*_Forearm;SKEL_*_Hand;SKEL_*_Thigh;SKEL_*_Calf;"
+            "SKEL_*_Foot;SKEL_*_Toe0",
+            "-;-;-;-;-",
+            _UPPER,
+        ),
+        **_numbered_fingers(
+            "SKEL_*_Finger#", "00,01,02;10,11,12;20,21,22;30,31,32;40,41,42", _UPPER
+        ),
+    },
+    "brackets": named(
+        "root=NPC Pelvis [Pelv];spine04=NPC Spine [Spn0];spine02=NPC Spine1 [Spn1];"
+        "spine01=NPC Spine2 [Spn2];neck01=NPC Neck [Neck];head=NPC Head [Head]",
+        "NPC * Clavicle [*Clv];NPC * UpperArm [*Uar];NPC * Forearm [*Lar];NPC * Hand [*Hnd];"
+        "NPC * Thigh [*Thg];NPC * Calf [*Clf];NPC * Foot [*ft ];NPC * Toe0 [*Toe]",
+        "-;-;-;-;-",
+        _UPPER,
+    ),
+    "biceps": named(
+        "root=pelvis;spine04=torso;spine02=torso2;spine01=torso3;neck01=neck;head=head",
+        "*_shoulder;*_bicep;*_forearm;*_hand;*_thigh;*_shin;*_foot;*_toe",
+        "*_thumb#;*_index#;*_middle#;*_ring#;*_pinky#",
+        LOW,
+    ),
 }

@@ -13,8 +13,15 @@ from foreign_report import Followed
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError
 
-FLOORS_MM = {"fingers": 4.0, "hand_palm": 8.0, "hand_dorsum": 8.0, "head": 12.0}
-"""Medians on a body of another mesh, rig and modeller; elsewhere the goal of 15 mm."""
+FLOORS_MM = {
+    "fingers": 4.0,
+    "hand_palm": 8.0,
+    "hand_dorsum": 8.0,
+    "head": 12.0,
+    "upper_arm": 17.0,
+}
+"""Medians on a body of another mesh, rig and modeller; elsewhere the goal of 15 mm. Its shoulders
+and elbows begin 16 and 8 mm further in than MakeHuman's, and are believed."""
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +49,7 @@ def test_soma_is_followed_in_all_parts(soma: Followed) -> None:
     assert soma.refused == "" and soma.quality.warnings == ()
     assert soma.agreement > 0.95
     for part in PARTS:
-        assert soma.parts[part] < FLOORS_MM.get(part, 15.5), (part, soma.parts[part])
+        assert soma.parts[part] < FLOORS_MM.get(part, 15.0), (part, soma.parts[part])
     assert soma.landmarks["fingertips"] < 10.0 and soma.landmarks["heels"] < 10.0
     assert soma.landmarks["nose"] < 15.0
 

@@ -27,7 +27,7 @@ from hfx_blender.engine.native import volume_boxes
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
 from hfx_blender.engine.skin.bound_skins import BoundSkins
 from hfx_blender.engine.skin.skinned_model import SkinnedModel
-from hfx_blender.engine.volume.placement import inverse_placement
+from hfx_blender.engine.volume.placing_matrix import inverse_placement
 
 pytestmark = needs_library
 

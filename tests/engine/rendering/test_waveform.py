@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live.oscillators import Oscillators, SumOfTones
 from hfx_blender.devices.live.tones import Tones
-from hfx_blender.devices.live.waveform import Oscillators, SumOfTones
 from hfx_blender.engine.rendering import waveform
 from hfx_blender.engine.rendering.device import DeviceConfig
 from hfx_blender.engine.rendering.frequency import Partial

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hfx_blender.engine.texture import stroke as strokes
-from hfx_blender.engine.texture.render import render_stroke
+from hfx_blender.engine.texture.stroke_rendering import render_stroke
 from hfx_blender.engine.texture.surface_texture import Renderer, SurfaceTexture
 from hfx_blender.engine.texture.synthesis import amplitude_and_frequency
 

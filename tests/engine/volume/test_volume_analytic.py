@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from volume_cases import KINDS, placing, points_in, rotation
 
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
-from hfx_blender.engine.volume.placement import inverse_placement
+from hfx_blender.engine.volume.placing_matrix import inverse_placement
 
 SHAPES = {
     "cuboid": Cuboid(),

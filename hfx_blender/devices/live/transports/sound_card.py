@@ -20,9 +20,9 @@ import numpy.typing as npt
 from ....engine.arrays import F64
 from ....engine.rendering.device import DeviceConfig
 from ....engine.rendering.drive import driven
+from ..oscillators import SumOfTones
 from ..output import OutputLostError
 from ..tones import LONE, Tones
-from ..waveform import SumOfTones
 
 DEAD_MAN_S: Final = 0.25
 """Time without values after which a card falls silent by itself, seconds: its thread

@@ -98,10 +98,17 @@ class _Assignment(Digits):
     def _arm(self, side: str) -> None:
         clavicle, shoulder = self._take("clavicle", side), self._take("shoulder", side)
         arm = self._take("arm", side)
-        fore, hand = self._take("forearm", side), self._take("hand", side)
+        fore = self._take("forearm", side)
+        palm = [name for name in self._take("metacarpal", side) if not self.names[name].numbers]
+        hand = self._take("hand", side) or (palm if len(palm) == 1 else [])
         upper = self._either(self._take("upper_arm", side), arm)
-        if not fore:  # "Arm1", "Arm2", perhaps "Arm3"
-            upper, fore, hand, _ = self._numbered(upper, fore, hand)
+        if not fore:  # "Arm1", "Arm2", perhaps "Arm3" or a collar bone "Arm"
+            upper, fore, hand, rest = self._numbered(upper, fore, hand)
+            if rest and not clavicle and not shoulder:
+                clavicle, upper, fore = upper, fore, rest
+        if not upper and not clavicle:  # "Shoulder1", "Shoulder2"
+            first, second, _, _ = self._numbered(shoulder, [], [])
+            clavicle, shoulder = (first, second) if second else ([], shoulder)
         # Joints may be named, not bones: shoulder, elbow, wrist.
         upper = [*upper, *shoulder]
         bones = ("upperarm01", "lowerarm01", "wrist")
@@ -117,8 +124,10 @@ class _Assignment(Digits):
         if not thigh and not hip and shin:  # leg and knee
             thigh, below = leg, shin
         elif not thigh and not shin and len(leg) > 1:  # "Leg1", "Leg2", perhaps "Leg3"
-            thigh, below, foot, toe = self._numbered(leg, [], foot)
-            self.slots.setdefault(("toe", side), toe)
+            thigh, below, last, toe = self._numbered(leg, [], foot)
+            if not foot:
+                self.slots.setdefault(("toe", side), toe)
+            foot = last
         thigh = [*thigh, *hip]
         self._put_chain(side, ("upperleg01", "lowerleg01", "foot"), (thigh, below, foot))
         taken = self.found.get(f"upperleg01.{side}")
@@ -130,7 +139,7 @@ class _Assignment(Digits):
     ) -> tuple[list[str], list[str], list[str], list[str]]:
         """Spread bones of one name that hang on each other over the joints of a limb.
 
-        The fourth list holds what is left over: toes.
+        The fourth list holds what is left over: toes, or the last of three above a hand.
         """
         chain = first[:1]
         for name in first[1:]:
@@ -138,7 +147,7 @@ class _Assignment(Digits):
                 chain.append(name)
         if len(chain) < 2:
             return first, second, third, []
-        return chain[:1], chain[1:2], third or chain[2:3], [] if third else chain[3:4]
+        return chain[:1], chain[1:2], third or chain[2:3], chain[2:3] if third else chain[3:4]
 
     def _either(self, clear: list[str], doubtful: list[str]) -> list[str]:
         """Unambiguous bones of a joint, then those that could belong to another."""

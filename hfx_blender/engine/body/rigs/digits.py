@@ -99,7 +99,7 @@ class Digits:
         """Fingers with a number for a name: ``Finger01`` of a Biped, ``finger1-2`` of MakeHuman."""
         bones = self._take("finger", side)
         numbers = {name: self.names[name].numbers for name in bones}
-        from_zero = any(own[:1] == ("0",) for own in numbers.values())
+        from_zero = any(own[:1] in (("0",), ("00",)) for own in numbers.values())
         fingers: dict[int, list[str]] = {}
         for name, own in numbers.items():
             if own:

@@ -22,6 +22,7 @@ from .vocabulary import (
     CONTEXT,
     FILLERS,
     KNOWN,
+    LETTERS,
     SIDED,
     SIDES,
     VERTEBRAE,
@@ -137,7 +138,7 @@ def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:
     }
 
 
-def _understood(parts: Sequence[str]) -> BoneName | None:
+def _understood(parts: list[str]) -> BoneName | None:
     if len(parts) == 2 and parts[0] in VERTEBRAE and parts[1].isdigit():  # "L5", "vt10"
         return BoneName(VERTEBRAE[parts[0]], "", ())
     sides = {SIDES[word] for word in parts if word in SIDES}
@@ -145,7 +146,10 @@ def _understood(parts: Sequence[str]) -> BoneName | None:
         return None
     numbers = tuple(word for word in parts if word.isdigit())
     # "c_index1.l" is moved by hand where there is an "index1.l" too.
-    rank = -1 if CARRIERS & set(parts) else int(list(parts[:1]) == ["c"] and len(parts) > 1)
+    # "shoulderP_L" is a helper where there is a "shoulder_L" too.
+    is_second = parts[:1] == ["c"] and len(parts) > 1
+    is_second |= bool(sides and LETTERS & set(parts[1:]))
+    rank = -1 if CARRIERS & set(parts) else int(is_second)
     words = frozenset(
         word
         for word in parts
@@ -157,8 +161,8 @@ def _understood(parts: Sequence[str]) -> BoneName | None:
 
 
 def _slot(words: Words, side: str) -> str | None:
-    """Slot of a set of words, first with all of them, then without the mere "bone"."""
-    for known in (words, words - FILLERS):
+    """Slot of a set of words, first with all of them, then without those that say little."""
+    for known in (words, words - FILLERS, words - FILLERS - LETTERS):
         if not side and known in CENTRE:
             return CENTRE[known]
         if known in SIDED:

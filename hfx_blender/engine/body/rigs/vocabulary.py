@@ -24,7 +24,7 @@ _SIDED_WORDS: Final = {
     "clavicle": "clavicle, clav, collar, collar bone, scapula, scap, sternoclavicular",
     "shoulder": "shoulder, shldr",  # the collar bone or the upper arm, as the rest decides
     "upper_arm": "upper arm, up arm, u arm, arm stretch, shldr bend, upper arm bend, shoulder bend,"
-    "humerus, upper arm stretch",
+    "humerus, upper arm stretch, bicep, biceps",
     "upper_arm_twist": "shldr twist, upper arm twist, up arm twist, arm twist, shoulder part,"
     "shoulder twist",
     "arm": "arm",  # the upper arm of Mixamo
@@ -59,8 +59,10 @@ _CENTRE_WORDS: Final = {
     "lower_body": "lower body",  # of MikuMikuDance: beside the upper body, not below it
     "spine": "spine, chest, upper chest, lower chest, mid chest, abdomen, lower abdomen,"
     "upper abdomen, lower back, upper back, mid back, back, torso, upper torso, lower torso, waist,"
-    "stomach, ribs, rib cage, thorax, lower spine, upper spine, mid spine, middle spine,"
-    "upper body, trunk, sternum, vertebra, lumbar, ab, abs, spine base, spine shoulder",
+    "stomach, ribs, rib cage, thorax, lower spine, low spine, upper spine, up spine, mid spine,"
+    "middle spine,"
+    "upper body, trunk, sternum, vertebra, lumbar, ab, abs, bust, body, navel,"
+    "spine base, spine shoulder",
     "neck": "neck, lower neck, upper neck, neck twist, cervical",
     "head": "head, skull, skull base",
     "jaw": "jaw, lower jaw, jaw root, mandible",
@@ -72,7 +74,7 @@ _FINGER_WORDS: Final = {
     "ring": "ring, third",
     "pinky": "pinky, pinkie, little",
 }
-_PHALANGES: Final = "proximal intermediate distal phalanx mcp pip dip ip cmc".split()
+_PHALANGES: Final = "proximal intermediate med medial distal phalanx mcp pip dip ip cmc".split()
 
 SIDES: Final = {
     **dict.fromkeys(("l", "left", "lft", "lf", "lt"), "L"),
@@ -88,6 +90,9 @@ VERTEBRAE: Final = {
     "vc": "neck",
 }
 """Letters of lumbar, thoracic and cervical vertebrae (Xsens, H-Anim) -> slot."""
+
+LETTERS: Final = frozenset("abdeghijknopqstvwyz")
+"""Single letters that count or mark bones ("Spine_A", "HandN"), beside those that mean a side."""
 
 CARRIERS: Final = frozenset({"stretch", "skin"})
 """Marks of the one of two bones of a joint that the skin hangs on (Auto-Rig Pro, MikuMikuDance)."""
@@ -141,14 +146,14 @@ CONTEXT: Final = {
     "leg": ("hip", "thigh", "shin", "foot", "toe"),
     "foot": ("toe",),
     "spine": ("spine", "neck", "hips"),
-    "head": ("head", "jaw", "eye"),
+    "head": ("head", "neck", "jaw", "eye"),
     "face": ("jaw", "eye"),
 }
 """Part of the body that may stand before a more exact word -> slots that it may stand before."""
 
 _LONG_SIDES: Final = frozenset(side for side in SIDES if len(side) > 3)
 _JOINT_WORDS: Final = frozenset().union(*SIDED, *CENTRE)
-KNOWN: Final = _JOINT_WORDS | SIDES.keys() | CENTRE_MARKS | FILLERS | CONTROLS
+KNOWN: Final = _JOINT_WORDS | SIDES.keys() | CENTRE_MARKS | FILLERS | CONTROLS | LETTERS
 _GLUED: Final = frozenset(
     word
     for word in _JOINT_WORDS | _LONG_SIDES | {"bone", "joint", "jnt", "twist"}
@@ -177,7 +182,10 @@ def parted(token: str) -> tuple[str, ...]:
     ):
         if start + end in ("", "l", "r") and (words := _words(core)):
             return tuple(word for word in (start, *words, end) if word)
-    return (token,)
+    # The beginning of one word: "clavic", "fing".
+    meant = [word for word in _JOINT_WORDS if word.startswith(token)] if len(token) > 3 else []
+    shortest = min(meant, key=len, default="")
+    return (shortest if all(word.startswith(shortest) for word in meant) and meant else token,)
 
 
 def _words(text: str) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where volumes are, and boxes around them. See engine/volume/placement.py and
+// Where volumes are, and boxes around them. See engine/volume/placing_matrix.py and
 // engine/contact/block_broad_phase.py.
 
 #include <float.h>

@@ -22,7 +22,7 @@ from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.rendering import coverage
 from hfx_blender.engine.rendering.device import Actuator, BodyPlace, Scheme, SchemeName
-from hfx_blender.engine.rendering.panning import planar, ring, splat, surface, vbap
+from hfx_blender.engine.rendering.panning import planar, ring, splat, surface_panning, vbap
 from hfx_blender.engine.rendering.panning.laws import LAWS
 from hfx_blender.engine.rendering.schemes import PannedLayout, panned_layout
 
@@ -140,7 +140,7 @@ SOURCES = {
     "Danieau": coverage,
     "Schneider": splat.NearestPanning,
     "Schneider, flat": planar,
-    "Schneider, skin": surface,
+    "Schneider, skin": surface_panning,
     "Politis": ring,
     "Pulkki": vbap,
     "Westover": splat.GaussianSplatting,

@@ -10,7 +10,7 @@ import pytest
 
 from hfx_blender.engine.body.model import load_model, manifest
 from hfx_blender.engine.body.parts import PARTS, SIDES
-from hfx_blender.engine.rendering.panning.surface import MAX_SPAN_M, surface_gains
+from hfx_blender.engine.rendering.panning.surface_panning import MAX_SPAN_M, surface_gains
 
 
 @pytest.fixture(scope="module")

@@ -79,6 +79,9 @@ def _patch(place: BodyPlace, model: PerceptualModel) -> I32:
         )
     within = distances <= place.radius_m
     within[nearest] = True
+    if place.stroked_by:
+        strokers = np.flatnonzero(on_parts(place.stroked_by, model))
+        return np.union1d(candidates[within], strokers).astype(np.int32)
     return np.asarray(candidates[within])
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Evaluates blocks for another process of this program.
 
-Started as ``python -m hfx_blender.engine.parallel.worker``. It is told the scene, and then one
-block after the other, each with the meshes that it does not know yet; the answer to a block is
-what is felt, touches whose response remembers what was before, and what was counted, or None
-where the block could not be evaluated. It ends with whoever started it.
+Started as ``python -m hfx_blender.engine.parallel.evaluation_worker``. It is told the scene, and
+then one block after the other, each with the meshes that it does not know yet; the answer to a
+block is what is felt, touches whose response remembers what was before, and what was counted, or
+None where the block could not be evaluated. It ends with whoever started it.
 """
 
 from __future__ import annotations

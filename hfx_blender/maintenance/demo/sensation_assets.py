@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Makes the asset library of the shipped sensations: a .blend of empties, and its catalogs.
 
-``python -m hfx_blender.maintenance.demo.effect_assets FOLDER`` reads the folder's sensations
+``python -m hfx_blender.maintenance.demo.sensation_assets FOLDER`` reads the folder's sensations
 and writes ``sensations.blend`` and ``blender_assets.cats.txt`` beside them. Each asset's picture is
 the avatar, coloured by the strongest that it ever feels.
 """

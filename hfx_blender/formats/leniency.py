@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faults that a reader passes over, and tells of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, Final
+
+from ..errors import InputError
+from .checking import Finding, refuse_errors, shown
+
+Told = tuple[str, ...]
+"""Sentences about a file that was read."""
+
+_HUGE: Final = 1e15
+
+
+def refuse_but(
+    findings: list[Finding],
+    name: str,
+    tolerated: Callable[[Finding], bool],
+    found: Any = None,
+) -> Told:
+    """Raise the first error that a reader does not tolerate; tell of the others.
+
+    Parameters
+    ----------
+    findings : list of Finding
+    name : str
+    tolerated : callable
+    found : optional
+        The document, where its ranges are tolerated: numbers beyond all sense are not.
+
+    Returns
+    -------
+    tuple of str
+        A sentence for each code of an error that is tolerated.
+
+    Raises
+    ------
+    InputError
+        There is another error.
+    """
+    errors = [each for each in findings if each.severity == "error"]
+    refuse_errors([each for each in errors if not tolerated(each)], name)
+    if errors and found is not None:
+        _refuse_huge(found, name)
+    counts = Counter(each.code for each in errors)
+    firsts = {each.code: each for each in reversed(errors)}
+    return tuple(
+        f"not valid but read: {first.place or 'the document'}: {first.message} [{code}]"
+        + (f", and {counts[code] - 1} more of this kind" if counts[code] > 1 else "")
+        for code, first in firsts.items()
+    )
+
+
+def without_nulls(found: Any) -> Any:
+    """A document without members that are null: tools write them for what is missing."""
+    if isinstance(found, dict):
+        return {key: without_nulls(item) for key, item in found.items() if item is not None}
+    return [without_nulls(item) for item in found] if isinstance(found, list) else found
+
+
+def _refuse_huge(found: Any, name: str) -> None:
+    """Refuse a document with a number that no time or strength is, for readers without ranges.
+
+    Raises
+    ------
+    InputError
+    """
+    waiting = [found]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict | list):
+            waiting += item.values() if isinstance(item, dict) else item
+        elif isinstance(item, int | float) and not -_HUGE <= item <= _HUGE:
+            raise InputError(f"{name}: {shown(item)} is out of any range, allowed is up to 1e15.")

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Joints of a rig hold the model along the limbs, where loose cloth would let it slide."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import retarget_variants as variants
+
+from hfx_blender.engine.body.model import load_avatar, load_model
+from hfx_blender.engine.body.rigs.mapping import map_bones
+from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.quality import JOINT_MM
+
+MODEL_ID = "hfx-pressure-1"
+
+
+def in_trousers(variant: variants.Variant) -> variants.Variant:
+    """Avatar whose legs are wide trousers, wider downwards, with a fold at the shin."""
+    points = variant.target.vertices.copy()
+    heads = {bone.name: np.asarray(bone.head) for bone in variant.target.bones}
+    for side in "LR":
+        hip, ankle = heads[f"upperleg01.{side}"], heads[f"foot.{side}"]
+        down = (hip[2] - points[:, 2]) / (hip[2] - ankle[2])
+        axis = hip + np.clip(down, 0.0, 1.0)[:, None] * (ankle - hip)
+        out = (points - axis) * (1.0, 1.0, 0.0)
+        off = np.linalg.norm(out, axis=1)
+        leg = (down > 0.15) & (down < 1.0) & (off < 0.14)
+        fold = np.exp(-(((down - 0.72) / 0.06) ** 2))
+        thick = 0.05 * np.clip(down - 0.15, 0.0, 1.0) + 0.03 * fold
+        points += (leg * thick / np.maximum(off, 1e-9))[:, None] * out
+    return replace(variant, target=replace(variant.target, vertices=points))
+
+
+def test_trousers_do_not_pull_the_knees_down() -> None:
+    target = variants.decimated(in_trousers(variants.canonical())).target
+    warped = retarget.warp(load_avatar(), target, map_bones(target.bones))  # type: ignore[arg-type]
+    _, quality = retarget.fit(load_model(MODEL_ID), warped)
+    heads = {bone.name: np.asarray(bone.head) for bone in target.bones}
+    rest = load_avatar().vertices
+    for side in "LR":
+        knee = heads[f"lowerleg01.{side}"]
+        # The kneecap of the canonical avatar: in front of the joint, whose rig this one has.
+        near = np.linalg.norm((rest - knee)[:, [0, 2]], axis=1) < 0.015
+        cap = np.flatnonzero(near & (rest[:, 1] < knee[1]))
+        assert abs(np.median(warped.vertices[cap, 2] - rest[cap, 2])) < 0.015, side
+    assert all(off < JOINT_MM for off in quality.joints_mm.values()), quality.joints_mm
+
+
+def test_a_model_that_lies_beside_a_joint_is_named() -> None:
+    target = variants.canonical().target
+    model = load_model(MODEL_ID)
+    warped = retarget.warp(load_avatar(), target, map_bones(target.bones))  # type: ignore[arg-type]
+    nearest = model.avatar_vertices[:, 0]
+    rest, _ = retarget.carried(model, warped.posed, warped.normals)
+    low = rest - (0.0, 0.0, 0.03) * (model.part == 8)[:, None] * (model.side == 1)[:, None]
+    found = warped.limbs.offsets_m(nearest, rest, low, warped.surface)
+    assert 0.02 < max(found["knee.L"], found["knee.R"]) < 0.04
+    assert min(found["knee.L"], found["knee.R"]) < 0.01

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every shipped device in every format: what plays in the table plays in the file, or is told.
+
+The readers here are a few lines each, written from the formats' pages alone.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from format_cases import raster_for
+
+from hfx_blender.devices.configuration import list_devices, load_device
+from hfx_blender.formats import registry
+
+AT_S = 0.25
+
+
+def _between(points, at):
+    """Value of (time, value) points at a time."""
+    return float(np.interp(at, *np.array(points, float).T))
+
+
+def _ahap(path, root=1.0):
+    pattern = json.loads(path.read_text())["Pattern"]
+    points = [
+        (curve["Time"] + point["Time"], point["ParameterValue"])
+        for curve in (each["ParameterCurve"] for each in pattern if "ParameterCurve" in each)
+        if curve["ParameterID"] == "HapticIntensityControl"
+        for point in curve["ParameterCurveControlPoints"]
+    ]
+    return _between(points, AT_S) ** root
+
+
+def _haptic(path):
+    signals = json.loads(path.read_text())["signals"]["continuous"]["envelopes"]
+    return _between([(each["time"], each["amplitude"]) for each in signals["amplitude"]], AT_S)
+
+
+def _events(path):
+    found = json.loads(path.read_text())
+    channels = found.get("Channels", [{"Pattern": found.get("Pattern", [])}])
+    patterns = found.get("PatternList", [{"AbsoluteTime": 0, **each} for each in channels])
+    points = []
+    for pattern in patterns:
+        for event in (entry["Event"] for entry in pattern["Pattern"]):
+            start = pattern.get("AbsoluteTime", 0) + event.get("RelativeTime", 0)
+            start += event.get("StartTime", 0)
+            level = event["Parameters"]["Intensity"] / 100
+            for point in event["Parameters"]["Curve"]:
+                points.append(((start + point["Time"]) / 1000, level * point["Intensity"]))
+    return _between(points, AT_S)
+
+
+READERS = {
+    "ahap": (".ahap", _ahap),
+    "ahap-sqrt": (".sqrt.ahap", lambda path: _ahap(path, 2.0)),
+    "haptic": (".haptic", _haptic),
+    "he": (".he", _events),
+    "he1": (".v1.he", _events),
+    "openharmony": (".openharmony.json", _events),
+}
+
+
+def _openxr(folder, device):
+    found = {}
+    for channel in json.loads((folder / "x.openxr.json").read_text())["channels"]:
+        points = [
+            ((frame["start"] + point["time"]) / 1e9, point["value"])
+            for frame in channel["frames"]
+            for point in frame["amplitudePoints"]
+        ]
+        found[channel["actuator"]] = _between(points, AT_S)
+    return found
+
+
+def _wav(folder, device):
+    data = (folder / "x.float.wav").read_bytes()
+    names = json.loads((folder / "x.float.wav.channels.json").read_text())["channels"]
+    rows = np.frombuffer(data[data.index(b"data") + 8 :], "<f4").reshape(-1, len(names))
+    peak = np.abs(rows[int(48000 * 0.2) : int(48000 * 0.3)]).max(axis=0)
+    return dict(zip([each["actuator"] for each in names], peak.tolist(), strict=True))
+
+
+def _tact(folder, device):
+    """By the dots of the configuration; of other devices only how many levels there are."""
+    levels = []
+    for path in folder.glob("*.tact"):
+        for track in json.loads(path.read_text())["project"]["tracks"]:
+            for effect in track["effects"]:
+                for position, mode in effect["modes"].items():
+                    for feedback in mode["dotMode"]["feedback"]:
+                        start = effect["startTime"] + feedback["startTime"]
+                        end = effect["startTime"] + feedback["endTime"]
+                        if start <= 1000 * AT_S < end:
+                            for dot in feedback["pointList"]:
+                                levels.append((position, dot["index"], dot["intensity"]))
+    dots = getattr(device.output.encoder, "dots", None) if device.output else None
+    if dots:
+        by_dot = {(position, index): level for position, index, level in levels}
+        if device.is_mirrored:  # worn on the right, as configured for the left
+            dots = [(position.removesuffix("L") + "R", index) for position, index in dots]
+        pairs = zip(device.actuators, dots, strict=True)
+        return {actuator.id: by_dot.get(dot, 0.0) for actuator, dot in pairs}
+    full = _wanted(device)
+    return {
+        name: level
+        for name, level in full.items()
+        if any(abs(level - found) <= 0.0051 for _, _, found in levels)
+    }
+
+
+WHOLE = {"openxr": _openxr, "wavfloat": _wav, "tact": _tact}
+
+
+def _wanted(device):
+    """A level for each vibration actuator, all different."""
+    vibrating = [each for each in device.actuators if each.type.modality == "vibration"]
+    levels = 1.0 - 0.8 * np.arange(len(vibrating)) / max(len(vibrating), 1)
+    full = max((each.type.strength.highest for each in vibrating), default=0.0)
+    return {
+        each.id: min(level, each.type.strength.highest / full)
+        for each, level in zip(vibrating, levels.tolist(), strict=True)
+    }
+
+
+@pytest.mark.parametrize("name", sorted(list_devices()))
+def test_what_plays_in_the_table_plays_in_every_format_or_is_told(name, tmp_path):
+    device = load_device(name)
+    wanted = _wanted(device)
+    raster = raster_for(device, rows=50)
+    kinds = {each.id: each.type for each in device.actuators}
+    full = max((kinds[each].strength.highest for each in wanted), default=0.0)
+    for k, column in enumerate(raster.columns):
+        if column.parameter == "amplitude_m_s2":
+            raster.values[:, k] = wanted[column.actuator] * full
+        elif column.parameter == "frequency_hz":
+            raster.values[:, k] = kinds[column.actuator].controls[1].lowest
+        else:
+            control = next(c for c in kinds[column.actuator].controls if c.name == column.parameter)
+            raster.values[:, k] = 0.5 * (control.lowest + control.highest)
+    formats = tuple(registry.DEVICE_FORMATS)
+    played = [("", device, raster)]
+    written = registry.write_all(formats, played, None, (device,), tmp_path / "x")
+    with (tmp_path / "x.csv").open(newline="") as file:
+        header, *rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")]
+    for k, column in enumerate(raster.columns):
+        place = header.index(f"{column.actuator}.{column.parameter} [{column.unit}]")
+        assert float(rows[25][place]) == pytest.approx(raster.values[25, k], rel=1e-8)
+    for format_name, (suffix, read) in READERS.items():
+        title = registry.DEVICE_FORMATS[format_name].title
+        told = " ".join(each for each in written.left_out if title in each)
+        for actuator, level in wanted.items():
+            path = tmp_path / f"x.{actuator}{suffix}"
+            if path.exists():
+                assert read(path) == pytest.approx(level, abs=0.0211), (format_name, actuator)
+            else:
+                assert actuator in told, (format_name, actuator)
+    for format_name, read in WHOLE.items():
+        title = registry.DEVICE_FORMATS[format_name].title
+        told = " ".join(each for each in written.left_out if title in each)
+        if not wanted:
+            assert device.id in told
+        elif f"no {title} for it" in told:
+            assert device.id in told
+        else:
+            found = read(tmp_path, device)
+            for actuator, level in wanted.items():
+                if actuator not in told and " more)" not in told:  # long lists are cut
+                    where = (format_name, actuator)
+                    assert found[actuator] == pytest.approx(level, abs=0.0151), where

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of vendors' tools: what plays there is read here, and what is lost is named."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from hfx_blender import cli
+from hfx_blender.errors import InputError
+from hfx_blender.formats import ahap, ahap_rules, files, haptic, he, he_rules, tact, tact_rules
+from hfx_blender.formats.checking import encoded
+from hfx_blender.formats.conversion import convert
+
+
+def errors(findings):
+    return [each.code for each in findings if each.severity == "error"]
+
+
+# --- AHAP ---------------------------------------------------------------------------------------
+
+
+def event(kind="HapticContinuous", time=1.0, **parameters):
+    listed = [{"ParameterID": key, "ParameterValue": value} for key, value in parameters.items()]
+    found = {"Time": time, "EventType": kind, "EventParameters": listed}
+    return {"Event": {**found, "EventDuration": 2.0} if "Continuous" in kind else found}
+
+
+def pattern_signal(*entries):
+    (signal,), _ = ahap.decode(encoded({"Version": 1.0, "Pattern": list(entries)}), "x")
+    return signal
+
+
+@pytest.mark.parametrize(
+    ("parameters", "times", "levels", "end_s"),
+    [
+        ({"AttackTime": 0.5}, [1.0, 1.25, 1.5, 2.9], [0.0, 0.4, 0.8, 0.8], 3.0),
+        ({"ReleaseTime": 0.5}, [1.0, 2.9, 3.25, 3.5], [0.8, 0.8, 0.4, 0.0], 3.5),
+        (
+            {"AttackTime": 0.5, "DecayTime": 0.5, "Sustained": 0.0},
+            [1.25, 1.5, 1.75, 2.5],
+            [0.4, 0.8, 0.4, 0.0],
+            3.0,
+        ),
+        ({"AttackTime": 4.0, "ReleaseTime": 1.0}, [2.0, 2.99, 3.5], [0.2, 0.398, 0.2], 4.0),
+        ({"DecayTime": 0.5, "Sustained": 1.0}, [1.0, 2.9], [0.8, 0.8], 3.0),
+    ],
+)
+def test_ramps_of_an_event_are_played(parameters, times, levels, end_s):
+    found = pattern_signal(event(HapticIntensity=0.8, **parameters))
+    assert found.amplitude.at(times) == pytest.approx(levels, abs=1e-6)
+    assert found.duration_s == pytest.approx(end_s)
+    assert not any("Time" in each for each in found.left_out)
+
+
+def test_sounds_and_ramps_of_ticks_are_named_as_lost():
+    found = pattern_signal(
+        event("AudioCustom"), event("HapticTransient", HapticIntensity=1.0, AttackTime=0.5)
+    )
+    assert "1 events of the kind AudioCustom" in found.left_out
+    assert "1 parameters AttackTime of events" in found.left_out
+
+
+def test_more_than_16_points_are_a_warning():
+    points = [{"Time": k / 10, "ParameterValue": k / 20} for k in range(20)]
+    curve = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
+    curve["ParameterCurveControlPoints"] = points
+    document = {"Version": 1.0, "Pattern": [event(), {"ParameterCurve": curve}]}
+    (found,) = ahap_rules.findings(document)
+    assert (found.code, found.severity) == ("AHAP-CURVE-POINTS", "warning")
+
+
+def test_ticks_beside_a_pattern_are_read_with_it(tmp_path):
+    tick = event("HapticTransient", time=0.25, HapticIntensity=0.5)
+    for name, entry in (("x.ahap", event()), ("x.transients.ahap", tick)):
+        (tmp_path / name).write_bytes(encoded({"Version": 1.0, "Pattern": [entry]}))
+    (found,), _ = files.read_signals(tmp_path / "x.ahap")
+    assert [(each.time_s, each.amplitude) for each in found.transients] == [(0.25, 0.5)]
+    assert found.amplitude.at(2.0) == 1.0
+    written = convert(tmp_path / "x.ahap", tmp_path / "y.ahap")
+    assert [each.name for each in written.files] == ["y.ahap", "y.transients.ahap"]
+    assert "read with x.transients.ahap beside it" in written.notes
+
+
+# --- .haptic, .he, .tact ------------------------------------------------------------------------
+
+
+def clip(amplitude, frequency=((0.0, 0.5),), metadata=None):
+    envelopes = {
+        "amplitude": [{"time": time, "amplitude": value} for time, value in amplitude],
+        "frequency": [{"time": time, "frequency": value} for time, value in frequency],
+    }
+    version = {"major": 1, "minor": 0, "patch": 0}
+    signals = {"continuous": {"envelopes": envelopes}}
+    return {"version": version, "metadata": metadata or {}, "signals": signals}
+
+
+@pytest.mark.parametrize(
+    ("late_s", "expected"), [(0.0, []), (0.014, []), (0.5, ["HAPTIC-FREQUENCY-TIME"])]
+)
+def test_a_last_frequency_a_little_late_is_a_warning(late_s, expected):
+    data = encoded(clip([(0.0, 0.5), (1.0, 0.5)], [(0.0, 0.5), (1.0 + late_s, 0.5)]))
+    found = haptic.validate(data, "x")
+    assert errors(found) == expected and bool(found) == (late_s > 0.0)
+    assert haptic.decode(data, "x")[0][0].duration_s == 1.0
+
+
+@pytest.mark.parametrize("metadata", [{"tags": "a"}, {"tags": [1]}, {"author": 3}, []])
+def test_metadata_of_wrong_types_is_refused_by_validate(metadata):
+    document = clip([(0.0, 0.5), (1.0, 0.5)])
+    document["metadata"] = metadata
+    assert errors(haptic.validate(encoded(document), "x")) == ["HAPTIC-TYPE"]
+    assert haptic.decode(encoded(document), "x")[0][0].notes
+
+
+def pattern_event(**members):
+    parameters = {"Intensity": 100, "Frequency": 50}
+    found = {"Type": "continuous", "RelativeTime": 0, "Duration": 400, "Parameters": parameters}
+    return {"Event": {**found, **members}}
+
+
+def test_patterns_of_other_tools_are_read_with_a_note():
+    # Without an index, longer than the editor makes, two patterns that overlap.
+    patterns = [
+        {"AbsoluteTime": 0, "Pattern": [pattern_event(Duration=6000)]},
+        {"AbsoluteTime": 500, "Pattern": [pattern_event(RelativeTime=60_000)]},
+    ]
+    document = {"Metadata": {"Version": 2}, "PatternList": patterns}
+    assert set(errors(he_rules.findings(document))) == {"HE-MISSING", "HE-RANGE"}
+    (found,), _ = he.decode(encoded(document), "x")
+    assert found.amplitude.at([5.9, 7.0, 60.7]).tolist() == [1.0, 0.0, 1.0]
+    assert any("HE-RANGE" in each for each in found.notes)
+    del patterns[0]["Pattern"][0]["Event"]["Type"]
+    with pytest.raises(InputError, match="HE-MISSING"):
+        he.decode(encoded(document), "x")
+
+
+def test_a_suit_file_without_what_readers_do_not_need():
+    dots = [{"index": k, "x": k % 4 / 3, "y": k // 4 / 4} for k in range(20)]
+    points = [{"index": 3, "intensity": "0.5"}, {"index": 99, "intensity": 2}]
+    front = {
+        "mode": "DOT_MODE",
+        "dotMode": {"feedback": [{"startTime": 100, "endTime": 200, "pointList": points}]},
+        "pathMode": None,
+    }
+    back = {
+        "mode": "PATH_MODE",
+        "pathMode": {"feedback": [{"pointList": []}, {"pointList": [{"x": 1, "y": 0}]}]},
+    }
+    effect = {"startTime": 0, "offsetTime": 300, "modes": {"VestFront": front, "VestBack": back}}
+    layout = {"layouts": {"VestFront": dots}}
+    document = {"project": {"layout": layout, "tracks": [{"effects": [effect]}]}}
+    document["durationMillis"] = 1000
+    assert errors(tact_rules.findings(document))
+    signals, _ = tact.decode(encoded(document), "x")
+    assert [each.name for each in signals] == ["VestFront 3", "VestFront 99"]
+    assert signals[0].amplitude.at([0.05, 0.15, 0.25]).tolist() == [0.0, 0.5, 0.0]
+    assert signals[0].duration_s == 1.0 and signals[1].amplitude.values.max() == 1.0
+    assert "1 paths without points, which are silent" in signals[0].left_out
+    assert any("TACT-MISSING" in each for each in signals[0].notes)
+
+
+# --- kept in conversions --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("is_silent", [False, True])
+@pytest.mark.parametrize(
+    "suffix", ["ahap", "haptic", "he", "v1.he", "openharmony.json", "openxr.json", "hjif"]
+)
+def test_silence_at_the_end_is_kept(tmp_path, suffix, is_silent):
+    loud = [] if is_silent else [(0.0, 0.5), (1.0, 0.5)]
+    (tmp_path / "x.haptic").write_bytes(encoded(clip([*loud, (1.001, 0.0), (7.5, 0.0)])))
+    written = convert(tmp_path / "x.haptic", tmp_path / f"y.{suffix}")
+    (found,), _ = files.read_signals(written.files[0])
+    assert found.duration_s == pytest.approx(7.5, abs=0.002)
+    assert found.amplitude.at(0.5) == pytest.approx(0.0 if is_silent else 0.5, abs=0.011)
+    assert not found.amplitude.at([2.0, 7.0]).any()
+    assert ("all of it is silent" in written.notes) == is_silent
+
+
+def test_every_file_beside_a_sound_is_known(tmp_path, capsys):
+    (tmp_path / "x.haptic").write_bytes(encoded(clip([(0.0, 0.5), (0.1, 0.5)])))
+    written = convert(tmp_path / "x.haptic", tmp_path / "y.wav", device="back_pad")
+    listed = tmp_path / "y.wav.channels.json"
+    assert listed in written.files
+    assert cli.run(["validate", *map(str, written.files)]) == 0
+    assert cli.run(["info", str(listed)]) == 0
+    assert "device: back_pad" in capsys.readouterr().out
+    document = json.loads(listed.read_text())
+    document["channels"] = document["channels"][::-1]
+    listed.write_bytes(encoded(document))
+    assert errors(files.validate(listed)[1])[0] == "CHANNELS-ORDER"
+    assert np.isfinite(document["full_scale_m_s2"])
