@@ -4,7 +4,8 @@
 A zip holds the package without its folder ``maintenance``, the body models, the device
 configurations, the library of engine/native compiled for the platform, and the wheels of what these
 modules import and Blender lacks, for every Python of blender.org's Blender 4.2 LTS to 5.2 LTS.
-Blender unpacks the wheels that fit. One zip for all platforms would be five times as large.
+Blender unpacks the wheels that fit. One zip for all platforms would be five times as large; but one
+that brings the library alone, as wheels for all platforms, is the smallest.
 """
 
 from __future__ import annotations
@@ -137,6 +138,26 @@ def build_for(
     return build(folder, tag, manifest(sorted(chosen), [name]), [chosen[key] for key in chosen])
 
 
+def build_small(folder: Path, cache: Path, zig: Path | None = None) -> Path:
+    """Build the zip for all platforms: its only wheels are those of the library.
+
+    Parameters
+    ----------
+    folder, cache : Path
+        Of the zip, and of the wheels.
+    zig : Path, optional
+        The compiler; without it the zip has no compiled library.
+
+    Raises
+    ------
+    BuildError
+        The library cannot be compiled.
+    """
+    targets = native_build.TARGETS.values() if zig is not None else ()
+    wheels = sorted(native_wheel.make(target, cache, zig) for target in targets)
+    return build(folder, "no_wheels", manifest(path.name for path in wheels), wheels)
+
+
 def this_platform() -> str:
     """Blender's name of the platform that this runs on."""
     systems = {"darwin": "macos"}
@@ -169,7 +190,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-wheels",
         action="store_true",
-        help="a small zip for every platform, slower and without fitting avatars of your own",
+        help="a small zip for every platform, without fitting avatars of your own",
     )
     parser.add_argument(
         "--without-native",
@@ -196,10 +217,10 @@ def main() -> int:
         if arguments.lock:
             addon_wheels.lock(addon_wheels.VERSIONS, arguments.wheels, _say)
             return 0
+        zig = None if arguments.without_native else native_build.fetched_compiler(_say)
         if arguments.no_wheels:
-            built = [build(arguments.output, "no_wheels")]
+            built = [build_small(arguments.output, arguments.wheels, zig)]
         else:
-            zig = None if arguments.without_native else native_build.fetched_compiler(_say)
             built = [
                 build_for(
                     name,

@@ -20,6 +20,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.samples import Sample
+from hfx_blender.engine.scene import AnimationBlock
 from hfx_blender.engine.tolerance import PAPER, Tolerance
 from hfx_blender.reading.scene_reader import SceneReader
 
@@ -37,6 +38,7 @@ class Evaluation:
     reader: SceneReader
     counters: Counters
     samples: dict[str, dict[int, Sample]] = field(default_factory=dict)
+    blocks: list[AnimationBlock] = field(default_factory=list)
 
     def of(self, effect: str, index: int) -> Sample | None:
         return self.samples.get(effect, {}).get(index)
@@ -67,6 +69,7 @@ def evaluate(
     names = {effect.id: effect.name for effect in reader.description.effects}
     result = Evaluation(reader, engine.counters)
     for block in reader.blocks():
+        result.blocks.append(block)
         for run in engine.evaluate(block):
             mine = result.samples.setdefault(names[run.stream.effect_id], {})
             for index, sample in zip(run.indices.tolist(), run, strict=True):

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.reference.pose import world_points
 from hfx_blender.engine.tolerance import STANDARD
 
 bpy = pytest.importorskip("bpy")
@@ -176,6 +178,18 @@ def test_contacts_are_those_of_the_reference(evaluated: Any, shape: str, transfo
         uncertain += np.count_nonzero(~verdict.clear)
     assert touched > 20 * (1 if modality == "temperature" else 10), "a volume that tests nothing"
     assert uncertain < 0.01 * touched + 5
+
+
+def test_the_reference_poses_skin_where_blender_does(evaluated: Any) -> None:
+    """The definition of a pose, of all vertices, within what float32 holds."""
+    _, evaluation, positions = evaluated
+    (body,) = evaluation.reader.description.bodies
+    for block in evaluation.blocks:
+        for row in range(block.history, len(block.indices)):
+            for modality, expected in positions[int(block.indices[row])].items():
+                model = load_model(f"hfx-{modality}-1")
+                points = world_points(model, body.binding, block.poses[0], row)
+                assert np.abs(points.T - expected).max() < 1e-6
 
 
 def test_the_volumes_cut_the_body(evaluated: Any) -> None:

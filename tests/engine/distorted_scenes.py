@@ -13,6 +13,7 @@ from hfx_blender.engine.body.cells import cell_of_skin
 from hfx_blender.engine.body.model import PerceptualModel, load_model, load_skeleton
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
@@ -123,6 +124,16 @@ class DistortedScene:
         self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
     ) -> np.ndarray:
         """Weights by volume and vertex, all volumes grown; those of ``which`` only."""
+        found = np.zeros((len(FALLOFFS), len(self.model)))
+        for run in self.runs(tolerance, grown_m, which):
+            for sample in run:
+                found[int(run.stream.effect_id[1:]), sample.vertices] = sample.weights
+        return found
+
+    def runs(
+        self, tolerance: Tolerance, grown_m: float = 0.0, which: np.ndarray | None = None
+    ) -> list[SampleRun]:
+        """Samples of :meth:`felt`."""
         on = np.ones(len(FALLOFFS)) if which is None else which.astype(float)
         pose = PoseBlock(np.ones(1, bool), self.to_world[None], self.bones[None])
         placed = [volume.grown(grown_m) for volume in self.volumes]
@@ -131,12 +142,8 @@ class DistortedScene:
             EffectBlock(on[k : k + 1], np.full((1, count), 20.0), matrix[None], (shape,))
             for k, (shape, matrix) in enumerate(placed)
         )
-        found = np.zeros((len(FALLOFFS), len(self.model)))
         engine = _engine(self.model, tolerance)
-        for run in engine.evaluate(AnimationBlock(np.zeros(1, np.int64), blocks, (pose,))):
-            for sample in run:
-                found[int(run.stream.effect_id[1:]), sample.vertices] = sample.weights
-        return found
+        return engine.evaluate(AnimationBlock(np.zeros(1, np.int64), blocks, (pose,)))
 
     def edges_m(self, tolerance: Tolerance) -> np.ndarray:
         """Accepted error of the edge of a contact at each vertex, world, (V,).

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
-from hfx_blender.engine.scene import PoseBlock
+from hfx_blender.engine.reference.pose import world_points
+from hfx_blender.engine.scene import PoseBlock, SkinBinding
 
 BONES = ("root", "arm", "leg", "tip")
 
@@ -59,15 +60,5 @@ def pose(times: int, seed: int = 2, bones: int = len(BONES)) -> PoseBlock:
 
 
 def skinned(body: PerceptualModel, posed: PoseBlock, row: int) -> np.ndarray:
-    """World positions by linear blend skinning as it is written down, one vertex at a time."""
-    weights = body.weights
-    positions = np.zeros((len(body), 3))
-    for v in range(len(body)):
-        mine = slice(weights.offsets[v], weights.offsets[v + 1])
-        shares = weights.values[mine].astype(np.float64)
-        blended = np.zeros(3)
-        for bone, share in zip(weights.bones[mine], shares / shares.sum(), strict=True):
-            matrix = posed.bones[row, bone]
-            blended += share * (matrix[:, :3] @ body.vertices[v].astype(np.float64) + matrix[:, 3])
-        positions[v] = posed.to_world[row, :3, :3] @ blended + posed.to_world[row, :3, 3]
-    return positions
+    """World positions by the definition, (V, 3)."""
+    return world_points(body, SkinBinding(BONES), posed, row).T

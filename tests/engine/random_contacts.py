@@ -19,7 +19,7 @@ from hfx_blender.engine.reference.cells import Skin
 from hfx_blender.engine.reference.contact import Body, Contact, Volume, contact
 from hfx_blender.engine.reference.motion import turns
 from hfx_blender.engine.reference.pose import moved, world_points
-from hfx_blender.engine.samples import Sample
+from hfx_blender.engine.samples import Sample, SampleRun
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
@@ -34,7 +34,7 @@ from hfx_blender.engine.scene import (
     SurfaceBinding,
     TimeBase,
 )
-from hfx_blender.engine.tolerance import EXACT, PAPER
+from hfx_blender.engine.tolerance import EXACT, PAPER, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
@@ -64,6 +64,7 @@ class RandomContact:
     """A scene, and what both find in it. ``seed`` says everything."""
 
     seed: int
+    asked: Tolerance | None = None  # instead of one that is drawn
 
     def _rng(self, part: int) -> np.random.Generator:
         """Random numbers of one part of the scene, whichever is made first."""
@@ -180,7 +181,10 @@ class RandomContact:
         return _FALLOFFS[self._rng(5).integers(len(_FALLOFFS))]
 
     @cached_property
-    def tolerance(self):
+    def tolerance(self) -> Tolerance:
+        """Exact or the paper's, which alone the reference defines."""
+        if self.asked is not None:
+            return self.asked
         return PAPER if self._rng(6).random() < 0.2 else EXACT
 
     @cached_property
@@ -195,23 +199,24 @@ class RandomContact:
 
     # What is found
 
-    def by_engine(self) -> dict[int, Sample]:
-        """Samples by row."""
-        model, pose = self.model, self.pose
-        effect = EffectDescription(
-            "e", "Effect", model.modality, model.id, HapticVolume(self.falloff)
-        )
+    def runs(self) -> list[SampleRun]:
+        """What the engine feels."""
+        model, effect = self.model, HapticVolume(self.falloff)
+        described = EffectDescription("e", "Effect", model.modality, model.id, effect)
         time = TimeBase(Fraction(RATE_HZ), Fraction(RATE_HZ), 0, 0, 99)
         engine = Engine(
-            SceneDescription(time, (self.body,), (effect,)),
+            SceneDescription(time, (self.body,), (described,)),
             tolerance=self.tolerance,
             models={model.id: model}.__getitem__,
             record=self.record,
         )
-        runs = engine.evaluate(AnimationBlock(self.indices, (self.animated,), (pose,)))
+        return engine.evaluate(AnimationBlock(self.indices, (self.animated,), (self.pose,)))
+
+    def by_engine(self) -> dict[int, Sample]:
+        """Samples by row."""
         return {
             int(np.searchsorted(self.indices, index)): sample
-            for run in runs
+            for run in self.runs()
             for index, sample in zip(run.indices, run, strict=True)
         }
 

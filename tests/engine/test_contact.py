@@ -12,6 +12,8 @@ from engine_synthetic import BONES, affine, model, pose, skinned
 from hfx_blender.engine.contact import contacts
 from hfx_blender.engine.contact.contact_query import ContactQuery
 from hfx_blender.engine.counters import Counters
+from hfx_blender.engine.reference.cells import Skin
+from hfx_blender.engine.reference.contact import Body, Volume, contact
 from hfx_blender.engine.scene import EffectBlock, PoseBlock, SkinBinding
 from hfx_blender.engine.skin.cell_coverage import BodySkin, SkinCoverage
 from hfx_blender.engine.skin.skinned_model import SkinnedModel
@@ -98,14 +100,12 @@ def _dense(found: contacts.Contacts) -> np.ndarray:
     return weights
 
 
-def _brute(matrices: np.ndarray, shapes: list[Shape], falloff: Falloff) -> np.ndarray:
-    weights = np.zeros((TIMES, len(BODY)))
-    for row, shape in enumerate(shapes):
-        inverse = np.linalg.inv(matrices[row])
-        local = inverse[:3, :3] @ WORLD[row].T + inverse[:3, 3:]
-        inside = shape.contains(local)
-        weights[row, inside] = falloff.weight(shape.rise(local[:, inside]))
-    return weights
+def _defined(matrices: np.ndarray, shapes: list[Shape], falloff: Falloff) -> np.ndarray:
+    """Weights of each vertex by the definition, (T, V)."""
+    body = Body(Skin.of(BODY), SkinBinding(BONES), POSE, fineness=None)
+    which = np.arange(TIMES, dtype=np.int32)
+    effect = EffectBlock(np.ones(TIMES), np.zeros((TIMES, 2)), matrices, tuple(shapes), which)
+    return np.stack([contact(body, Volume(effect, falloff), row).weights for row in range(TIMES)])
 
 
 @pytest.mark.parametrize("falloff", FALLOFFS, ids=str)
@@ -113,7 +113,7 @@ def _brute(matrices: np.ndarray, shapes: list[Shape], falloff: Falloff) -> np.nd
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_contacts_are_those_of_every_vertex(name: str, falloff: Falloff, seed: int) -> None:
     matrices, shape = _placed(seed), SHAPES[name]
-    expected = _brute(matrices, [shape] * TIMES, falloff)
+    expected = _defined(matrices, [shape] * TIMES, falloff)
     assert 20 < np.count_nonzero(expected) < expected.size / 2
     found = _dense(_find(matrices, (shape,), falloff))
     assert ((found > 0) == (expected > 0)).all()
@@ -147,7 +147,7 @@ def test_shapes_may_change_over_time() -> None:
     matrices = _placed(1)
     which = np.array([0, 1, 2, 1, 0, 2], np.int32)
     shapes = (Sphere(), Cuboid(), _octahedron())
-    expected = _brute(matrices, [shapes[k] for k in which], Falloff(FalloffKind.LINEAR))
+    expected = _defined(matrices, [shapes[k] for k in which], Falloff(FalloffKind.LINEAR))
     found = _dense(_find(matrices, shapes, Falloff(FalloffKind.LINEAR), which=which))
     assert np.abs(found - expected).max() < 1e-9
     rows = [1, 2, 5]

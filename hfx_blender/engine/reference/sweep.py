@@ -36,8 +36,7 @@ def passage(shape: Shape, path: F64) -> Interval:
         From 0 at the start to 1 at the end.
     """
     steps = len(path) - 1
-    nothing: F64 = np.full(path.shape[2], np.inf)
-    found = nothing, -nothing
+    found: Interval = np.full(path.shape[2], np.inf), np.full(path.shape[2], -np.inf)
     for k in range(steps):
         first, last = _passage(shape, path[k], path[k + 1])
         found = _union(found, ((k + first) / steps, (k + last) / steps))
@@ -48,10 +47,9 @@ def along(path: F64, share: F64) -> tuple[F64, F64]:
     """Places on paths at shares (N,) of the time, and velocities there per whole time, (3, N)."""
     steps, which = len(path) - 1, np.arange(path.shape[2])
     step = np.clip((share * steps).astype(np.int64), 0, steps - 1)
-    start, way = path[step, :, which].T, (path[step + 1, :, which] - path[step, :, which]).T
-    places: F64 = start + (share * steps - step) * way
-    velocities: F64 = way * float(steps)
-    return places, velocities
+    start: F64 = path[step, :, which].T
+    way: F64 = path[step + 1, :, which].T - start
+    return start + (share * steps - step) * way, way * steps
 
 
 def _passage(shape: Shape, start: F64, end: F64) -> Interval:

@@ -38,6 +38,11 @@ def short_frames(name: str) -> tuple[int, int]:
     return _BUILDERS[name][2]
 
 
+def builder(name: str) -> Callable[[], Any]:
+    """Function that builds a scene in an empty file."""
+    return _BUILDERS[name][0]
+
+
 def build(name: str, path: Path) -> Path:
     """Build a scene and save it as a .blend."""
     _BUILDERS[name][0]()
