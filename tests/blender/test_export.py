@@ -169,7 +169,7 @@ def test_each_body_has_files_of_its_own(small: Any, tmp_path: Path) -> None:
     second = bpy.context.object
     second.name, second.location = "../no folder", (5, 0, 0)
     report = export(small, tmp_path, formats=("csv",), devices=(load_device("back_pad"),))
-    expected = {"x.Avatar.back_pad.csv", "x...%2Fno%20folder.back_pad.csv", "x.report.json"}
+    expected = {"x.Avatar.back_pad.csv", "x...%2Fno folder.back_pad.csv", "x.report.json"}
     assert set(names_in(tmp_path)) == expected
     felt = {(each["effect"], each["body"]): each["seconds"] for each in report.felt}
     assert felt["Ball", "Avatar"] == 0.4 and felt["Ball", "../no folder"] == 0.0
