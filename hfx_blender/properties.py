@@ -68,6 +68,12 @@ TOLERANCES = (
     ("PAPER", "Vertices Only", "A vertex is inside a volume or not, at every sample"),
     ("CUSTOM", "Custom", "Your own limits: millimetres of edges, milliseconds of motion"),
 )
+FELT_LAYERS = (
+    ("VISIBLE", "Visible", "The outermost layer: clothes where there are any, else skin"),
+    ("SKIN", "Skin", "The innermost layer: skin under clothes, where it is modelled"),
+)
+"""Layers of an avatar that its body may be fitted to."""
+
 FOLLOWS = (
     ("AUTO", "Automatic", "The bones; the evaluated surface if more than bones deforms the avatar"),
     ("BONES", "Bones", "Fast: only the bones move the skin; other deformation is ignored"),
@@ -336,6 +342,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Follow",
         description="Source of the pose of this body",
         items=FOLLOWS,
+        **_OVERRIDABLE,
+    )
+    felt_layer: EnumProperty(
+        name="Layer",
+        description="What is felt where clothes lie over skin",
+        items=FELT_LAYERS,
         **_OVERRIDABLE,
     )
     bone_map: CollectionProperty(

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from ..engine.body.model import SkinWeights
     from ..engine.body.rigs.mapping import BoneMapping, RigBone
+    from ..engine.retargeting.layers import Layer
     from ..engine.retargeting.target import TargetAvatar
 
 
@@ -82,7 +83,7 @@ def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
 def skin_among(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> list[bpy.types.Object]:
-    """Meshes of an armature that together form its skin."""
+    """Meshes of an armature that together show the body, or its skin if that is chosen."""
     from ..engine.body.model import load_avatar
     from ..engine.retargeting import skin_parts
 
@@ -91,9 +92,16 @@ def skin_among(
     targets = [read_mesh(armature, mesh) for mesh in meshes]
     body = _of_the_body(armature, dict(zip(meshes, targets, strict=True)), mapping)
     meshes, targets = list(body), list(body.values())
-    found = [meshes[k] for k in skin_parts.skin_of(load_avatar(), targets, mapping)]
+    found = [
+        meshes[k] for k in skin_parts.skin_of(load_avatar(), targets, mapping, layer_of(armature))
+    ]
     # Where nothing follows the bones, the largest is tried, and its fault is reported.
     return found or [max(meshes, key=lambda mesh: (len(mesh.data.vertices), mesh.name))]
+
+
+def layer_of(armature: bpy.types.Object) -> Layer:
+    """Layer that is felt where clothes lie over skin."""
+    return "skin" if armature.hfx.felt_layer == "SKIN" else "visible"
 
 
 def _of_the_body(

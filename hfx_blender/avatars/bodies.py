@@ -103,8 +103,8 @@ def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[b
     """Meshes to fit a body to: the selected ones, or those that form the skin.
 
     Without a selection these are, of the visible meshes that the armature deforms or carries,
-    the fewest that cover the body: hair, and clothes over skin, are left out. For a body that
-    was fitted before they are the same again.
+    those that show the body: clothes and the skin beside them, or the skin alone if that layer is
+    chosen; no hair over a head. For a body that was fitted before they are the same again.
 
     Raises
     ------
@@ -118,8 +118,13 @@ def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[b
     ]
     if selected:
         return _largest_first(selected)
+    return meshes_again(context, armature)
+
+
+def meshes_again(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """Meshes of a body; without any, or if another layer was chosen since, those that show it."""
     known = avatar_meshes.meshes_of(armature)
-    if known and armature.hfx.role == "BODY":
+    if known and armature.hfx.role == "BODY" and not retargeting.is_of_other_layer(armature):
         return known
     found = avatar_meshes.meshes_on(context, armature)
     if len(found) < 2 or body_binding.from_canonical(armature) is None:

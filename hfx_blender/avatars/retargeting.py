@@ -97,8 +97,9 @@ def fit_body(
     avatar = load_avatar()
     targets, notes = _facing_out(meshes, avatar_meshes.read_meshes(armature, meshes))
     name = meshes[0].name
+    layer = avatar_meshes.layer_of(armature)
     if len(meshes) > 1:
-        order = skin_parts.ranked(avatar, targets, mapping)
+        order = skin_parts.ranked(avatar, targets, mapping, layer)
         meshes, targets = [meshes[k] for k in order], [targets[k] for k in order]
         name = f"{meshes[0].name} and {len(meshes) - 1} more"
     target = skin_parts.joined(targets)
@@ -106,7 +107,7 @@ def fit_body(
     models = [load_model(model_id) for model_id in model_ids()]
     try:
         if no_surface is None:
-            warped = retarget.warp(avatar, target, mapping)
+            warped = retarget.warp(avatar, target, mapping, layer)
             fits = [retarget.fit(model, warped) for model in models]
             qualities = [quality for _, quality in fits]
             if (lost := by_bones.lost_part(qualities)) is not None:
@@ -196,6 +197,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
     keeper[FIT] = {
         "rest": _rest_of(armature),
         "all_bones": _names_of(armature),
+        "layer": armature.hfx.felt_layer,
         "mesh_names": "\n".join(mesh.name for mesh in fit.meshes),
         "mesh_vertices": np.array([len(mesh.data.vertices) for mesh in fit.meshes], np.int32),
         "bones": "\n".join(fit.models[0].bone_names),
@@ -291,6 +293,12 @@ def is_by_bones(armature: bpy.types.Object) -> bool:
     """Test for a fit that leaves the avatar's surface out."""
     fit = _stored_fit(armature)
     return fit is not None and bool(fit.get("by_bones", False))
+
+
+def is_of_other_layer(armature: bpy.types.Object) -> bool:
+    """Test for a layer of the avatar that was chosen after its body was fitted."""
+    fit = _stored_fit(armature)
+    return fit is not None and fit.get("layer", "VISIBLE") != armature.hfx.felt_layer
 
 
 def _stored_fit(armature: bpy.types.Object) -> Any:

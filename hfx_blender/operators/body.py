@@ -10,6 +10,7 @@ from ..authoring import effects
 from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES
 from ..printable import printable
+from ..properties import FELT_LAYERS
 from .shared import HfxOperator, active_armature, active_body, select_only
 
 _shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the strings itself
@@ -59,6 +60,10 @@ those that cover its skin"""
     bl_idname = "hfx.mark_body"
     bl_label = "Add Haptic Body"
 
+    layer: EnumProperty(
+        name="Layer", description="What is felt where clothes lie over skin", items=FELT_LAYERS
+    )
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
@@ -68,9 +73,10 @@ those that cover its skin"""
 
         body = _armature_for(context)
         context.view_layer.update()
+        if self.properties.is_property_set("layer"):
+            body.hfx.felt_layer = self.layer
         meshes = bodies.meshes_for(context, body)
-        first = meshes[0] if meshes else None
-        return _add(self, body, first, meshes[1:])
+        return _add(self, context, body, meshes)
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -83,17 +89,24 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
 
 def _add(
     operator: HfxOperator,
+    context: bpy.types.Context,
     body: bpy.types.Object,
-    avatar: bpy.types.Object | None,
-    parts: list[bpy.types.Object],
+    meshes: list[bpy.types.Object],
 ) -> str:
     from ..avatars import bodies
 
-    for warning in bodies.add_body(body, avatar, parts=parts):
+    first = meshes[0] if meshes else None
+    for warning in bodies.add_body(body, first, parts=meshes[1:]):
         operator.report({"WARNING"}, printable(f"{body.name}: {warning}"))
-    meshes = [f"'{mesh.name}'" for mesh in avatar_meshes.meshes_of(body)]
-    shown = f", shown by {' and '.join(meshes)}" if meshes else ""
-    return f"'{body.name}' is a haptic body{shown}"
+    taken = avatar_meshes.meshes_of(body)
+    others = [mesh for mesh in avatar_meshes.meshes_on(context, body) if mesh not in taken]
+    shown = f", shown by {_quoted(taken)}" if taken else ""
+    rest = f"; left out, as they show no skin: {_quoted(others)}" if others else ""
+    return f"'{body.name}' is a haptic body{shown}{rest}"
+
+
+def _quoted(meshes: list[bpy.types.Object]) -> str:
+    return " and ".join(f"'{mesh.name}'" for mesh in meshes)
 
 
 class HFX_OT_fit_body(HfxOperator):
@@ -113,13 +126,13 @@ what is painted on it stay"""
         return cls.needs(retargeting.is_fitted(body), "The built-in avatar needs no fit")
 
     def work(self, context: bpy.types.Context) -> str:
-        from ..avatars import model_mesh
+        from ..avatars import bodies, model_mesh
 
         body = active_body(context)
         context.view_layer.update()
-        meshes = avatar_meshes.meshes_of(body)
+        meshes = bodies.meshes_again(context, body)
         was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown(body)]
-        message = _add(self, body, meshes[0] if meshes else None, meshes[1:])
+        message = _add(self, context, body, meshes)
         for model_id in was_shown:
             model_mesh.show(context, body, model_id)
         return message

@@ -95,6 +95,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         for mesh in avatar_meshes.meshes_of(body):
             layout.label(text=mesh.name, icon="MESH_DATA")
         layout.row().prop(body.hfx, "follow", expand=True)
+        layout.row().prop(body.hfx, "felt_layer", expand=True)
         draw_text(context, layout, how_followed(body), "INFO")
         if retargeting.is_fitted(body):
             layout.operator("hfx.fit_body", icon="FILE_REFRESH")

@@ -161,16 +161,8 @@ def test_the_selected_meshes_are_fitted_to_as_one_body(scene: Any) -> None:
     assert np.mean(on_mesh[model.part == 0] == names_of(rig).index("Head")) > 0.8
 
 
-def test_one_mesh_of_several_is_enough_where_it_is_the_whole_skin(anna: tuple[Any, Any]) -> None:
-    rig, skin = anna
-    swell(cut_out(skin, "Hair", is_head), 0.03)
-    swell(cut_out(skin, "Jacket", is_trunk), 0.03)
-    eyes_of(rig)
-    assert chosen(rig) == [skin.name]
-
-
-def test_without_a_selection_the_meshes_that_cover_the_skin_are_taken(
-    anna: tuple[Any, Any],
+def test_what_is_seen_is_taken_and_the_rest_is_named(
+    anna: tuple[Any, Any], capfd: pytest.CaptureFixture[str]
 ) -> None:
     rig, skin = anna
     for _ in range(2):  # more vertices than the skin has: size must not decide
@@ -180,8 +172,15 @@ def test_without_a_selection_the_meshes_that_cover_the_skin_are_taken(
     hidden = cut_out(skin, "Hidden Body", lambda _: True)
     in_pieces(skin)
     hidden.hide_set(True)
-    found = chosen(rig)
-    assert found[0] == "Body" and sorted(found) == ["Body", "Hands", "Head"]
+    assert sorted(chosen(rig)) == ["Body", "Hands", "Head", "Jacket"]
+    rig.hfx.felt_layer = "SKIN"
+    assert chosen(rig)[0] == "Body" and sorted(chosen(rig)) == ["Body", "Hands", "Head"]
+    mark(rig)
+    told = capfd.readouterr().out
+    assert "left out, as they show no skin: 'Eyes' and 'Hair' and 'Hair.001' and 'Jacket'" in told
+    # Another layer chosen since: the same button takes other meshes.
+    rig.hfx.felt_layer = "VISIBLE"
+    assert sorted(chosen(rig)) == ["Body", "Hands", "Head", "Jacket"]
 
 
 def test_clothes_count_where_there_is_no_skin_under_them(anna: tuple[Any, Any]) -> None:

@@ -8,21 +8,24 @@ The canonical avatar is posed onto the target's rest pose and pulled onto its sk
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from ...stepwise import finish
 from ..arrays import F64, I64
 from ..body.model import Avatar, PerceptualModel, SkinWeights
 from ..scene import FittedModel, SurfaceAnchors
 from .joints import Skeletons, skeletons_of
+from .layers import Layer, left_out
 from .limbs import Limbs
 from .pose import matrices, posed
 from .quality import Quality, judge
 from .shapes import fields_for, shape
 from .surface import Places, TargetSurface, pull, vertex_normals
-from .target import RigMapping, TargetAvatar
+from .target import RigMapping, TargetAvatar, areas_of
 
 _LANDING_M: Final = 0.05
 """Farthest that a vertex may be from the skin on which it lands (of a body 1.8 m tall)."""
@@ -32,6 +35,9 @@ _LEAST_WEIGHT: Final = 0.004
 
 _SAME_TOPOLOGY: Final = 0.95
 """Share of the canonical avatar's edges that a mesh must have to be the same mesh, reshaped."""
+
+_UNDER_CLOTHES: Final = 0.02
+"""Share of that mesh's skin that may lie under other layers and still be felt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +55,25 @@ class Warp:
     same: I64 | None  # (V,) the target's own vertices, where it is the same mesh
 
 
-def warp(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Warp:
-    """Bring the canonical avatar into the shape of a target.
+def warp(
+    avatar: Avatar, target: TargetAvatar, mapping: RigMapping, layer: Layer = "visible"
+) -> Warp:
+    """:func:`warping` at once."""
+    return finish(warping(avatar, target, mapping, layer))
 
-    Where the target is the same mesh (MakeHuman's base mesh, the shipped avatar), each vertex
-    goes exactly to its own place.
+
+def warping(
+    avatar: Avatar, target: TargetAvatar, mapping: RigMapping, layer: Layer
+) -> Generator[float, None, Warp]:
+    """Bring the canonical avatar into the shape of a target, in steps (:mod:`...stepwise`).
+
+    Where the target is the same mesh (MakeHuman's base mesh, the shipped avatar) and its skin is
+    felt, each vertex goes exactly to its own place.
+
+    Parameters
+    ----------
+    layer : {"visible", "skin"}
+        What is felt where clothes lie over skin.
 
     Raises
     ------
@@ -62,24 +82,49 @@ def warp(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> Warp:
     """
     bodies = skeletons_of(avatar, target, mapping)
     surface = TargetSurface(bodies.points, target.triangles, bodies.target_shares)
-    same = _same_mesh(avatar, target)
+    yield 0.1
     faces = avatar.faces.astype(np.int64)
     triangles = np.concatenate((faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]))
-    limbs = Limbs(avatar, bodies)
-    if same is not None:
+    limbs, shares = Limbs(avatar, bodies), bodies.avatar_shares
+    moved, fields = matrices(avatar, bodies), fields_for(avatar)
+    start = posed(avatar, moved)
+    out = left_out(surface, layer, start, vertex_normals(start, triangles), shares)
+    same = _same_mesh(avatar, target)
+    if same is not None and not _is_left_out(same, surface, np.unique(surface.parent[out])):
         vertices = start = bodies.points[same]
     else:
-        moved = matrices(avatar, bodies)
-        start, fields = posed(avatar, moved), fields_for(avatar)
-        shaped = (
-            start
-            if fields is None
-            else shape(fields, moved, start, triangles, bodies, surface, limbs)
-        )
-        pulled = pull(shaped, triangles, bodies.avatar_shares, limbs.axes, surface)
-        vertices = limbs.seated(pulled, start)
+        same = None
+        surface.leave_out(out)
+        yield 0.2
+        vertices = start
+        if fields is not None:
+            steps = shape(fields, moved, start, triangles, bodies, surface, limbs)
+            vertices = yield from _within(steps, 0.2, 0.6)
+        steps = pull(vertices, triangles, shares, limbs.axes, surface)
+        vertices = yield from _within(steps, 0.6, 1.0)
+        vertices = limbs.seated(vertices, start)
     normals = vertex_normals(vertices, triangles)
     return Warp(target, mapping, bodies, surface, vertices, normals, limbs, start, same)
+
+
+def _within(
+    steps: Generator[float, None, F64], start: float, end: float
+) -> Generator[float, None, F64]:
+    """Steps as a part of longer work."""
+    while True:
+        try:
+            share = next(steps)
+        except StopIteration as done:
+            found: F64 = done.value
+            return found
+        yield start + (end - start) * share
+
+
+def _is_left_out(same: I64, surface: TargetSurface, triangles: I64) -> bool:
+    """Test if the mesh that is the canonical one lies under clothes in more than a few places."""
+    areas = areas_of(surface.points, surface.triangles)
+    mine = np.isin(surface.triangles, same).all(axis=1)
+    return float(areas[triangles][mine[triangles]].sum()) > _UNDER_CLOTHES * areas[mine].sum()
 
 
 def fit(model: PerceptualModel, warped: Warp) -> tuple[FittedModel, Quality]:

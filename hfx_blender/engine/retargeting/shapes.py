@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from collections.abc import Generator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -70,8 +71,8 @@ def shape(
     bodies: Skeletons,
     surface: TargetSurface,
     limbs: Limbs,
-) -> F64:
-    """Give a posed body the shape that brings it nearest to a target's skin.
+) -> Generator[float, None, F64]:
+    """Give a posed body the shape that brings it nearest to a target's skin, in steps.
 
     A regularised least-squares fit (Gauss-Newton on the distances to tangent planes, each field's
     share normally distributed), with the nearest places looked for anew in each round. The joints
@@ -110,6 +111,7 @@ def shape(
         normal = np.einsum("kv,lv->kl", weighted, along)
         slope = np.einsum("kv,v->k", weighted, gap) - prior @ shares
         shares += np.linalg.solve(normal + prior, slope)
+        yield (number + 1) / _ROUNDS
     return limbs.seated(posed + np.einsum("k,kvi->vi", shares, moves), posed)
 
 

@@ -5,7 +5,7 @@ of a posed body onto them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -41,16 +41,34 @@ class TargetSurface:
     """A target's skin, normalised space, searched region by region."""
 
     def __init__(self, points: F64, triangles: I64, shares: F64) -> None:
-        from scipy.spatial import cKDTree
+        from trimesh.triangles import normals
 
         self.points, self.triangles = points, triangles
         self.normals = vertex_normals(points, triangles)
+        self.flat_normals: F64 = np.zeros((len(triangles), 3))  # (F, 3), 0 without area
+        unit, has_area = normals(points[triangles])
+        self.flat_normals[has_area] = unit
         whole = shares[triangles].mean(axis=1)
-        pieces, parent, corners = _cut(points[triangles])
-        self._pieces, self._parent, self._corners = pieces, parent, corners
-        centres = pieces.mean(axis=1)
+        self.region: I64 = np.where(whole.max(axis=1) > 0.0, whole.argmax(axis=1), -1)
+        self._pieces, self.parent, self._corners = _cut(points[triangles])
+        self.centres: F64 = self._pieces.mean(axis=1)  # (N, 3) of the cut triangles
+        parent = self.parent
         self._members = [np.flatnonzero(whole[parent, r] >= _SHARE) for r in range(shares.shape[1])]
-        self._trees = [cKDTree(centres[m]) if len(m) else None for m in self._members]
+        self._trees: list[Any] = [None] * len(self._members)
+
+    def leave_out(self, pieces: npt.NDArray[np.bool_]) -> None:
+        """Find no place on some of the cut triangles, (N,), from now on."""
+        if pieces.any():
+            self._members = [members[~pieces[members]] for members in self._members]
+            self._trees = [None] * len(self._members)
+
+    def _tree(self, region: int) -> Any:
+        """Search tree of a region's cut triangles; None without any."""
+        from scipy.spatial import cKDTree
+
+        if self._trees[region] is None and len(self._members[region]):
+            self._trees[region] = cKDTree(self.centres[self._members[region]])
+        return self._trees[region]
 
     def nearest(
         self,
@@ -76,9 +94,10 @@ class TargetSurface:
         best = np.full(count, np.inf)
         triangle, weights = np.zeros(count, np.int64), np.zeros((count, 3))
         place, out = np.zeros((count, 3)), np.zeros((count, 3))
-        for region, (members, tree) in enumerate(zip(self._members, self._trees, strict=True)):
+        for region, members in enumerate(self._members):
             asked = np.flatnonzero(shares[:, region] >= _SHARE)
-            if tree is None or not len(asked):
+            tree = self._tree(region) if len(asked) else None
+            if tree is None:
                 continue
             tries = min(_CANDIDATES, len(members))
             _, near = tree.query(points[asked], k=tries)
@@ -87,7 +106,7 @@ class TargetSurface:
             bary = barycentric(points[point], self._pieces[piece])
             at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
             inside = np.einsum("nc,nck->nk", bary, self._corners[piece])
-            corner = self.triangles[self._parent[piece]]
+            corner = self.triangles[self.parent[piece]]
             normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
             distance = np.linalg.norm(at - points[point], axis=1)
             alike = np.einsum("ni,ni->n", normal, normals[point])
@@ -98,7 +117,7 @@ class TargetSurface:
             better = table[np.arange(len(asked)), choice] < best[asked]
             won, row = asked[better], row[better]
             best[won] = distance[row]
-            triangle[won], weights[won] = self._parent[piece[row]], inside[row]
+            triangle[won], weights[won] = self.parent[piece[row]], inside[row]
             place[won], out[won] = at[row], normal[row]
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
         return Places(np.isfinite(best), triangle, weights, place, out)
@@ -108,7 +127,7 @@ class TargetSurface:
     ) -> F64:
         """Places (N, 3) of a slab of the skin about a point, across an axis."""
         members = np.unique(np.concatenate([self._members[region] for region in regions]))
-        centres = self._pieces[members].mean(axis=1)
+        centres = self.centres[members]
         offset = centres - point
         along = offset @ axis
         off = np.linalg.norm(offset - along[:, None] * axis, axis=1)
@@ -165,8 +184,10 @@ _STEEPEST: Final = 0.5
 """Least squared cosine between a surface's normal and a way across the limb that is believed."""
 
 
-def pull(points: F64, triangles: I64, shares: F64, axes: F64, surface: TargetSurface) -> F64:
-    """Pull a posed body onto the surface smoothly: neighbours move alike.
+def pull(
+    points: F64, triangles: I64, shares: F64, axes: F64, surface: TargetSurface
+) -> Generator[float, None, F64]:
+    """Pull a posed body onto the surface smoothly, in steps: neighbours move alike.
 
     Each round looks for the nearest places and moves towards their tangent planes, so that the
     skin can slide; the displacement's differences along the edges are held small (a membrane),
@@ -203,6 +224,7 @@ def pull(points: F64, triangles: I64, shares: F64, axes: F64, surface: TargetSur
         system = stiffness * laplacian + diags_array(hold + 1e-6)
         shift = splu(system.tocsc()).solve((hold + 1e-6)[:, None] * (goal - points))
         moved = points + shift
+        yield (number + 1) / len(STIFFNESS)
     return moved
 
 

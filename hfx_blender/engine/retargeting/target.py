@@ -101,7 +101,7 @@ def check(target: TargetAvatar, name: str) -> str | None:
             "parent it to the armature with weights first."
         )
     welded = weld(target.vertices)[target.triangles]
-    pieces = _pieces(welded)
+    pieces = connected_pieces(welded)
     shares = np.bincount(pieces, areas) / areas.sum()
     large = shares[shares >= _LARGE_PIECE].sum()
     if large < _LARGE_PIECES:
@@ -146,7 +146,7 @@ def weld(points: F64) -> I64:
     return found
 
 
-def _pieces(triangles: I64) -> I64:
+def connected_pieces(triangles: I64) -> I64:
     """Connected piece of each triangle, numbered from 0."""
     from trimesh.geometry import faces_to_edges
     from trimesh.graph import connected_component_labels

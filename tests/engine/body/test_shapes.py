@@ -21,6 +21,7 @@ from hfx_blender.engine.retargeting.shapes import ShapeFields
 from hfx_blender.engine.retargeting.surface import TargetSurface
 from hfx_blender.errors import InputError
 from hfx_blender.maintenance.body_building.shape_file import save
+from hfx_blender.stepwise import finish
 
 
 def test_the_shipped_fields_are_the_avatars_symmetric_and_largest_first() -> None:
@@ -56,7 +57,7 @@ def test_a_shape_is_told_from_distances_to_the_skin_alone() -> None:
     surface = TargetSurface(truth, target.triangles, bodies.target_shares)
     limbs = Limbs(avatar, bodies)
     limbs.rings.clear()  # no joint holds anything: this shape moves them
-    found = shapes.shape(fields, moved, start, target.triangles, bodies, surface, limbs)
+    found = finish(shapes.shape(fields, moved, start, target.triangles, bodies, surface, limbs))
     flesh = np.isin(avatar.part, [PARTS.index(part) for part in ("torso", "upper_leg")])
     before, after = (np.linalg.norm(p - truth, axis=1)[flesh] for p in (start, found))
     assert np.median(before) > 0.008
@@ -72,7 +73,7 @@ def test_nothing_to_hold_on_to_changes_nothing() -> None:
     start = posed(avatar, moved)
     far = TargetSurface(target.vertices + 9.0, target.triangles, bodies.target_shares)
     limbs = Limbs(avatar, bodies)
-    found = shapes.shape(fields, moved, start, target.triangles, bodies, far, limbs)
+    found = finish(shapes.shape(fields, moved, start, target.triangles, bodies, far, limbs))
     np.testing.assert_array_equal(found, start)
 
 

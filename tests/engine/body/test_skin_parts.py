@@ -9,9 +9,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hfx_blender.engine.body.model import SkinWeights, load_avatar
+from hfx_blender.engine.body.model import SkinWeights, load_avatar, load_model
+from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.body.rigs.mapping import BoneMapping, RigBone
+from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting.skin_parts import joined, ranked, skin_of
+from hfx_blender.engine.retargeting.surface import vertex_normals
 from hfx_blender.engine.retargeting.target import TargetAvatar
 
 BONES = ("root", "spine01", "head", "wrist.L", "wrist.R")
@@ -98,27 +101,66 @@ def canonical_mesh() -> tuple[TargetAvatar, BoneMapping]:
     return target, BoneMapping("plain", own, {}, ())
 
 
-def test_a_layer_over_the_skin_is_not_the_skin_whatever_the_order_and_the_unit() -> None:
+def _part(target: TargetAvatar, wanted: np.ndarray, out_m: float = 0.0) -> TargetAvatar:
+    """Triangles of which all corners are wanted, moved outwards."""
+    normals = vertex_normals(target.vertices, target.triangles)
+    kept = wanted[target.triangles].all(axis=1)
+    return replace(
+        target,
+        vertices=target.vertices + out_m * normals,
+        triangles=target.triangles[kept],
+    )
+
+
+def test_what_is_seen_is_taken_whatever_the_order_and_the_unit() -> None:
     target, mapping = canonical_mesh()
-    centre = target.vertices.mean(axis=0)
-    suit = replace(target, vertices=centre + 1.05 * (target.vertices - centre))
-    nothing = replace(target, triangles=np.zeros((0, 3), np.int64))
-    for scale in (1.0, 100.0):
+    parts = load_avatar().part
+    height = target.vertices[:, 2]
+    is_of = {name: parts == PARTS.index(name) for name in PARTS}
+    legs = is_of["upper_leg"] | is_of["lower_leg"]
+    meshes = {
+        "body": _part(target, height > 0.06),  # ankle stubs
+        "shoes": _part(target, height < 0.14, 0.008),
+        "trousers": _part(target, legs & (height < 0.8), 0.015),
+        "hair": _part(target, is_of["head"] & (target.vertices[:, 1] > -0.02), 0.02),
+        "underwear": _part(target, is_of["torso"] & (height > 1.2), -0.01),
+        "nothing": replace(target, triangles=np.zeros((0, 3), np.int64)),
+    }
+    for scale, order in ((1.0, 1), (100.0, -1)):
+        names = list(meshes)[::order]
         scaled = [
             replace(
-                mesh,
-                vertices=scale * mesh.vertices,
+                meshes[name],
+                vertices=scale * target.vertices
+                + scale * (meshes[name].vertices - target.vertices),
                 bones=tuple(
                     replace(
                         bone,
                         head=tuple(scale * np.array(bone.head)),
                         tail=tuple(scale * np.array(bone.tail)),
                     )
-                    for bone in mesh.bones
+                    for bone in target.bones
                 ),
             )
-            for mesh in (suit, nothing, target)
+            for name in names
         ]
-        assert skin_of(load_avatar(), scaled, mapping) == [2]
-        assert skin_of(load_avatar(), scaled[::-1], mapping) == [0]
-        assert ranked(load_avatar(), scaled, mapping) == [2, 0, 1]
+        seen = {names[k] for k in skin_of(load_avatar(), scaled, mapping)}
+        assert seen == {"body", "shoes", "trousers"}
+        assert names[ranked(load_avatar(), scaled, mapping)[0]] == "body"
+        skin = {names[k] for k in skin_of(load_avatar(), scaled, mapping, "skin")}
+        assert skin == {"body", "shoes", "underwear"}  # no foot is under the shoes
+
+
+def test_the_layer_that_is_felt_is_chosen() -> None:
+    target, mapping = canonical_mesh()
+    parts = load_avatar().part
+    shins = parts == PARTS.index("lower_leg")
+    both = joined([target, _part(target, shins, 0.015)])
+    model = load_model("hfx-pressure-1")
+    mine = model.part == PARTS.index("lower_leg")
+    inner = len(target.vertices)
+    for layer, share in (("visible", 1.0), ("skin", 0.0)):
+        warped = retarget.warp(load_avatar(), both, mapping, layer)  # type: ignore[arg-type]
+        fitted, _ = retarget.fit(model, replace(warped, same=None))
+        on_cloth = (fitted.anchors.corners[mine] >= inner).all(axis=1)
+        assert abs(on_cloth.mean() - share) < 0.15, layer

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Layers of an avatar's surface: skin, and clothes over it.
+
+A layer is a connected piece of the surface, in whatever mesh it is. Where one lies over another,
+the outer one is seen and felt, or the inner one if the skin is asked for. Hair and hats are never
+felt where there is a head under them.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import F64, I64
+from .joints import dominant
+from .regions import REGIONS, above
+from .surface import TargetSurface
+from .target import areas_of, connected_pieces, weld
+
+Layer = Literal["visible", "skin"]
+
+_DEPTHS_M: Final = (0.003, 0.01, 0.02, 0.032)
+"""Heights over a place at which another layer is looked for (of a body 1.8 m tall)."""
+
+_DEEPEST_M: Final = 0.04
+"""Farthest that clothes lie over the skin that they hide; a cape or a wide skirt hides none."""
+
+_ASIDE_M: Final = 0.014
+"""Distance beside the way outwards at which another layer is found: half a cut triangle."""
+
+_ALIKE: Final = 0.3
+"""Least cosine between the normals of two layers of the same skin."""
+
+_LARGE: Final = 0.004
+"""Share of the surface from which a piece hides what lies under it: no button, no eyelash."""
+
+_HEAD: Final = REGIONS.index("head")
+
+
+def left_out(
+    surface: TargetSurface, layer: Layer, body: F64, normals: F64, shares: F64
+) -> npt.NDArray[np.bool_]:
+    """Cut triangles of a surface that are not felt, (N,).
+
+    Parameters
+    ----------
+    body, normals : (V, 3) float64
+        The canonical avatar in the target's pose.
+    shares : (V, R) float64
+        Its regions.
+    """
+    pieces = connected_pieces(weld(surface.points)[surface.triangles])
+    areas = np.bincount(pieces, areas_of(surface.points, surface.triangles))
+    out = np.zeros(len(surface.parent), bool)
+    if np.count_nonzero(areas >= _LARGE * areas.sum()) < 2:
+        return out
+    piece, region = pieces[surface.parent], surface.region[surface.parent]
+    is_large = areas[piece] >= _LARGE * areas.sum()
+    inner, outer = _pairs(surface, np.flatnonzero(is_large | (region == _HEAD)), piece, region)
+    on_head = region[inner] == _HEAD
+    out[(inner if layer == "visible" else outer)[~on_head]] = True
+    head = _head_piece(surface, pieces, body, normals, shares)
+    inside = on_head & (piece[outer] == head)  # teeth, eyeballs
+    out[inner[inside]] = True
+    out[outer[on_head & ~inside]] = True
+    return out
+
+
+def _pairs(surface: TargetSurface, asked: I64, piece: I64, region: I64) -> tuple[I64, I64]:
+    """Cut triangles of which the second lies over the first."""
+    from scipy.spatial import cKDTree
+
+    centres, normals = surface.centres[asked], surface.flat_normals[surface.parent[asked]]
+    tree = cKDTree(centres)
+    inner, outer = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for depth_m in _DEPTHS_M:
+        _, near = tree.query(
+            centres + depth_m * normals, k=6, distance_upper_bound=_ASIDE_M + 0.3 * depth_m
+        )
+        row, column = np.nonzero(near < len(asked))
+        other = near[row, column]
+        way = centres[other] - centres[row]
+        height = np.einsum("ni,ni->n", way, normals[row])
+        aside = np.linalg.norm(way - height[:, None] * normals[row], axis=1)
+        is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
+        is_over &= np.einsum("ni,ni->n", normals[row], normals[other]) > _ALIKE
+        is_over &= piece[asked[row]] != piece[asked[other]]
+        is_over &= _NEIGHBOURS[region[asked[row]], region[asked[other]]]
+        inner.append(asked[row[is_over]])
+        outer.append(asked[other[is_over]])
+    return np.concatenate(inner), np.concatenate(outer)
+
+
+def _head_piece(surface: TargetSurface, pieces: I64, body: F64, normals: F64, shares: F64) -> int:
+    """Connected piece that is the face: nearest to most of its front."""
+    head = np.flatnonzero(dominant(shares) == _HEAD)
+    face = head[normals[head, 1] < -_ALIKE]  # normalised bodies face -Y
+    places = surface.nearest(body[face], normals[face], shares[face], 2.0 * _DEEPEST_M)
+    found = pieces[places.triangle[places.found]]
+    return int(np.bincount(found).argmax()) if len(found) else -1
+
+
+def _neighbours() -> npt.NDArray[np.bool_]:
+    """Table (R + 1, R + 1) of the regions that are the same or follow on each other."""
+    found = np.zeros((len(REGIONS) + 1, len(REGIONS) + 1), bool)  # the last row: no region
+    for number, region in enumerate(REGIONS):
+        upper = REGIONS.index(above(region))
+        found[number, number] = found[number, upper] = found[upper, number] = True
+    return found
+
+
+_NEIGHBOURS: Final = _neighbours()
