@@ -46,14 +46,19 @@ enum hfx_error {
 
 enum hfx_modality { HFX_VIBRATION, HFX_PRESSURE, HFX_TEMPERATURE, HFX_WIND };
 
+enum hfx_section {
+  HFX_TEXT, HFX_TIME, HFX_DEVC, HFX_ACTR, HFX_COLM, HFX_ROWS, HFX_VALU, HFX_CLIP, HFX_BODY,
+  HFX_BONE, HFX_MODL, HFX_VERT, HFX_WGHT, HFX_EFCT, HFX_FLTR, HFX_PNTD, HFX_REAC, HFX_RCHV,
+  HFX_SECTIONS
+};
+
 typedef struct hfx_part { /* the records of one section */
   const unsigned char *at;
   uint32_t count;
 } hfx_part;
 
 typedef struct hfx_clip {
-  hfx_part text, time, devices, actuators, columns, rows, values, clips, bodies, bones, models,
-      vertices, weights, effects, filters, painted, reactions, reached;
+  hfx_part parts[HFX_SECTIONS];
   double rate_hz;
   uint32_t row_count;
 } hfx_clip;
@@ -130,7 +135,7 @@ typedef struct hfx_player {
 
 /* Begins at the beginning. Sets everything anew: gain, parameters and loop are given afterwards. */
 HFX_API void hfx_player_play(hfx_player *player, const hfx_clip *clip);
-/* The same for a named clip, which loops if it is meant to; 0 or HFX_ERROR_NAME. */
+/* The same for a named clip, which loops if it is meant to; 0, or HFX_ERROR_NAME and silence. */
 HFX_API int hfx_player_play_named(hfx_player *player, const hfx_clip *clip, const char *name);
 /* Goes on by the seconds since the last call. `out` gets hfx_clip_columns values in the units of
  * the columns: of each actuator the strongest of all rows since then. */
@@ -187,5 +192,8 @@ HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 #ifdef __cplusplus
 }
 #endif
+
+#include "hfx_clip.h"
+#include "hfx_play.h"
 
 #endif
