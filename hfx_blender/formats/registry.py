@@ -398,6 +398,19 @@ def _why_nothing(chosen: DeviceFormat, device: DeviceConfig) -> str:
     return chosen.why_nothing(device)
 
 
+def why_nothing(name: str, devices: Sequence[DeviceConfig]) -> str:
+    """Reason why a format can hold nothing of any of these devices; empty: it can."""
+    chosen = DEVICE_FORMATS.get(name)
+    if chosen is None:
+        return ""
+    if not devices:
+        return "Formats of devices need a device"
+    if not any(set(chosen.modalities) & set(device.modalities) for device in devices):
+        return f"No device has {' or '.join(chosen.modalities)} actuators"
+    reasons = [_why_nothing(chosen, device) for device in devices]
+    return "" if "" in reasons else f"{chosen.title}: {reasons[0]}"
+
+
 def write_all(
     formats: Sequence[str],
     played: Sequence[tuple[str, DeviceConfig, Raster]],
