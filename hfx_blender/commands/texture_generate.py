@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from .. import __version__
 from ..console import Console
 from ..errors import UsageError
+from . import texture_folder, texture_source
 
 if TYPE_CHECKING:
     from ..formats.written import Written
@@ -25,8 +26,8 @@ surface, and a record of the making (NAME.generated.json).
 
   library   searches the library's materials and steers the nearest one by kind, size, depth, wear,
             weave, direction and colour; it does not paint. Offline, at once. The default.
-  folder    takes each picture that comes into a folder from any other generator (--watch), with
-            the words that AUTOMATIC1111 or ComfyUI wrote into it.
+  folder    takes each picture that comes into a folder from any other generator (--watch), or one
+            (--picture), with the words that AUTOMATIC1111 or ComfyUI wrote into it.
 """
 
 
@@ -52,18 +53,39 @@ def add_parser(actions: Any) -> None:
     parser.add_argument(
         "--steps", action="store_true", help="round to noticeable steps of 0.2 g and 40 Hz"
     )
+    pictures = parser.add_argument_group("pictures of other generators")
+    pictures.add_argument("--watch", type=Path, metavar="DIR", help="until Ctrl-C")
+    pictures.add_argument("--once", action="store_true", help="end when all there are is made")
+    pictures.add_argument("--picture", type=Path, metavar="FILE", help="only this one")
+    pictures.add_argument(
+        "--from", dest="way", choices=("relief", "sobel"), help="way of conversion (the best)"
+    )
+    pictures.add_argument(
+        "--size",
+        type=texture_source.pair,
+        metavar="MM,MM",
+        help="width and height of what a picture shows (default: 100 mm along the longer edge)",
+    )
+    pictures.add_argument(
+        "--height", type=float, default=0.2, metavar="MM", help="of white over black (0.2)"
+    )
+    pictures.add_argument("--tiles", action="store_true", help="opposite edges match")
     parser.add_argument("--no-blend", action="store_true", help="write no .blend")
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace, console: Console) -> int:
-    if not 0 <= options.seed <= 2**32 - 1:
-        raise UsageError(f"--seed {options.seed}: expected 0 to {2**32 - 1}")
     if not 1 <= options.variations <= _MOST_VARIATIONS:
         raise UsageError(f"--variations {options.variations}: expected 1 to {_MOST_VARIATIONS}")
-    if not 16 <= options.resolution <= 4096:
+    if options.resolution < 16:
         raise UsageError(f"--resolution {options.resolution}: expected 16 to 4096")
+    texture_source.check_numbers(options)
+    has_pictures = options.watch is not None or options.picture is not None
+    if (options.back_end == "folder") != has_pictures:
+        raise UsageError("--back-end folder takes --watch DIR or --picture FILE, and only it does")
+    if has_pictures:
+        return texture_folder.run(options, console, keep)
     return _library(options, console)
 
 
@@ -79,7 +101,7 @@ def _library(options: argparse.Namespace, console: Console) -> int:
             negative=options.negative,
             seed=seed,
             texels=options.resolution,
-            steps=_steps(options),
+            steps=texture_folder.steps_of(options),
         )
 
     return _make_all(make, options, console)
@@ -128,9 +150,3 @@ def _blend(written: Written, options: argparse.Namespace) -> tuple[Path, ...]:
     from ..authoring import generated_surfaces
 
     return (generated_surfaces.write_blend(written.files[-1]),)
-
-
-def _steps(options: argparse.Namespace) -> Any:
-    from ..engine.texture.device_range import NoticeableSteps
-
-    return NoticeableSteps() if options.steps else None

@@ -127,12 +127,12 @@ def decode(content: bytes, name: str) -> tuple[Grey, bool]:
 def texts(path: Path) -> dict[str, str]:
     """Texts of a picture by their keywords (PNG 11.3.4: tEXt, zTXt, iTXt); the first of each.
 
-    What is damaged or longer than 4 MB is passed over.
+    What is damaged or longer than 4 MB is passed over; a file that is no PNG has none.
 
     Raises
     ------
     InputError
-        The file cannot be read, or is no PNG.
+        The file cannot be read.
     """
     try:
         content = path.read_bytes()
@@ -141,7 +141,7 @@ def texts(path: Path) -> dict[str, str]:
         raise InputError(f"{path}: cannot be read ({told}).") from error
     found: dict[str, str] = {}
     if not content.startswith(_SIGNATURE):
-        raise InputError(f"{path}: is not a PNG picture.")
+        return found
     with suppress(ValueError):  # of a picture that ends too early; its pixels tell that
         for name, data in _chunks(content):
             with suppress(ValueError, IndexError, zlib.error):

@@ -80,11 +80,11 @@ class GeneratedFiles:
         return self.path.with_name(f"{self.name}.colour.png")
 
 
-def name_of(words: str, seed: int) -> str:
-    """File name of a wish: its words and its seed, in letters that every system allows."""
+def name_of(words: str, mark: str) -> str:
+    """File name of a wish or a picture: its words and a mark, in letters that any system allows."""
     parts = [each for each in tokens(words) if each.isalnum()]
     name = "-".join(parts)[:_LONGEST_NAME].strip("-") or "texture"
-    return f"{name}-{seed}"
+    return f"{name}-{mark}"
 
 
 def write(made: Generated, folder: Path, version: str) -> Written:

@@ -67,7 +67,7 @@ def generate(
         "versions": {},
     }
     return Generated(
-        name_of(words, seed),
+        name_of(words, str(seed)),
         picture,
         field,
         roughness,
