@@ -33,10 +33,15 @@ def apply(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj, "GENERATED")
     obj.hfx.surface.use_steps = made.map.steps is not None
-    surfaces.take_relief(obj, surface_sources.Relief(made.height, made.roughness, made.notes))
+    surfaces.take_relief(obj, _relief(made))
     material = _material(made, obj)
     obj.active_material = material  # in the active slot; without one, a new slot
     return material
+
+
+def _relief(made: GeneratedFiles) -> surface_sources.Relief:
+    more = {} if made.slope is None else {"slope": made.slope}
+    return surface_sources.Relief(made.height, made.roughness, notes=made.notes, **more)
 
 
 def _material(made: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Material:

@@ -55,20 +55,20 @@ def brightness_of(image: bpy.types.Image) -> F64:
     return luminance(pixels) if image.is_float else height_from_colour(pixels)
 
 
-def srgb_of(image: bpy.types.Image) -> F64:
-    """Colours (H, W, 3) of an image as sRGB 0..1, bottom row first.
+def colours_of(image: bpy.types.Image) -> F64:
+    """Colours (H, W, 3) of an image as sRGB codes 0..1, bottom row first.
 
     Raises
     ------
     InputError
-        It has no pixels, or too many, or some are no numbers.
+        It has no pixels, too many, or some that are no numbers.
     """
     pixels = pixels_of(image)
-    colours = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
-    if not np.isfinite(colours).all():
-        raise InputError(f"Image '{image.name}' has pixels that are not numbers.")
-    # Blender keeps the codes of 8-bit images, and converts all others to linear light.
-    return linear_to_srgb(colours) if image.is_float else np.asarray(colours, np.float64)
+    pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    if not np.isfinite(pixels).all():
+        raise InputError(f"Image '{image.name}' has colours that are no finite numbers.")
+    # As in brightness_of: only 8-bit images are held as codes.
+    return np.clip(linear_to_srgb(pixels) if image.is_float else pixels, 0.0, 1.0).astype(float)
 
 
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:

@@ -86,7 +86,7 @@ def _pixels(path: Path) -> F64:
 
     image = image_values.load(os.path.abspath(path))
     try:
-        return image_values.srgb_of(image)
+        return image_values.colours_of(image)
     finally:
         bpy.data.images.remove(image)
 

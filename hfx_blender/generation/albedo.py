@@ -67,7 +67,7 @@ def albedo(
     shade = shade * np.exp(look.patches * patches + look.speckle * speckle) * light
     tinted = 1.0 + look.tint * warmth[..., None] * np.array(_WARM)
     linear = srgb_to_linear(np.array(srgb)) * shade[..., None] * tinted
-    return np.rint(255.0 * linear_to_srgb(linear)).astype(np.uint8)
+    return np.rint(255.0 * linear_to_srgb(np.clip(linear, 0.0, 1.0))).astype(np.uint8)
 
 
 def _share(heights: F64) -> F64:

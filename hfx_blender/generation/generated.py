@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from .. import staging
+from .. import file_suffixes, staging
 from ..devices.strict_json import Node
 from ..devices.strict_json import read as read_json
-from ..engine.arrays import F64, U8
+from ..engine.arrays import F32, F64, U8
 from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField, from_image
 from ..errors import InputError
@@ -22,7 +22,7 @@ from ..formats import png, texture_map
 from ..formats.written import Written, write_json
 from .word_forms import tokens
 
-RECORD: Final = ".generated.json"
+RECORD: Final = file_suffixes.GENERATED
 FORMAT: Final = "hfx-generated-texture"
 VERSION: Final = 1
 _LONGEST_NAME: Final = 48
@@ -59,6 +59,7 @@ class Generated:
     record: Mapping[str, Any]
     is_metal: bool = False
     notes: tuple[str, ...] = ()
+    slope: F32 | None = None  # estimated by itself, on the heights' grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,8 @@ class GeneratedFiles:
     map: HapticMap
     is_metal: bool
     words: str
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    slope: F32 | None = None
 
     @property
     def colour_path(self) -> Path:
@@ -107,6 +109,9 @@ def write(made: Generated, folder: Path, version: str) -> Written:
             "height": _codes(share),
             "roughness": _codes(np.clip(made.roughness, 0.0, 1.0)),
         }
+        full_slope = 0.0 if made.slope is None else max(float(made.slope.max()), 1e-9)
+        if made.slope is not None:
+            pictures["slope"] = _codes(made.slope / full_slope)
         paths = [stem.with_name(f"{stem.name}.{part}.png") for part in pictures]
         for path, values in zip(paths, pictures.values(), strict=True):
             png.write(values, path)
@@ -120,6 +125,7 @@ def write(made: Generated, folder: Path, version: str) -> Written:
             **made.record,
             "size_mm": [1e3 * length for length in made.height.size_m],
             "height_mm": 1e3 * (high - low),
+            "full_slope": full_slope or None,
             "tiles": made.height.tiles,
             "is_metal": made.is_metal,
             "notes": list(made.notes),
@@ -155,6 +161,11 @@ def read(path: Path) -> GeneratedFiles:
         _share(path.with_name(f"{name}.{part}.png")) for part in ("height", "roughness")
     )
     tiles = entries["tiles"].boolean()
+    slope = None
+    if "full_slope" in entries and entries["full_slope"].value is not None:
+        _check(path, f"{name}.slope.png", files)
+        full = entries["full_slope"].number(0.0, 1e6)
+        slope = (full * _share(path.with_name(f"{name}.slope.png"))).astype(np.float32)
     notes = entries["notes"].items(least=0, most=1000) if "notes" in entries else []
     return GeneratedFiles(
         path,
@@ -165,6 +176,7 @@ def read(path: Path) -> GeneratedFiles:
         "is_metal" in entries and entries["is_metal"].boolean(),
         str(entries["words"].value) if "words" in entries else "",
         tuple(str(each.value) for each in notes),
+        slope,
     )
 
 

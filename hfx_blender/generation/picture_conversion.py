@@ -6,15 +6,16 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.arrays import F64
+from ..engine.arrays import F32, F64
+from ..engine.texture.haptic_map import HapticMap
 from ..engine.texture.height_field import HeightField, from_image
 from ..engine.texture.linear_light import height_from_colour
-from ..engine.texture.mcha import MapSettings
+from ..engine.texture.mcha import MapSettings, make_map
 
 Way = Literal["relief", "sobel"]
 
@@ -35,6 +36,14 @@ class PictureSurface:
     roughness: F64
     way: Way
     note: str
+    slope: F32 | None = None  # estimated by itself, on the heights' grid
+
+    def map(self, settings: MapSettings) -> HapticMap:
+        """Haptic map; an estimated slope takes the place of the heights' own."""
+        make: Any = make_map
+        more = {} if self.slope is None else {"slope": self.slope}
+        made: HapticMap = make(self.field, self.roughness, settings, **more)
+        return made
 
 
 def ways() -> tuple[Way, ...]:
@@ -70,8 +79,8 @@ def surface_of(
     chosen = way or ways()[0]
     if chosen == "relief":
         made = importlib.import_module(_ESTIMATE).estimate(srgb, size_m, tiles=tiles)
-        field, roughness = made.field, np.asarray(made.roughness, np.float64)
-    else:
-        field = from_image(height_from_colour(srgb), depth_m, size_m, tiles=tiles)
-        roughness = np.full(field.heights_m.shape, MapSettings().default_roughness)
+        roughness = np.asarray(made.roughness, np.float64)
+        return PictureSurface(made.field, roughness, chosen, _TOLD[chosen], made.slope)
+    field = from_image(height_from_colour(srgb), depth_m, size_m, tiles=tiles)
+    roughness = np.full(field.heights_m.shape, MapSettings().default_roughness)
     return PictureSurface(field, roughness, chosen, _TOLD[chosen])

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..engine.arrays import F64
 from ..engine.texture.device_range import NoticeableSteps
-from ..engine.texture.mcha import MapSettings, make_map
+from ..engine.texture.mcha import MapSettings
 from ..errors import InputError
 from ..file_hash import sha256_of
 from ..formats import png
@@ -141,7 +141,8 @@ def generate(
         np.rint(255.0 * np.clip(srgb, 0.0, 1.0)).astype(np.uint8),
         made.field,
         made.roughness,
-        make_map(made.field, made.roughness, MapSettings(steps=steps)),
+        made.map(MapSettings(steps=steps)),
         record,
+        slope=made.slope,
         notes=tuple(notes),
     )

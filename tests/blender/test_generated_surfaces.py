@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,10 @@ import pytest
 
 from hfx_blender.authoring import generated_surfaces, surfaces
 from hfx_blender.cli import run
+from hfx_blender.formats import png
 from hfx_blender.generation import generated, library_search
+from hfx_blender.generation.child import GenerationChild
+from hfx_blender.operators import generation
 
 
 @pytest.fixture
@@ -71,3 +75,59 @@ def test_a_blend_and_pictures_come_from_words(
     assert red > 3.0 * max(green, blue)
     assert run(["texture", "generate", "qwertyx", "-o", str(out)]) == 3
     assert run(["texture", "generate", "", "-o", str(out)]) == 2
+
+
+@pytest.fixture
+def wanted(registered: Any, scene: Any) -> Iterator[Any]:
+    """Settings of the panel, small ones; as they were afterwards."""
+    settings = registered.context.window_manager.hfx_generation
+    settings.words, settings.variations, settings.resolution = "oak", 2, 64
+    yield settings
+    for name in ("words", "variations", "resolution", "source", "picture"):
+        settings.property_unset(name)
+    generation.results.clear()
+
+
+def test_words_and_pictures_become_the_active_objects_material(
+    registered: Any, wanted: Any, tmp_path: Path
+) -> None:
+    bpy = registered
+    obj = plane(bpy, 0.1)
+    assert bpy.ops.hfx.generate_surface() == {"FINISHED"}
+    first = obj.active_material
+    assert obj.hfx.surface.source == "GENERATED" and "Oak" in obj.hfx.surface.note
+    assert '"words":"oak"' in first["hfx_generated"]
+    assert len(generation.results) == 2 and generation.running is None
+    relief = surfaces.field_of(obj).heights_m
+    assert bpy.ops.hfx.use_generated(number=1) == {"FINISHED"}
+    assert obj.active_material != first
+    assert not np.array_equal(surfaces.field_of(obj).heights_m, relief)
+
+    wanted.source, wanted.picture = "PICTURE", str(tmp_path / "p.png")
+    codes = np.rint(np.tile(np.linspace(0, 255, 32), (32, 1))).astype(np.uint8)
+    png.write(np.repeat(codes[:, :, None], 3, axis=2), tmp_path / "p.png")
+    assert bpy.ops.hfx.generate_surface() == {"FINISHED"}
+    field = surfaces.field_of(obj)
+    assert field.size_m == pytest.approx((0.1, 0.1))
+    # Brightness rises along x; whichever way of conversion there is, the rise is along x, too.
+    assert np.ptp(field.heights_m.mean(axis=0)) > 2.0 * np.ptp(field.heights_m.mean(axis=1))
+
+
+def test_a_wish_that_cannot_be_met_changes_nothing(registered: Any, wanted: Any) -> None:
+    obj = plane(registered, 0.1)
+    for words in ("qwertyx", " "):
+        wanted.words = words
+        with pytest.raises(RuntimeError, match=r"names a material|Say in words"):
+            registered.ops.hfx.generate_surface()
+    assert obj.active_material is None and not surfaces.is_surface(obj)
+    assert generation.running is None and not generation.results
+
+
+def test_generation_is_cancelled_at_once(tmp_path: Path) -> None:
+    job = {"back_end": "library", "words": "gravel", "negative": "", "seed": 0, "texels": 4096}
+    child = GenerationChild(
+        {**job, "variations": 8, "use_steps": False, "folder": str(tmp_path), "version": "1"}
+    )
+    assert child.is_running
+    child.cancel()
+    assert not child.records and not list(tmp_path.iterdir())
