@@ -17,7 +17,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import surface_properties
+from . import generation_properties, surface_properties
 from .engine.modality import MODALITIES
 from .response_properties import HfxResponseFilter
 
@@ -543,6 +543,7 @@ _classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 def register() -> None:
     surface_properties.register()
+    generation_properties.register()
     _classes()
     bpy.types.Object.hfx = PointerProperty(
         type=HfxObjectProperties, override={"LIBRARY_OVERRIDABLE"}
@@ -554,4 +555,5 @@ def unregister() -> None:
     del bpy.types.Scene.hfx
     del bpy.types.Object.hfx
     _unregister_classes()
+    generation_properties.unregister()
     surface_properties.unregister()

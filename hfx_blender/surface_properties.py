@@ -24,6 +24,7 @@ SOURCES = (
     ("SCAN", "Scan", "A point cloud (PLY, XYZ) or a 16-bit picture of a measured piece"),
     ("PROCEDURAL", "Library", "Procedural gravel, metal, fabric or wood"),
     ("MAP", "Map", "Layers of an imported haptic map, unchanged"),
+    ("GENERATED", "Generated", "Relief made from words or a picture, at its own size"),
 )
 RENDERERS = (
     (

@@ -35,7 +35,11 @@ _RELIEF_SETTINGS = {
     "SCAN": ("scan_path", "scan_unit_mm", "scan_size_mm", "height_mm", "resolution"),
     "PROCEDURAL": ("procedural", "seed", "resolution"),
     "MAP": (),
+    "GENERATED": (),
 }
+_KEPT: Final = ("MAP", "GENERATED")
+"""Sources whose images are the surface itself: no setting makes them again."""
+
 _ROUNDING: Final = 1e-3
 """How far a value of an imported map may be beyond 0 to 1, as pictures are converted."""
 
@@ -130,7 +134,7 @@ def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
     if obj.mode == "EDIT":  # its mesh cannot be read there
         raise InputError(f"'{obj.name}' is in Edit Mode: leave that first.")
     try:
-        if settings.source != "MAP" and (anew or settings.made_of != _relief_key(obj)):
+        if settings.source not in _KEPT and (anew or settings.made_of != _relief_key(obj)):
             begin = time.monotonic()
             _keep_relief(obj, surface_sources.relief_of(obj))
             settings.is_outdated = False
@@ -363,6 +367,21 @@ def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:
     settings.layers_of = ""
     _keep_layers(obj)
     settings.note, settings.is_faulty = note, False
+
+
+def take_relief(obj: bpy.types.Object, relief: Relief) -> None:
+    """Store a generated relief as the object's surface, and make its map.
+
+    Raises
+    ------
+    InputError
+        The map cannot be made.
+    """
+    settings = obj.hfx.surface
+    settings.source = "GENERATED"
+    _keep_relief(obj, relief)
+    _keep_layers(obj)
+    settings.is_faulty, settings.is_outdated = False, False
 
 
 def _relief_key(obj: bpy.types.Object) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from .. import file_limits
 from ..console import Console
 from ..errors import InputError, UsageError
-from . import left_out, texture_source
+from . import left_out, texture_generate, texture_source
 
 _RENDERERS = ("mcha", "textile", "direct")
 _FAINT = 0.01  # of full strength
@@ -81,6 +81,7 @@ def add_parser(commands: Any) -> None:
     ):
         sub.add_argument("--json", action="store_true", help="the result as JSON")
         sub.set_defaults(run=function)
+    texture_generate.add_parser(actions)
     board = left_out.module("texture_board")
     if board is not None:
         board.add_parser(actions)

@@ -115,7 +115,7 @@ def read(options: argparse.Namespace) -> TextureSource:
     """
     from ..engine.texture.procedural import MATERIALS
 
-    _check_numbers(options)
+    check_numbers(options)
     name, path = options.source, Path(options.source)
     if name in MATERIALS:
         field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
@@ -132,7 +132,7 @@ def read(options: argparse.Namespace) -> TextureSource:
     return _file(path, options)
 
 
-def _check_numbers(options: argparse.Namespace) -> None:
+def check_numbers(options: argparse.Namespace) -> None:
     """Refuse numbers that no surface has, before anything is made of them.
 
     Raises

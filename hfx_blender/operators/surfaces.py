@@ -42,7 +42,7 @@ class HFX_OT_add_surface(HfxOperator):
     bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
 
-    source: EnumProperty(name="Source", description="Source of the relief", items=SOURCES[:-1])
+    source: EnumProperty(name="Source", description="Source of the relief", items=SOURCES[:-2])
     procedural: StringProperty(
         name="Library Material",
         description="Material, for the source Library",

@@ -15,6 +15,7 @@ _SOURCE_FIELDS = {
     "SCAN": ("scan_path", "scan_unit_mm", "resolution"),
     "PROCEDURAL": ("procedural", "seed", "resolution"),
     "MAP": (),
+    "GENERATED": (),
 }
 _LAYERS = (
     ("relief_image", "Relief"),
