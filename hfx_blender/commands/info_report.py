@@ -14,11 +14,6 @@ _MOST_BYTES: Final = 64 << 20
 _LISTS: Final = ("files", "felt", "unrendered", "warnings", "notes")
 
 
-def is_report(path: Path) -> bool:
-    """Test a file's name for that of an export's report."""
-    return path.name.endswith(SUFFIX)
-
-
 def facts_of_report(path: Path) -> dict[str, Any]:
     """Content of a report, and whether the files that it names are still beside it.
 
