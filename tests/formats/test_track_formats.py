@@ -336,6 +336,18 @@ def test_a_buffer_is_whole_and_beside_its_file(tmp_path, uri, code):
     assert [each.code for each in findings] == [code]
 
 
+@pytest.mark.parametrize("is_compact", [False, True])
+@pytest.mark.parametrize(("key", "broken"), [("effects", [{}]), ("bodies", [7]), ("models", 1)])
+def test_lines_below_a_damaged_header_are_not_looked_at(tmp_path, is_compact, key, broken):
+    path = tmp_path / "x.samples.jsonl"
+    with track_of(tmp_path, "vibration", "painted", BEAT) as track:
+        jsonl_samples.write(track, path, is_compact=is_compact)
+    header, *lines = path.read_bytes().splitlines(keepends=True)
+    damaged = encoded({**json.loads(header), key: broken})
+    findings = jsonl_samples.validate(b"".join([damaged, *lines]), "x")
+    assert findings and all(each.place.startswith("line 1") for each in findings)
+
+
 def glb_of(document, binary):
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
