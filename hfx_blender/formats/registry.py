@@ -413,7 +413,7 @@ def why_nothing(name: str, devices: Sequence[DeviceConfig]) -> str:
 
 def write_all(
     formats: Sequence[str],
-    played: Sequence[tuple[str, DeviceConfig, Raster]],
+    played: Sequence[tuple[Path, DeviceConfig, Raster]],
     track: TrackReader,
     devices: Sequence[DeviceConfig],
     stem: Path,
@@ -428,12 +428,12 @@ def write_all(
     ----------
     formats : sequence of str
         Of ``FORMATS``.
-    played : sequence of (str, DeviceConfig, Raster)
-        What each device plays, and what its files' names have after ``stem``.
+    played : sequence of (Path, DeviceConfig, Raster)
+        ``folder/stem`` of a device's files, and what it plays.
     track : TrackReader
     devices : sequence of DeviceConfig
     stem : Path
-        ``folder/stem`` of all files.
+        ``folder/stem`` of files that are of no device.
     tolerance : CurveTolerance
         See :func:`write`.
 
@@ -460,11 +460,10 @@ def write_all(
         if name not in DEVICE_FORMATS:
             continue  # the track and the scene are written by those that have them
         chosen = DEVICE_FORMATS[name]
-        for suffix, device, raster in played:
+        for path, device, raster in played:
             why = _why_nothing(chosen, device)
             if not why:
                 try:
-                    path = stem.with_name(stem.name + suffix)
                     written += write(name, raster, device, path, tolerance)
                 except InputError as error:
                     why = f"device '{device.id}': {str(error).removesuffix('.')}"
