@@ -14,10 +14,12 @@ def _modules() -> tuple[ModuleType, ...]:
         asset_library,
         blender_command,
         body_panel,
+        effect_list,
         effects_panel,
         live_panel,
         media_panel,
         menus,
+        next_step,
         paint_panel,
         panels,
         path_panel,
@@ -30,6 +32,7 @@ def _modules() -> tuple[ModuleType, ...]:
 
     return (
         menus,
+        effect_list,
         effects_panel,
         panels,
         path_panel,
@@ -38,6 +41,7 @@ def _modules() -> tuple[ModuleType, ...]:
         response_panel,
         paint_panel,
         body_panel,
+        next_step,
         volume_gizmo,
         spot_gizmo,
         values_panel,
