@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import surfaces
+from ..authoring import effects, surfaces
 from ..authoring.painting import PAINTED_EFFECT
 from ..operators.export import draw_devices, last_written
 from ..printable import printable
+from .effects_panel import draw_moving
 from .sidebar import HfxPanel
 
 _PARAMETERS = {
@@ -63,6 +64,8 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             self._draw_volume(layout, hfx)
         else:
             layout.prop(hfx, "body")
+            if effects.body_in(context.scene, obj) is None:
+                draw_moving(context, layout, "ACTIVE")
 
     @staticmethod
     def _draw_parameter(
