@@ -48,8 +48,9 @@ def main() -> int:
         (int(path), int(duration), single(float(frequency)), single(float(amplitude)))
         for path, duration, frequency, amplitude in CALL.findall(Path(sys.argv[2]).read_text())
     ]
-    wrong = sum(one != other for one, other in zip(plan, found)) + abs(len(plan) - len(found))
-    print(f"{len(plan)} calls planned, {len(found)} found, {wrong} different")
+    wrong = sum(one != other for one, other in zip(plan, found, strict=False))
+    wrong += abs(len(plan) - len(found))
+    sys.stdout.write(f"{len(plan)} calls planned, {len(found)} found, {wrong} different\n")
     return 1 if wrong or not plan else 0
 
 
