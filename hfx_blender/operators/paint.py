@@ -60,7 +60,7 @@ class HFX_OT_paint_end(HfxOperator):
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
         paint_view.show(context, hidden)
-        paint_view.leave(context)
+        paint_view.leave()
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"
 

@@ -58,7 +58,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
         HFX_OT_paint_status._is_running = False
-        paint_view.leave(context)
+        paint_view.leave()
         context.workspace.status_text_set(None)
         return {"FINISHED", "PASS_THROUGH"}
 

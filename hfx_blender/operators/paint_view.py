@@ -54,16 +54,19 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     area = framing.viewport(context)
     if area is None:
         return
-    overlay = area.spaces.active.overlay
+    space = area.spaces.active
+    overlay = space.overlay
+    if space.local_view is not None:
+        canvas.local_view_set(space, True)
     _before[area.as_pointer()] = framing.state(area), overlay.weight_paint_mode_opacity
     overlay.weight_paint_mode_opacity = _OPACITY
     framing.frame(context, [canvas])
 
 
-def leave(context: bpy.types.Context) -> None:
+def leave() -> None:
     """Restore the view before painting, however painting ended."""
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
+    for screen in bpy.data.screens:  # of other workspaces, too
+        for area in screen.areas:
             view = _before.pop(area.as_pointer(), None)
             if view is not None and area.type == "VIEW_3D":
                 framing.restore(area, view[0])

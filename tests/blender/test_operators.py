@@ -246,7 +246,7 @@ def test_muted_clips_mean_off(empty: Any) -> None:
 def test_a_heartbeat_beats_in_time_within_one_envelope(empty: Any) -> None:
     effect = volume()
     bpy.ops.hfx.add_heartbeat(
-        start=60.0, duration=2.0, beats_per_second=2.0, fade_in=0.5, fade_out=0.5
+        start=60.0, duration=2.0, beats_per_minute=120.0, fade_in=0.5, fade_out=0.5
     )
     # Four beats of 30 frames from frame 60 on; in each, pulses of 1 at 0.08 and 0.6 at 0.38 of
     # the beat, nothing from half of it on. The fades are 30 frames at both ends of the whole.
@@ -290,9 +290,9 @@ def test_a_clip_that_cannot_be_is_refused(
 def test_more_beats_than_blender_repeats_are_refused(empty: Any) -> None:
     effect = volume()
     with pytest.raises(RuntimeError, match=r"'Ball'.*1200 repetitions"):
-        bpy.ops.hfx.add_heartbeat(start=0.0, duration=60.0, beats_per_second=20.0)
+        bpy.ops.hfx.add_heartbeat(start=0.0, duration=60.0, beats_per_minute=1200.0)
     assert clips.strips_of(effect) == []
-    bpy.ops.hfx.add_heartbeat(start=0.0, duration=50.0, beats_per_second=20.0)
+    bpy.ops.hfx.add_heartbeat(start=0.0, duration=50.0, beats_per_minute=1200.0)
     [(_, strip)] = clips.strips_of(effect)
     assert (strip.repeat, strip.scale) == pytest.approx((1000.0, 1.0))
 
