@@ -194,15 +194,19 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
     Parameters
     ----------
     parts : iterable of str
-        Names of ``engine.body.parts.PARTS``; empty: the whole body.
+        Ids of ``engine.body.regions.REGIONS``; empty: the whole body.
     side : "left", "right" or "both"
     """
     import numpy as np
 
     from ..engine.body.model import load_model
+    from ..engine.body.regions import region_weights
 
     model = load_model(effects.model_id_for(effect.hfx.modality))
-    return set_weights(effect, np.where(part_flags(model, parts, side), 1.0, weights_of(effect)))
+    found = [region_weights(model, part, side) for part in parts]
+    if not found:
+        found = [part_flags(model, (), side).astype(np.float64)]
+    return set_weights(effect, np.maximum.reduce([weights_of(effect), *found]))
 
 
 def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:

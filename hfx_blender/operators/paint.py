@@ -9,8 +9,8 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from .. import compat
-from ..authoring import effects, painting
-from ..engine.body.parts import PARTS
+from ..authoring import effects, painting, saved_areas
+from ..engine.body.region_names import REGIONS
 from ..errors import InputError
 from . import paint_view
 from .shared import HfxOperator, painted_effect, select_only
@@ -65,6 +65,28 @@ class HFX_OT_paint_end(HfxOperator):
         return f"'{effect.name}' covers {count} vertices"
 
 
+_SAVED = "saved:"  # begins an item of the list of parts
+_items: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
+
+
+def _parts(_self: object, _context: object) -> list[tuple[str, str, str]]:
+    """Body parts in columns by groups, and the user's own areas."""
+    found = [("all", "Whole Body", "All of the skin")]
+    for group in dict.fromkeys(region.group for region in REGIONS):
+        found.append(("", group, ""))
+        found += [
+            (region.id, region.label, f"All of it: {region.label.lower()}")
+            for region in REGIONS
+            if region.group == group
+        ]
+    names = saved_areas.names()
+    if names:
+        found.append(("", "My Areas", ""))
+        found += [(_SAVED + name, name, "Saved by you") for name in names]
+    _items[:] = found
+    return _items
+
+
 class HFX_OT_fill_part(_PaintedOperator):
     """Paint a whole body part at full strength"""
 
@@ -73,13 +95,8 @@ class HFX_OT_fill_part(_PaintedOperator):
 
     part: EnumProperty(
         name="Part",
-        description="Body part to fill; added to the painted area",
-        items=[("all", "Whole Body", "All of the skin")]
-        + [
-            (part, label, f"All of the {label.lower()}")
-            for part in PARTS
-            for label in [part.replace("_", " ").title()]
-        ],
+        description="Body part, or saved area, to fill; added to the painted area",
+        items=_parts,
     )
     side: EnumProperty(
         name="Side",
@@ -92,9 +109,12 @@ class HFX_OT_fill_part(_PaintedOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        parts = () if self.part == "all" else (self.part,)
         effect = painted_effect(context)
-        count = painting.fill_parts(effect, parts, self.side)
+        if self.part.startswith(_SAVED):
+            count = saved_areas.add(effect, self.part.removeprefix(_SAVED))
+        else:
+            parts = () if self.part == "all" else (self.part,)
+            count = painting.fill_parts(effect, parts, self.side)
         return f"'{effect.name}' covers {count} vertices"
 
 
@@ -118,6 +138,33 @@ class HFX_OT_set_area(_PaintedOperator):
         return f"'{effect.name}' covers {len(found)} vertices"
 
 
+class HFX_OT_save_area(_PaintedOperator):
+    """Keep the painted area under a name of your own: Fill Body Part then lists it in every file
+
+    An empty area takes the name from the list
+    """
+
+    bl_idname = "hfx.save_area"
+    bl_label = "Save Area"
+    bl_options = {"REGISTER"}  # a file of the user's own; nothing of the scene changes
+
+    name: StringProperty(name="Name", description="Name in the list; a known one is replaced")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self.name = painted_effect(context).name
+        return context.window_manager.invoke_props_dialog(self)
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = saved_areas.save(painted_effect(context), self.name.strip())
+        return f"'{self.name}' saved" if count else f"'{self.name}' is no longer listed"
+
+
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_paint_begin, HFX_OT_paint_end, HFX_OT_fill_part, HFX_OT_set_area)
+    (
+        HFX_OT_paint_begin,
+        HFX_OT_paint_end,
+        HFX_OT_fill_part,
+        HFX_OT_save_area,
+        HFX_OT_set_area,
+    )
 )

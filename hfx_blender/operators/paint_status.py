@@ -14,7 +14,7 @@ from bpy_extras import view3d_utils
 
 from ..authoring import effects, painting
 from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
-from ..engine.body.parts import CENTRE, PARTS, SIDES
+from ..engine.body.parts import CENTRE, SIDES
 from . import paint_view
 
 
@@ -110,16 +110,16 @@ def _part_under(
 
 
 def part_name(canvas: bpy.types.Object, vertex: int) -> str:
-    """ "Left Forearm" for a vertex of a mesh that is painted on."""
+    """ "Calves (left)" for a vertex of a mesh that is painted on."""
     from ..engine.body.model import load_model
+    from ..engine.body.regions import region_at
 
     effect = canvas[painting.PAINTED_EFFECT]
     model = load_model(effects.model_id_for(effect.hfx.modality))
     if vertex >= len(model):
         return ""
-    part = PARTS[model.part[vertex]].replace("_", " ").title()
-    side = int(model.side[vertex])
-    return part if side == CENTRE else f"{SIDES[side].title()} {part}"
+    region, side = region_at(model, vertex), int(model.side[vertex])
+    return region.label if side == CENTRE else f"{region.label} ({SIDES[side]})"
 
 
 _HANDLERS = {"undo_post": _after_undo, "redo_post": _after_undo, "load_post": _after_loading}

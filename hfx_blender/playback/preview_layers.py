@@ -55,7 +55,7 @@ class Preview:
     def describe(self, context: bpy.types.Context) -> None:
         """Describe the scene anew if it has changed; never while Blender draws."""
         scene = context.scene
-        devices = tuple(device.name for device in scene.hfx.devices)
+        devices = tuple((device.name, device.scheme) for device in scene.hfx.devices)
         evaluation.describe(context)
         key = (evaluation.generation, devices)
         if key == self.key:

@@ -161,7 +161,7 @@ def _key_of(scene: bpy.types.Scene) -> tuple[object, ...]:
         scene.hfx.rate,
         unit.system,
         unit.scale_length,
-        tuple(device.name for device in scene.hfx.devices),
+        tuple((device.name, device.scheme) for device in scene.hfx.devices),
     )
 
 

@@ -54,6 +54,7 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
         column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")
         column.operator("hfx.area_from_image", icon="IMAGE_DATA")
         column = layout.column(align=True)
+        column.operator("hfx.save_area", icon="FILE_TICK")
         column.operator("hfx.area_copy", icon="COPYDOWN")
         column.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
 

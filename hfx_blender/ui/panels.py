@@ -7,6 +7,8 @@ import bpy
 
 from ..authoring import effects, surfaces
 from ..authoring.painting import PAINTED_EFFECT
+from ..operators.export import draw_devices, last_written
+from ..printable import printable
 from .effects_panel import draw_moving
 from .sidebar import HfxPanel
 
@@ -97,9 +99,12 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        for device in context.scene.hfx.devices:
-            layout.label(text=device.name, icon="OUTLINER_OB_FORCE_FIELD")
+        draw_devices(context, layout)
         layout.operator("hfx.export", icon="EXPORT")
+        for written in last_written:
+            row = layout.row(align=True)
+            row.label(text=printable(written.text), icon="CHECKMARK")
+            row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(written.folder)
 
 
 class HFX_PT_sampling(HfxPanel, bpy.types.Panel):

@@ -289,7 +289,7 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
 def test_the_export_panel_and_the_menus(scene: Any) -> None:
     bpy.context.scene.hfx.devices.add().name = "back_pad"
     shown = drawn(panels.HFX_PT_export.draw, bpy.context)
-    assert shown == ["back_pad", "hfx.export"]
+    assert shown[:3] == ["is_exported", "hfx.live_add", "hfx.export"]
     assert drawn(panels.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
     assert drawn(menus._add_menu, bpy.context) == ["HFX_MT_add"]
