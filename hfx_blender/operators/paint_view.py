@@ -87,13 +87,14 @@ class SceneBrush:
 
     Parameters
     ----------
-    radius, least : float
-        Radius on the skin, and the smallest that still reaches a vertex wherever it is, in
-        Blender's units.
+    radius : float
+        On the skin, Blender's units.
+    least : float
+        Smallest radius that reaches a vertex wherever the brush is, at the median spacing.
     """
 
     def __init__(self, radius: float, least: float) -> None:
-        self.radius, self._least = radius, least
+        self.radius, self.least = radius, least
         self._pixels = 0
 
     def fit(self, context: bpy.types.Context, canvas: bpy.types.Object) -> None:
@@ -104,8 +105,8 @@ class SceneBrush:
         pixels = compat.brush_radius(context)
         if self._pixels and abs(pixels - self._pixels) > 1:  # the user's choice
             self.radius = pixels / scale
-        self.radius = max(self.radius, self._least)
-        wanted = round(min(max(self.radius * scale, _LEAST_PIXELS), _MOST_PIXELS))
+        radius = max(self.radius, self.least)
+        wanted = round(min(max(radius * scale, _LEAST_PIXELS), _MOST_PIXELS))
         if wanted != pixels:
             compat.set_brush_radius(context, wanted)
         self._pixels = compat.brush_radius(context)
