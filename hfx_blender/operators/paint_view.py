@@ -39,7 +39,8 @@ def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
 def hidden_by(canvas: bpy.types.Object) -> list[bpy.types.Object]:
     """Objects that are hidden while a mesh is painted on."""
     names = set(canvas.get(_HIDDEN, ()))
-    return [obj for obj in bpy.data.objects if obj.name_full in names]
+    # Earlier versions marked the avatar's meshes.
+    return [o for o in bpy.data.objects if o.name_full in names or o.get(_HIDDEN) is True]
 
 
 def show(context: bpy.types.Context, hidden: list[bpy.types.Object]) -> None:

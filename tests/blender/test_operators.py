@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 
 from hfx_blender.authoring import clips, effects, painting
 from hfx_blender.avatars import bodies
@@ -421,6 +422,21 @@ def test_an_area_means_nothing_on_another_model(body: Any) -> None:
     group = bpy.context.object.vertex_groups[painting.GROUP]
     with pytest.raises(RuntimeError, match="not in group"):
         group.weight(int(torso[0]))
+
+
+def test_an_avatar_stands_beside_what_is_there_in_the_active_collection(empty: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(size=2.0)  # as in the scene that Blender starts with
+    mine = bpy.data.collections.new("Mine")
+    bpy.context.scene.collection.children.link(mine)
+    layer = bpy.context.view_layer
+    layer.active_layer_collection = layer.layer_collection.children["Mine"]
+    bpy.ops.hfx.add_avatar(stands_free=True)
+    body = bpy.context.object
+    layer.update()
+    skin = body.hfx.avatar
+    across = [(skin.matrix_world @ Vector(corner)).x for corner in skin.bound_box]
+    assert min(across) > 0.95 and min(across) < 1.5, "beside the cube, and near it"
+    assert {o.name for o in mine.objects} == {body.name, skin.name}
 
 
 def delete(body: Any) -> None:
