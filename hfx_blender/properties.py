@@ -17,7 +17,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import surface_properties
+from . import generation_properties, surface_properties
 from .engine.modality import MODALITIES
 from .response_properties import HfxResponseFilter
 
@@ -124,16 +124,6 @@ def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
     bone_table.refresh(self.id_data)
 
 
-def _remark(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
-    self.id_data.update_tag()  # nothing else depends on it, but the preview has to know
-
-
-def _recolour(_self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    from .playback import preview
-
-    preview.touch()
-
-
 def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> FloatProperty:
     """A property with the range and the default that the engine states for a parameter."""
     found = {p.name: p for p in MODALITIES[modality].parameters}[name]
@@ -196,9 +186,7 @@ class HfxMappedBone(bpy.types.PropertyGroup):
 class HfxActuatorValue(bpy.types.PropertyGroup):
     """Actuator of a vector sensation; its name is the actuator's id."""
 
-    value: _share(
-        "Value", "Share of the effect's full strength that this actuator gets", 0.0, update=_remark
-    )
+    value: _share("Value", "Share of the effect's full strength that this actuator gets", 0.0)
 
 
 class HfxObjectProperties(bpy.types.PropertyGroup):
@@ -209,6 +197,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     uid: StringProperty(
         name="Id", description="Stays the same when the object is renamed", **_OVERRIDABLE
+    )
+
+    group: StringProperty(
+        name="Group",
+        description="Effects of the same group are one row of the list, which opens",
+        **_OVERRIDABLE,
     )
 
     modality: EnumProperty(
@@ -246,14 +240,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Mute",
         description="Neither felt nor exported",
         default=False,
-        update=_remark,
         **_OVERRIDABLE,
     )
     is_solo: BoolProperty(
         name="Solo",
         description="Only effects that are solo are felt and exported",
         default=False,
-        update=_remark,
         **_OVERRIDABLE,
     )
 
@@ -330,7 +322,6 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         "Position",
         "Position of the point on its path, from the start (0) to the end (1)",
         0.0,
-        update=_remark,
     )
     device: StringProperty(name="Device", description="Device whose actuators are driven")
     drive: CollectionProperty(
@@ -508,7 +499,6 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         name="Colours",
         description="Colours of the avatar where it feels something",
         items=PALETTES,
-        update=_recolour,
     )
     preview_opacity: FloatProperty(
         name="Opacity",
@@ -517,7 +507,6 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         min=0.1,
         max=1.0,
         subtype="FACTOR",
-        update=_recolour,
     )
     tolerance_custom: StringProperty(
         name="Tolerance",
@@ -543,6 +532,7 @@ _classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 def register() -> None:
     surface_properties.register()
+    generation_properties.register()
     _classes()
     bpy.types.Object.hfx = PointerProperty(
         type=HfxObjectProperties, override={"LIBRARY_OVERRIDABLE"}
@@ -554,4 +544,5 @@ def unregister() -> None:
     del bpy.types.Scene.hfx
     del bpy.types.Object.hfx
     _unregister_classes()
+    generation_properties.unregister()
     surface_properties.unregister()

@@ -7,20 +7,13 @@ import json
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
-from bpy_extras.view3d_utils import location_3d_to_region_2d
-from mathutils import Vector
 
 from .. import compat
 from ..authoring import effects, painting, saved_areas
-from ..avatars import avatar_meshes
 from ..engine.body.region_names import REGIONS
 from ..errors import InputError
-from .shared import HfxOperator, is_in_view_layer, painted_effect, select_only
-
-_IS_HIDDEN = "hfx_hidden_to_paint"
-"""ID property of an avatar's mesh in whose place its perceptual model is painted on."""
-
-_LEAST_PIXELS, _BRUSH_PIXELS, _MOST_PIXELS = 6.0, 30.0, 200.0
+from . import paint_view
+from .shared import HfxOperator, painted_effect, select_only
 
 
 class _PaintedOperator(HfxOperator):
@@ -38,12 +31,12 @@ class HFX_OT_paint_begin(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         effect = painted_effect(context)
         canvas = painting.begin(context, effect)
-        _hide_avatar(context, effect)
+        paint_view.hide_others(context, canvas)
         select_only(context, canvas)
         if not bpy.app.background:
+            paint_view.enter(context, canvas)
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
-            radius = _pixels(context, canvas, painting.brush_radius(canvas, effect))
-            compat.fit_brush(context, 1.0, radius)
+            compat.set_brush_weight(context, 1.0)
             # Where nothing is painted is blue; black, the default, would hide the body's shape.
             context.tool_settings.vertex_group_user = "NONE"
             bpy.ops.hfx.paint_status("INVOKE_DEFAULT")
@@ -58,58 +51,18 @@ class HFX_OT_paint_end(HfxOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        canvas = context.object
-        is_painted = canvas is not None and canvas.get(painting.PAINTED_EFFECT)
-        return cls.needs(is_painted, "Nothing is being painted")
+        return cls.needs(painting.canvas_in(context), "Nothing is being painted")
 
     def work(self, context: bpy.types.Context) -> str:
-        effect = context.object[painting.PAINTED_EFFECT]
+        canvas = painting.canvas_in(context)
+        effect, hidden = canvas[painting.PAINTED_EFFECT], paint_view.hidden_by(canvas)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
-        _show_avatar(context, effect)
+        paint_view.show(context, hidden)
+        paint_view.leave(context)
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"
-
-
-def _pixels(context: bpy.types.Context, canvas: bpy.types.Object, length: float) -> float:
-    """Length in the 3D viewport, pixels, of a length at the middle of a mesh; brushes need it."""
-    area = context.area
-    if area is None or area.type != "VIEW_3D":
-        return _BRUSH_PIXELS
-    region = next(each for each in area.regions if each.type == "WINDOW")
-    view = area.spaces.active.region_3d
-    corners = [canvas.matrix_world @ Vector(corner) for corner in canvas.bound_box]
-    middle = sum(corners, Vector()) / len(corners)
-    across = view.view_rotation @ Vector((1.0, 0.0, 0.0))
-    ends = [
-        location_3d_to_region_2d(region, view, place)
-        for place in (middle, middle + across * length)
-    ]
-    if None in ends:
-        return _BRUSH_PIXELS
-    return float(min(max((ends[1] - ends[0]).length, _LEAST_PIXELS), _MOST_PIXELS))
-
-
-def _hide_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    for mesh in _seen_meshes(context, effect):
-        if not mesh.hide_get():
-            mesh.hide_set(True)
-            if mesh.library is None:
-                mesh[_IS_HIDDEN] = True
-
-
-def _show_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    """Show the meshes that were hidden to paint; those that the user had hidden stay so."""
-    for mesh in _seen_meshes(context, effect):
-        if mesh.library is not None or mesh.pop(_IS_HIDDEN, False):
-            mesh.hide_set(False)
-
-
-def _seen_meshes(context: bpy.types.Context, effect: bpy.types.Object) -> list[bpy.types.Object]:
-    body = effect.hfx.body
-    found = avatar_meshes.meshes_of(body) if body is not None else []
-    return [mesh for mesh in found if is_in_view_layer(context, mesh)]
 
 
 _SAVED = "saved:"  # begins an item of the list of parts

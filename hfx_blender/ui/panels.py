@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import surfaces
+from ..authoring import effects, surfaces
 from ..authoring.painting import PAINTED_EFFECT
 from ..operators.export import draw_devices, last_written
+from .effects_panel import draw_moving
 from .sidebar import HfxPanel
 
 _PARAMETERS = {
@@ -62,6 +63,8 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             self._draw_volume(layout, hfx)
         else:
             layout.prop(hfx, "body")
+            if effects.body_in(context.scene, obj) is None:
+                draw_moving(context, layout, "ACTIVE")
 
     @staticmethod
     def _draw_parameter(

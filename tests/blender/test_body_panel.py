@@ -97,7 +97,7 @@ def test_an_armature_can_become_a_body(scene: Any) -> None:
 def test_the_panel_of_a_body_and_of_its_mesh_is_the_same(anna: tuple[Any, Any]) -> None:
     rig, skin = anna
     expected = [
-        *("Anna", "Anna Skin", "follow", "Follows the bones"),
+        *("Anna", "Anna Skin", "follow", "felt_layer", "Follows the bones"),
         *("hfx.fit_body", "hfx.show_model"),
     ]
     for active in (rig, skin):

@@ -86,7 +86,7 @@ class ButtplugEncoder:
 
 _OTHER_SIDE: Final = {
     f"{part}{side}": f"{part}{other}"
-    for part in ("Forearm", "Hand", "Foot")
+    for part in ("Forearm", "Hand", "Glove", "Foot")
     for side, other in ("LR", "RL")
 }
 

@@ -75,21 +75,23 @@ def _pairs(surface: TargetSurface, asked: I64, piece: I64, region: I64) -> tuple
     centres, normals = surface.centres[asked], surface.flat_normals[surface.parent[asked]]
     tree = cKDTree(centres)
     inner, outer = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for depth_m in _DEPTHS_M:
+    for depth_m in (*_DEPTHS_M, *(-depth_m for depth_m in _DEPTHS_M)):  # out, then inwards
         _, near = tree.query(
-            centres + depth_m * normals, k=6, distance_upper_bound=_ASIDE_M + 0.3 * depth_m
+            centres + depth_m * normals, k=6, distance_upper_bound=_ASIDE_M + 0.3 * abs(depth_m)
         )
         row, column = np.nonzero(near < len(asked))
         other = near[row, column]
         way = centres[other] - centres[row]
         height = np.einsum("ni,ni->n", way, normals[row])
         aside = np.linalg.norm(way - height[:, None] * normals[row], axis=1)
+        height = np.sign(depth_m) * height
         is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
         is_over &= np.einsum("ni,ni->n", normals[row], normals[other]) > _ALIKE
         is_over &= piece[asked[row]] != piece[asked[other]]
         is_over &= _NEIGHBOURS[region[asked[row]], region[asked[other]]]
-        inner.append(asked[row[is_over]])
-        outer.append(asked[other[is_over]])
+        below, above_it = (row, other) if depth_m > 0.0 else (other, row)
+        inner.append(asked[below[is_over]])
+        outer.append(asked[above_it[is_over]])
     return np.concatenate(inner), np.concatenate(outer)
 
 
