@@ -31,10 +31,14 @@ def data_of(image: bpy.types.Image) -> F64:
     is_converted = image.is_float and not image.colorspace_settings.is_data
     if not is_converted or image.source == "GENERATED" or image.is_dirty:
         return pixels_of(image)[..., 0].astype(np.float64)
-    image.buffers_free()  # what it holds is loaded again where it is needed
-    copy = image.copy()  # loaded as plain data
+    copy = image.copy()  # loaded as plain data; the user's keeps what it has
     try:
         copy.colorspace_settings.is_data = True
+        if not copy.size[0]:
+            raise InputError(
+                f"Image '{image.name}': its numbers cannot be read again from "
+                f"'{image.filepath}': is the file missing?"
+            )
         return pixels_of(copy)[..., 0].astype(np.float64)
     finally:
         bpy.data.images.remove(copy)

@@ -110,7 +110,7 @@ class HFX_OT_load_surface_image(_OfFile):
     bl_label = "Load Image"
 
     kind: EnumProperty(
-        name="Image Holds", description="Meaning of the image's pixels", items=IMAGE_KINDS
+        name="Image Holds", description="Meaning of the image's pixels", items=IMAGE_KINDS[:2]
     )
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})

@@ -14,7 +14,7 @@ from ...console import Console
 from ...errors import UsageError
 from ...staging import make_folder
 
-NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture", "words")
+NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture", "relief", "words")
 
 _DESCRIPTION = """\
 Measure on this machine. Every measurement names the machine, versions and sizes.
@@ -26,6 +26,7 @@ Measure on this machine. Every measurement names the machine, versions and sizes
   naive     what a user would write today, side by side
   batch     two workers against one, writing against evaluating, memory over scenes and frames
   texture   haptic surfaces: roughness, identification, maps, contacts
+  relief    relief that is estimated from pictures against the true one
   words     surfaces from words: kinds recognised, comparatives, strokes told apart
   safety    how long until a device is silent, whoever fails; 1,000 times each, about an hour
   live      what devices cost Blender each frame, and how soon a frame is at the port
@@ -207,6 +208,13 @@ def _texture(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str
     return result, texture.as_text(result)
 
 
+def _relief(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
+    from ..bench import relief
+
+    result = relief.measure(short=options.short, progress=progress)
+    return result, relief.as_text(result)
+
+
 def _safety(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     from ..bench import safety
 
@@ -245,6 +253,7 @@ _MEASURES: dict[str, Callable[[argparse.Namespace, _Progress], tuple[Any, str]]]
     "naive": _naive,
     "batch": _batch,
     "texture": _texture,
+    "relief": _relief,
     "words": _words,
     "safety": _safety,
     "live": _live,
