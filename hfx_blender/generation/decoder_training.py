@@ -166,15 +166,13 @@ class DecoderTraining:
         is_cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
         """Train up to the last step, or until it is cancelled; the state is saved at the end."""
-        try:
-            while self.step < self.settings.steps and not is_cancelled():
-                self._one_step()
-                self.step += 1
-                progress(self.step / self.settings.steps)
-                if self.step % self.settings.saved_every == 0:
-                    self.save()
-        finally:
-            self.save()
+        while self.step < self.settings.steps and not is_cancelled():
+            self._one_step()
+            self.step += 1
+            progress(self.step / self.settings.steps)
+            if self.step % self.settings.saved_every == 0:
+                self.save()
+        self.save()
 
     def _batch(self) -> tuple[Any, Any]:
         """Latents and maps of a step, by its number."""

@@ -19,7 +19,7 @@ from ..engine.texture.mcha import MapSettings
 from ..file_hash import sha256_of
 from .generated import Generated, name_of
 from .model_folder import ModelFolder, Progress
-from .picture_conversion import Way, surface_of
+from .picture_conversion import WAYS, Way, surface_of
 from .touch_decoder import WEIGHTS
 
 NAME: Final = "diffusers"
@@ -68,7 +68,7 @@ class Settings:
     tiling: bool = True
     size_m: tuple[float, float] = (0.1, 0.1)
     depth_m: float = 0.2e-3
-    way: Way | None = None
+    way: Way = WAYS[0]
     noticeable: NoticeableSteps | None = None
 
 
