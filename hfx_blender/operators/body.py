@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import bpy
 from bpy.props import CollectionProperty, EnumProperty, IntProperty
 
@@ -11,6 +13,8 @@ from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES
 from ..printable import printable
 from ..properties import FELT_LAYERS
+from ..stepwise import within
+from .long_work import LongOperator
 from .shared import HfxOperator, active_armature, active_body, select_only
 
 _shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the strings itself
@@ -53,7 +57,14 @@ class HFX_OT_add_avatar(HfxOperator):
         return f"'{armature.name}' is a haptic body"
 
 
-class HFX_OT_mark_body(HfxOperator):
+class _FittingOperator(LongOperator):
+    """Base of the operators that fit a body to an avatar."""
+
+    doing, doing_icon = "Fitting the Haptic Body", "OUTLINER_OB_ARMATURE"
+    cancelled = "Fit cancelled: nothing was changed"
+
+
+class HFX_OT_mark_body(_FittingOperator):
     """Make the active armature a haptic body. The selected meshes are its avatar; without any, \
 those that cover its skin"""
 
@@ -68,15 +79,21 @@ those that cover its skin"""
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
 
-    def work(self, context: bpy.types.Context) -> str:
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies
 
         body = _armature_for(context)
         context.view_layer.update()
+        before = body.hfx.felt_layer
         if self.properties.is_property_set("layer"):
             body.hfx.felt_layer = self.layer
-        meshes = bodies.meshes_for(context, body)
-        return _add(self, context, body, meshes)
+        try:
+            choice = bodies.choosing_meshes(context, body)
+            meshes = yield from within(choice, 0.0, 0.3)
+            return (yield from within(_adding(self, context, body, meshes), 0.3, 1.0))
+        except BaseException:  # Esc closes this generator
+            body.hfx.felt_layer = before
+            raise
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -87,16 +104,17 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
     return selected[0] if len(selected) == 1 else active_armature(context)
 
 
-def _add(
+def _adding(
     operator: HfxOperator,
     context: bpy.types.Context,
     body: bpy.types.Object,
     meshes: list[bpy.types.Object],
-) -> str:
+) -> Generator[float, None, str]:
     from ..avatars import bodies
 
     first = meshes[0] if meshes else None
-    for warning in bodies.add_body(body, first, parts=meshes[1:]):
+    warnings = yield from bodies.adding_body(body, first, parts=meshes[1:])
+    for warning in warnings:
         operator.report({"WARNING"}, printable(f"{body.name}: {warning}"))
     taken = avatar_meshes.meshes_of(body)
     others = [mesh for mesh in avatar_meshes.meshes_on(context, body) if mesh not in taken]
@@ -109,7 +127,7 @@ def _quoted(meshes: list[bpy.types.Object]) -> str:
     return " and ".join(f"'{mesh.name}'" for mesh in meshes)
 
 
-class HFX_OT_fit_body(HfxOperator):
+class HFX_OT_fit_body(_FittingOperator):
     """Fit the active haptic body to its avatar again, with the bones of the table; its id and \
 what is painted on it stay"""
 
@@ -125,14 +143,15 @@ what is painted on it stay"""
             return False
         return cls.needs(retargeting.is_fitted(body), "The built-in avatar needs no fit")
 
-    def work(self, context: bpy.types.Context) -> str:
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies, model_mesh
 
         body = active_body(context)
         context.view_layer.update()
-        meshes = bodies.meshes_again(context, body)
+        choice = bodies.choosing_again(context, body)
+        meshes = yield from within(choice, 0.0, 0.3)
         was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown(body)]
-        message = _add(self, context, body, meshes)
+        message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
         for model_id in was_shown:
             model_mesh.show(context, body, model_id)
         return message
