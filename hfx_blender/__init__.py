@@ -8,6 +8,7 @@ Packages, lowest first: each imports only from those above it in this list.
 engine       scene description to samples, tracks and rasters; no bpy
 devices      device configurations, live output; no bpy
 formats      files of other programs; no bpy
+generation   surfaces from words, and from pictures of generators; no bpy
 avatars      avatars in Blender, and perceptual models bound to them
 authoring    effects, volumes, surfaces, clips: what a user makes
 reading      Blender's data as a scene description

@@ -10,9 +10,10 @@ from importlib.util import find_spec
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from .. import compat
+from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.retargeting import variants
 from ..errors import InputError
@@ -188,9 +189,47 @@ def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) ->
     avatar_meshes.keep_meshes(armature, meshes)
 
 
+def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector:
+    """Location of a new avatar beside what stands at the 3D cursor, as near as possible.
+
+    In the scene that Blender starts with the avatar would stand inside the cube.
+    """
+    cursor = context.scene.cursor.location
+    context.view_layer.update()
+    own = {armature, *armature.children_recursive}
+    taken = [_box(o) for o in context.visible_objects if o.type == "MESH" and o not in own]
+    low, high = _box(armature.children[0])
+    width = high[0] - low[0]
+    for step in range(40):
+        shift = 0.25 * width * ((step + 1) // 2) * (1.0 if step % 2 else -1.0)
+        there = cursor + Vector((shift, 0.0, 0.0))
+        if not any(_overlap((low + there, high + there), each) for each in taken):
+            return there
+    return cursor.copy()
+
+
+def _box(obj: bpy.types.Object) -> tuple[F64, F64]:
+    """Lowest and highest corner of an object's bounding box in the world."""
+    corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _overlap(one: tuple[F64, F64], other: tuple[F64, F64]) -> bool:
+    """Test that two boxes share room; a floor under the feet does not count."""
+    return bool((one[0] < other[1] - _INSIDE_M).all() and (other[0] < one[1] - _INSIDE_M).all())
+
+
+def _home(context: bpy.types.Context) -> bpy.types.Collection:
+    """Collection of a new body: the active one, if it can be seen and takes objects."""
+    active = context.view_layer.active_layer_collection
+    found = active.collection
+    is_ours = found.library is None and found.override_library is None
+    return found if is_ours and active.is_visible else context.scene.collection
+
+
 def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
-    context.scene.collection.objects.link(armature)
+    _home(context).objects.link(armature)
     for other in context.selected_objects:
         other.select_set(False)
     context.view_layer.objects.active = armature
@@ -227,7 +266,7 @@ def _skin(
 ) -> bpy.types.Object:
     mesh = skin_mesh(avatar, name)
     skin = bpy.data.objects.new(name, mesh)
-    context.scene.collection.objects.link(skin)
+    armature.users_collection[0].objects.link(skin)
     weights = avatar.weights
     groups = [skin.vertex_groups.new(name=bone) for bone in avatar.skeleton.bone_names]
     owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))

@@ -9,8 +9,9 @@ from typing import Any, Final
 
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
-from . import csv_raster, glb, jsonl_samples, npz_raster, wav_reader
+from . import csv_raster, glb_rules, jsonl_samples, npz_raster, wav_reader
 from .checking import mapped, parse, read_bytes, refuse_errors
+from .clip.writing import facts as clip_facts
 from .files import FileFormat, format_of, read_signals, validate
 from .hjif import reader as hjif_reader
 from .hjif.body_parts import described
@@ -147,13 +148,17 @@ def _jsonl(path: Path, kind: FileFormat) -> dict[str, Any]:
 
 
 def _glb(path: Path, kind: FileFormat) -> dict[str, Any]:
-    found = glb.read_json(read_bytes(path, _MOST_BYTES), str(path))
+    found = glb_rules.read_json(read_bytes(path, _MOST_BYTES), str(path))
     return {
         "meshes": [str(each.get("name", "")) for each in found.get("meshes", [])],
         "nodes": len(found.get("nodes", [])),
         "animations": len(found.get("animations", [])),
         "extensions": [str(each) for each in found.get("extensionsUsed", [])],
     }
+
+
+def _clip(path: Path, kind: FileFormat) -> dict[str, Any]:
+    return clip_facts(read_bytes(path, _MOST_BYTES), str(path))
 
 
 def _channels(path: Path, kind: FileFormat) -> dict[str, Any]:
@@ -169,5 +174,6 @@ _TELLERS: Final[dict[str, Callable[[Path, FileFormat], dict[str, Any]]]] = {
     "wav": _wav,
     "jsonl": _jsonl,
     "glb": _glb,
+    "clip": _clip,
     "channels": _channels,
 }

@@ -19,6 +19,7 @@ from . import (
     channel_list,
     csv_raster,
     glb,
+    glb_rules,
     haptic,
     he,
     he_rules,
@@ -33,6 +34,8 @@ from . import (
     wav_reader,
 )
 from .checking import Finding, mapped, read_bytes
+from .clip import rules as clip_rules
+from .clip.container import SUFFIX as CLIP_SUFFIX
 from .hjif import rules, to_signals
 from .signals import FrequencyRange, Signal
 
@@ -83,10 +86,11 @@ FILE_FORMATS: Final[dict[str, FileFormat]] = {
         FileFormat("tact", "bHaptics .tact", tact_rules.validate, tact.decode),
         FileFormat("hjif", "MPEG HJIF", rules.validate, to_signals.decode),
         FileFormat("jsonl", "JSON Lines of samples", jsonl_samples.validate),
-        FileFormat("glb", "glTF binary", glb.validate),
+        FileFormat("glb", "glTF binary", glb_rules.validate),
         FileFormat("npz", "NPZ raster", npz_raster.validate),
         FileFormat("csv", "CSV raster", csv_raster.validate),
         FileFormat("wav", "WAV", wav_reader.validate),
+        FileFormat("clip", "game clip", clip_rules.validate),
         FileFormat("channels", "channels of a WAV", channel_list.validate),
     )
 }
@@ -104,6 +108,7 @@ _SUFFIXES: Final = {
     ".tact": "tact",
     ".hjif": "hjif",
     ".jsonl": "jsonl",
+    CLIP_SUFFIX: "clip",
     glb.SUFFIX: "glb",
     npz_raster.SUFFIX: "npz",
     ".csv": "csv",

@@ -6,18 +6,29 @@ from __future__ import annotations
 from collections.abc import Generator
 
 import bpy
-from bpy.props import CollectionProperty, EnumProperty, IntProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
 
-from ..authoring import effects
+from ..authoring import effects, painting
 from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES
+from ..errors import InputError
 from ..printable import printable
 from ..properties import FELT_LAYERS
 from ..stepwise import within
-from .long_work import LongOperator
-from .shared import HfxOperator, active_armature, active_body, select_only
+from . import framing
+from .shared import (
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    active_armature,
+    active_body,
+    active_effect,
+    select_only,
+)
+from .stepwise_operator import StepwiseOperator
 
-_shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the strings itself
+_shown_people: EnumItems = []  # Blender does not keep the strings itself
+_shown_bodies: EnumItems = []
 
 
 def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
@@ -43,21 +54,37 @@ class HFX_OT_add_avatar(HfxOperator):
         description="The average adult, or one of your own body models",
         items=_people,
     )
+    stands_free: BoolProperty(
+        name="Stand Free",
+        description="Beside what is at the 3D cursor already, and not inside it",
+        default=False,
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(context.mode == "OBJECT", "Go to Object Mode first")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("stands_free"):
+            # Who moved the cursor said where.
+            self.stands_free = context.scene.cursor.location.length == 0.0
+        return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies
         from ..engine.body.model import AVATAR_ID
 
         armature, _ = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
-        armature.location = context.scene.cursor.location
-        return f"'{armature.name}' is a haptic body"
+        armature.location = (
+            bodies.free_place(context, armature)
+            if self.stands_free
+            else context.scene.cursor.location
+        )
+        framing.frame(context, [armature])
+        return f"'{armature.name}' is a haptic body{_take_over(context, armature)}"
 
 
-class _FittingOperator(LongOperator):
+class _FittingOperator(StepwiseOperator):
     """Base of the operators that fit a body to an avatar."""
 
     doing, doing_icon = "Fitting the Haptic Body", "OUTLINER_OB_ARMATURE"
@@ -90,10 +117,12 @@ those that cover its skin"""
         try:
             choice = bodies.choosing_meshes(context, body)
             meshes = yield from within(choice, 0.0, 0.3)
-            return (yield from within(_adding(self, context, body, meshes), 0.3, 1.0))
+            message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
         except BaseException:  # Esc closes this generator
             body.hfx.felt_layer = before
             raise
+        framing.frame(context, [body, *meshes])
+        return message + _take_over(context, body)
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -102,6 +131,14 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
         return context.object
     selected = [obj for obj in context.selected_objects if obj.type == "ARMATURE"]
     return selected[0] if len(selected) == 1 else active_armature(context)
+
+
+def _take_over(context: bpy.types.Context, body: bpy.types.Object) -> str:
+    """Have the only body of a scene feel the effects of those that were deleted."""
+    if effects.bodies_of(context.scene) != [body]:
+        return ""
+    taken = effects.move_to_body(effects.without_body(context.scene), body)
+    return f"; took {taken} effects along" if taken else ""
 
 
 def _adding(
@@ -125,6 +162,44 @@ def _adding(
 
 def _quoted(meshes: list[bpy.types.Object]) -> str:
     return " and ".join(f"'{mesh.name}'" for mesh in meshes)
+
+
+def _bodies(_self: object, context: bpy.types.Context | None) -> EnumItems:
+    found = effects.bodies_of(context.scene) if context is not None else []
+    _shown_bodies[:] = [(obj.name, obj.name, f"Felt on {obj.name}") for obj in found]
+    return _shown_bodies
+
+
+class HFX_OT_move_to_body(OnBodyOperator):
+    """Have effects felt on another body: what is painted stays where it is on the body"""
+
+    bl_idname = "hfx.move_to_body"
+    bl_label = "Move to Body"
+
+    body: EnumProperty(name="Body", description="The body to be felt on", items=_bodies)
+    which: EnumProperty(
+        name="Effects",
+        description="Effects to move",
+        items=(
+            ("ACTIVE", "Active", "The active effect and the selected ones"),
+            ("GONE", "Whose Body Is Gone", "Effects whose body is not in this scene"),
+            ("ALL", "All", "All effects of the scene that belong to a body"),
+        ),
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        body = context.scene.objects[self.body]
+        if self.which == "ACTIVE":
+            active = active_effect(context)
+            found = [active] if active is not None else []
+            found += [o for o in context.selected_objects if o.hfx.role == "EFFECT"]
+        elif self.which == "GONE":
+            found = effects.without_body(context.scene)
+        else:
+            found = effects.effects_of(context.scene)
+        if any(painting.painted_mesh(effect) is not None for effect in found):
+            raise InputError("Finish painting first.")
+        return f"Moved {effects.move_to_body(found, body)} effects to '{body.name}'"
 
 
 class HFX_OT_fit_body(_FittingOperator):
@@ -232,6 +307,7 @@ register, unregister = bpy.utils.register_classes_factory(
     (
         HFX_OT_add_avatar,
         HFX_OT_mark_body,
+        HFX_OT_move_to_body,
         HFX_OT_fit_body,
         HFX_OT_show_model,
         HfxPlace,

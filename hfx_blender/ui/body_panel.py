@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ..authoring import effects
 from ..avatars import avatar_meshes
 from ..errors import InputError
 from ..operators.shared import active_armature
@@ -91,6 +92,15 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
             layout.label(text=f"'{body.name}' is not a haptic body yet", icon="ARMATURE_DATA")
             layout.operator("hfx.mark_body", icon="ADD")
             return
+        elsewhere = [
+            each
+            for each in effects.effects_of(context.scene)
+            if each.hfx.kind in effects.ON_A_BODY and each.hfx.body not in (None, body)
+        ]
+        if elsewhere:
+            text = f"Take {len(elsewhere)} Effects of Other Bodies"
+            take = layout.operator("hfx.move_to_body", text=text, icon="FORWARD")
+            take.which, take.body = "ALL", body.name
         layout.label(text=body.name, icon="ARMATURE_DATA")
         for mesh in avatar_meshes.meshes_of(body):
             layout.label(text=mesh.name, icon="MESH_DATA")

@@ -48,7 +48,7 @@ def test_chosen_formats_and_options_are_written(small: Any, tmp_path: Path) -> N
 
 def test_what_no_device_is_there_for_is_said(small: Any, tmp_path: Path) -> None:
     path = str(tmp_path / "x.hfxtrack")
-    with pytest.raises(RuntimeError, match="no devices: add one"):
+    with pytest.raises(RuntimeError, match="no devices to export: add"):
         bpy.ops.hfx.export(filepath=path, formats={"track", "ahap"})
     with pytest.raises(RuntimeError, match="at least one format"):
         bpy.ops.hfx.export(filepath=path, formats=set())

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.authoring import clips, effects, painting
+from hfx_blender.avatars import bodies
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.modality import MODALITIES
@@ -373,11 +374,12 @@ def test_painting_shows_the_area_and_takes_it_over(body: Any) -> None:
 
 def test_the_canvas_stands_where_the_body_does(body: Any) -> None:
     painted()
-    bpy.ops.hfx.paint_begin()
-    canvas = bpy.context.object
-    body.location = (5, 0, 0)
     bone = body.pose.bones[0]
     bone.location = (0.1, 0.2, 0.3)
+    bpy.ops.hfx.paint_begin()
+    canvas = bpy.context.object
+    assert [group.name for group in canvas.vertex_groups] == [painting.GROUP]
+    body.location = (5, 0, 0)
     graph = bpy.context.evaluated_depsgraph_get()
     shown = canvas.evaluated_get(graph)
     points = np.array([shown.matrix_world @ v.co for v in shown.data.vertices])
@@ -421,11 +423,38 @@ def test_an_area_means_nothing_on_another_model(body: Any) -> None:
         group.weight(int(torso[0]))
 
 
-def test_painting_without_a_body_says_so(body: Any) -> None:
-    effect = painted()
-    effect.hfx.body = None
-    with pytest.raises(RuntimeError, match="'Touch' has no body"):
+def delete(body: Any) -> None:
+    """As *X* does: the effects on a body keep it in the file, but not in the scene."""
+    with bpy.context.temp_override(selected_objects=[body]):
+        bpy.ops.object.delete()
+
+
+def test_painting_never_starts_on_a_deleted_body(body: Any) -> None:
+    painted()
+    delete(body)
+    with pytest.raises(RuntimeError, match="not in this scene: press Move to Body"):
         bpy.ops.hfx.paint_begin()
+
+
+def test_effects_of_a_deleted_body_move_to_another_at_their_places(body: Any) -> None:
+    effect, other = painted(), painted(name="Other")
+    bpy.ops.hfx.fill_part(part="head")
+    area = effects.area(other)
+    delete(body)
+    assert effects.without_body(bpy.context.scene) == [other, effect]
+    new, _ = bodies.add_avatar(bpy.context)
+    bpy.ops.hfx.move_to_body(which="GONE", body=new.name)
+    assert effects.without_body(bpy.context.scene) == []
+    assert (effect.hfx.body, other.hfx.body) == (new, new)
+    assert effects.area(other) == area
+
+
+def test_the_avatar_that_replaces_a_deleted_one_takes_its_effects_along(body: Any) -> None:
+    effect = painted()
+    delete(body)
+    new, _ = bodies.add_avatar(bpy.context)
+    bpy.ops.hfx.mark_body()
+    assert effect.hfx.body == new
 
 
 def test_which_of_two_bodies_is_painted_on(body: Any) -> None:

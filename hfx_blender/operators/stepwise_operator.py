@@ -16,7 +16,7 @@ _AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for
 _PAUSE_S = 0.01
 
 
-class LongOperator(HfxOperator):
+class StepwiseOperator(HfxOperator):
     """Base of operators that work in steps (:mod:`...stepwise`).
 
     A script gets all of them at once. In a window they are done between redraws: the status bar
@@ -49,8 +49,7 @@ class LongOperator(HfxOperator):
         return self.execute(context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        is_invoked, self._is_invoked = self._is_invoked, False
-        if not is_invoked or bpy.app.background or context.window is None:
+        if not self._is_invoked or bpy.app.background or context.window is None:
             return super().execute(context)
         begun = self.reported(lambda: self._begin(context))
         return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
@@ -104,6 +103,7 @@ class LongOperator(HfxOperator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         """End the work, with a result or without."""
+        self._is_invoked = False  # Blender's redo of the same operator is no new press of a button
         if self._steps is not None:
             self._steps.close()
             self._steps = None
