@@ -21,6 +21,10 @@ _DRAWN_S = 0.5
 _PATIENCE_S = 30.0
 
 
+def _has_window(context: bpy.types.Context) -> bool:
+    return context.window is not None and not bpy.app.background
+
+
 class HFX_OT_workspace(HfxOperator):
     """Go to the HFX workspace: viewport with the HFX tab open, clips in the NLA editor below, \
 timeline. It is made when it is not there yet"""
@@ -31,8 +35,7 @@ timeline. It is made when it is not there yet"""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        has_window = context.window is not None and not bpy.app.background
-        return cls.needs(has_window, "There is no window")
+        return cls.needs(_has_window(context), "There is no window")
 
     def work(self, context: bpy.types.Context) -> str:
         found = bpy.data.workspaces.get(NAME)
@@ -55,6 +58,10 @@ of the present file is lost"""
     bl_idname = "hfx.new_file"
     bl_label = "Haptics"
     bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(_has_window(context), "There is no window")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not bpy.data.is_dirty:

@@ -276,3 +276,15 @@ def test_an_area_that_is_spoilt_is_told_and_can_be_cleared(effect: Any) -> None:
         bpy.ops.hfx.area_filter(action="grow")
     bpy.ops.hfx.area_filter(action="clear")
     bpy.ops.hfx.area_filter(action="grow")
+
+
+def test_the_brush_reaches_a_vertex_wherever_it_is(effect: Any) -> None:
+    bpy.ops.hfx.paint_begin()
+    canvas, model = bpy.context.object, load_model("hfx-pressure-1")
+    edges = model.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    lengths = np.linalg.norm(np.diff(model.vertices[edges], axis=1)[:, 0], axis=1)
+    for part in ("torso", "fingers"):
+        (vertex, *_) = np.flatnonzero(model.part == PARTS.index(part))
+        mean = lengths[(edges == vertex).any(axis=1)].mean()
+        assert painting.spacing(canvas, effect, vertex) == pytest.approx(mean, rel=0.5)
+    assert painting.spacing(canvas, effect, 10**6) == painting.spacing(canvas, effect)

@@ -12,7 +12,7 @@ import numpy as np
 
 AVATAR_ROW, VOLUME_ROW, PAINTED_ROW, POINT_ROW = 0, 1, 6, 7  # of Add > Haptic
 SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")  # volumes: a row of the menu for each
-MARGIN, ICON = 8, 20  # of the sidebar, pixels
+LIST_BELOW, LIST_ROW = 31, 21  # the list of effects below its switches, and its rows, pixels
 MODALITIES = ("vibration", "pressure", "temperature", "wind")
 
 
@@ -156,12 +156,10 @@ def module(name: str) -> Any:
 
 
 def icon(h: Any, row: int, which: int) -> Iterator[float]:
-    """Centre of an effect's star (0) or loudspeaker (1), squares beside the button of its name."""
+    """Centre of the star (0) or loudspeaker (1) in a row of the list of effects."""
     region = h.region("UI")
-    buttons = yield from h.op_buttons(region)  # the names of the effects are the first
-    x, y = buttons[row]
-    right = 2 * x - (region.x + MARGIN)  # where the name ends: as far from its middle
-    return right + ICON * (which + 0.5), y
+    (_, switches), *_ = yield from h.toggles(region)  # Show What Is Felt is the first
+    return region.x + region.width - (79, 57)[which], switches + LIST_BELOW + LIST_ROW * row
 
 
 def tint(pixels: np.ndarray, place: tuple[float, float], half: int = 6) -> np.ndarray:

@@ -31,7 +31,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.fill_part(h, TRUNK, shot="1_parts.png")
     h.check(hands.painted_parts(hands.effect("vibration")) == {"torso"}, "the torso is filled")
     yield from h.press_button("HFX_OT_add_heartbeat")
-    yield from hands.adjust(h, {1: "2", 2: "0.5", 3: "0.5", 4: "2"}, shot="2_heartbeat.png")
+    yield from hands.adjust(h, {1: "48", 2: "12", 3: "12", 4: "120"}, shot="2_heartbeat.png")
     actions = h.actions - before
     seconds = time.monotonic() - begin
     (strip,) = hands.clips_of(hands.effect("vibration"))

@@ -47,7 +47,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(lambda: known.is_fresh, "values over time are recorded by themselves", 60)
     before = known.count
     x, y = yield from hands.icon(h, 0, 0)  # the star of the first effect; the switches above it
-    yield from h.click(x - 12, y - 26)
+    yield from h.click(x - 3, y - hands.LIST_BELOW)
     yield 0.5
     h.check(bpy.context.window_manager.hfx_show_values, "Values over Time is switched on")
     yield 1.0
