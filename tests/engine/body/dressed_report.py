@@ -30,7 +30,7 @@ from hfx_blender.errors import InputError
 from hfx_blender.stepwise import finish
 
 TABLES = {name: table for name, (_, table, _) in CONVENTIONS.items()} | RENAMED
-SHAPES = ("woman", "man", "heavy", "thin", "tall", "old", "child")
+SHAPES = ("woman", "man", "heavy", "thin", "muscular", "old", "child")
 COUNT = 64
 _STANDARD_MM = 1750.0
 _WORST_MM = 25.0
@@ -60,7 +60,7 @@ def combinations() -> list[tuple[str, str, str, str]]:
         (
             SHAPES[k % len(SHAPES)],
             clothes[k % len(clothes)],
-            poses[(k // len(clothes)) % len(poses)],
+            poses[(k + k // len(clothes)) % len(poses)],
             rigs[k % len(rigs)],
         )
         for k in range(COUNT)
@@ -101,7 +101,8 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         for hinge in hinges
         if hinge in named or lost or _PARTS_AT[hinge.partition(".")[0]] & parts
     }
-    wanted = {k for k, piece in enumerate(worn.pieces) if piece.is_skin or piece.name == "skirt"}
+    wanted = {k for k, piece in enumerate(worn.pieces) if piece.is_skin}
+    allowed = wanted | {k for k, piece in enumerate(worn.pieces) if piece.is_optional}
     left = truth[:, 0] > 0.0
     limb = known & (np.abs(truth[:, 0]) > 0.05) & (model.part > 1)
     swapped = float(np.mean((fitted.vertices[:, 0] > 0.0)[limb] == left[limb])) < RIGHT_WAY
@@ -114,8 +115,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         tuple(h for h, off in hinges.items() if off > _WORST_MM and h not in warned),
         swapped and quality.sides >= RIGHT_WAY,
         _seen(worn, model, fitted.vertices.astype(np.float64), scale),
-        wanted - {k for k in wanted if worn.pieces[k].name == "skirt"} <= set(taken)
-        and set(taken) <= wanted,
+        wanted <= set(taken) <= allowed,
     )
 
 
