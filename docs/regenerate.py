@@ -7,8 +7,8 @@ matplotlib. ``assets`` is the library of the Asset Browser, to be made anew when
 ``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with
 ``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
 MakeHuman's data (``tests/engine/body/retarget_report.py`` tells where from), takes long, and is
-made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json`` printed,
-idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
+made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json``
+printed, idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
 BUSY.json``.
 """
 
