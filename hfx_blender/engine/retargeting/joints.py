@@ -81,7 +81,9 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
     from_target = np.linalg.inv(to_target)
     joints = {joint: apply(from_target, place) for joint, place in joints.items()}
     _check_posture(joints)
-    misfit = np.array([apply(from_target, straight[each]) - canonical[each] for each in used])
+    ours = np.array([canonical[joint] for joint in used])
+    theirs = np.array([joints[joint] for joint in used])
+    misfit = apply(np.linalg.inv(similarity(ours, theirs)), theirs) - ours  # as it stands or sits
     if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * np.ptp(
         avatar.vertices[:, 2]
     ):
