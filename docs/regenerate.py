@@ -2,11 +2,14 @@
 """Make the pictures and the measured tables of the documentation anew.
 
 ``python docs/regenerate.py`` makes all; ``python docs/regenerate.py pictures``, ``devices``,
-``assets``, ``bodies``, ``surfaces`` or ``trade`` only those. ``devices`` needs matplotlib.
-``assets`` is the library of the Asset Browser, to be made anew when a sensation of
+``assets``, ``bodies``, ``surfaces``, ``trade`` or ``avatars`` only those. ``devices`` needs
+matplotlib. ``assets`` is the library of the Asset Browser, to be made anew when a sensation of
 ``effect_library`` changes. The trade takes half an hour on an idle machine, a minute or two with
-``--short``. The table of ``safety`` is made of what ``hfx bench safety --json`` printed, idle and
-with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
+``--short``. ``avatars`` fits models to a hundred avatars whose answer is known; it needs
+MakeHuman's data (``tests/engine/body/retarget_report.py`` tells where from), takes long, and is
+made only where it is named. The table of ``safety`` is made of what ``hfx bench safety --json``
+printed, idle and with ``--busy``: ``python docs/regenerate.py safety --record IDLE.json --record
+BUSY.json``.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ def main() -> None:
         "subjects",
         nargs="*",
         metavar="SUBJECT",
-        help="pictures, devices, assets, bodies, surfaces, trade, safety",
+        help="pictures, devices, assets, bodies, surfaces, trade, safety, avatars",
     )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
     parser.add_argument(
@@ -57,6 +60,10 @@ def main() -> None:
     if "trade" in subjects:
         for scene in options.scene or SCENES:
             trade(scene, options.short)
+    if "avatars" in subjects:
+        for script, *more in (("retarget_report.py",), ("dressed_report.py", "--write")):
+            path = DOCS.parent / "tests/engine/body" / script
+            subprocess.run([sys.executable, str(path), *more], check=True)
     if "safety" in subjects:
         if not options.record:
             parser.error("safety: no --record")

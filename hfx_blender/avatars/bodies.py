@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 import uuid
 from collections.abc import Generator, Sequence
+from importlib import import_module
 from importlib.util import find_spec
 
 import bpy
@@ -25,6 +26,8 @@ _LARGE_BONES = (
     *("root", "pelvis", "spine", "neck", "head", "clavicle", "shoulder"),
     *("upperarm", "lowerarm", "wrist", "upperleg", "lowerleg", "foot"),
 )
+
+_PACKAGES = ("scipy.sparse.linalg", "scipy.spatial", "trimesh.grouping", "trimesh.geometry")
 
 _INSIDE_M = 0.02
 """Shortening of the head bone, metres: its end would show as a dot over the crown."""
@@ -105,7 +108,7 @@ def adding_body(
         )
     check_scipy()
     mapping = bone_table.mapping_of(armature)
-    yield 0.0
+    yield from _importing()
     # Fitting has half of this module's imports, and Blender's start must not wait for it.
     from .fitting import fitting
 
@@ -153,7 +156,15 @@ def choosing_again(
     if len(found) < 2 or body_binding.from_canonical(armature) is None:
         return _largest_first(found)[:1]
     mapping = bone_table.mapping_of(armature)
+    yield from _importing()
     return (yield from avatar_meshes.choosing(armature, found, mapping))
+
+
+def _importing() -> Generator[float, None, None]:
+    """Import packages for fitting one by one: the first time, all together take seconds."""
+    for name in _PACKAGES:
+        import_module(name)
+        yield 0.0
 
 
 def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,11 @@ from .target import RigMapping, TargetAvatar, group_shares, owners_of
 from .turns import apply, similarity
 
 _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
+_TRUNK_JOINTS: Final = ("neck", "head", "hip", "shoulder")
+_LEG: Final = ("hip", "knee", "ankle", "ball")
+_BENT: Final = 0.75
+"""Cosine between a thigh or shank and where it stands below the trunk, below which it is bent."""
+
 _NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")
 _LARGEST_MISFIT: Final = 0.12
 """RMS distance of the joints of torso, legs and head from a person's, as a share of the height."""
@@ -65,15 +71,19 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
             "a body needs at least two hips and two shoulders."
         )
     used = [joint for joint in joints if joint.partition(".")[0] in _FRAME_JOINTS]
+    straight = _straightened(canonical, joints)
     to_target = similarity(
-        np.array([canonical[joint] for joint in used]), np.array([joints[joint] for joint in used])
+        np.array([canonical[joint] for joint in used]),
+        np.array([straight[joint] for joint in used]),
     )
     if not np.linalg.det(to_target[:3, :3]) > 0.0:
         raise InputError("The armature's joints all lie at one place, or are not numbers.")
     from_target = np.linalg.inv(to_target)
     joints = {joint: apply(from_target, place) for joint, place in joints.items()}
     _check_posture(joints)
-    misfit = np.array([joints[joint] - canonical[joint] for joint in used])
+    ours = np.array([canonical[joint] for joint in used])
+    theirs = np.array([joints[joint] for joint in used])
+    misfit = apply(np.linalg.inv(similarity(ours, theirs)), theirs) - ours  # as it stands or sits
     if np.sqrt(np.mean(np.sum(misfit**2, axis=1))) > _LARGEST_MISFIT * np.ptp(
         avatar.vertices[:, 2]
     ):
@@ -99,6 +109,31 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: RigMapping) -> S
         target_shares,
         _feet_forward(points, dominant(target_shares), joints),
     )
+
+
+def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> dict[str, F64]:
+    """Joints with bent legs stretched below the trunk: a person who sits is not tilted back."""
+    straight = dict(joints)
+    trunk = [joint for joint in joints if joint.partition(".")[0] in _TRUNK_JOINTS]
+    ours, theirs = (np.array([of[joint] for joint in trunk]) for of in (canonical, joints))
+    turn = similarity(ours, theirs)[:3, :3]
+    if not np.linalg.det(turn) > 0.0:
+        return straight
+    turn /= np.cbrt(np.linalg.det(turn))
+    for side in "LR":
+        leg = [f"{joint}.{side}" for joint in _LEG if f"{joint}.{side}" in joints]
+        bones = list(pairwise(leg))
+        ways = [turn @ (canonical[end] - canonical[start]) for start, end in bones]
+        ways = [way / np.linalg.norm(way) for way in ways]
+        own = [joints[end] - joints[start] for start, end in bones]
+        cosines = [
+            float(way @ each) / max(float(np.linalg.norm(each)), 1e-12)
+            for way, each in zip(ways, own, strict=True)
+        ]
+        if min(cosines[:2], default=1.0) < _BENT:  # of thigh and shank
+            for (start, end), way, each in zip(bones, ways, own, strict=True):
+                straight[end] = straight[start] + np.linalg.norm(each) * way
+    return straight
 
 
 def _check_posture(joints: Mapping[str, F64]) -> None:

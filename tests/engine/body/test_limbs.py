@@ -10,7 +10,9 @@ import retarget_variants as variants
 
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.rigs.mapping import map_bones
+from hfx_blender.engine.body.rigs.rig import canonical_heads
 from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.joints import skeletons_of
 from hfx_blender.engine.retargeting.quality import JOINT_MM
 
 MODEL_ID = "hfx-pressure-1"
@@ -58,3 +60,16 @@ def test_a_model_that_lies_beside_a_joint_is_named() -> None:
     found = warped.limbs.offsets_m(nearest, rest, low, warped.surface)
     assert 0.02 < max(found["knee.L"], found["knee.R"]) < 0.04
     assert min(found["knee.L"], found["knee.R"]) < 0.01
+
+
+def test_who_sits_is_neither_tilted_nor_made_larger() -> None:
+    """The trunk of the shipped avatar stays where it is; one leg may stay stretched."""
+    legs = {"upperleg01.L": variants.turn(0, -85.0), "lowerleg01.L": variants.turn(0, 85.0)}
+    both = legs | {"upperleg01.R": variants.turn(0, -70.0), "lowerleg01.R": variants.turn(0, 80.0)}
+    for turns in (legs, both):
+        seated = variants.posed(variants.canonical(), turns, {}).target
+        bodies = skeletons_of(load_avatar(), seated, map_bones(seated.bones))
+        np.testing.assert_allclose(bodies.to_target[:3, :3], np.eye(3), atol=0.03)
+        np.testing.assert_allclose(
+            bodies.joints["head"], canonical_heads()["head"], rtol=0.0, atol=0.03
+        )
