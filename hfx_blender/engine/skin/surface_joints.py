@@ -21,7 +21,7 @@ from ..scene import PoseBlock, SurfaceBinding
 from .bound_weights import BoundWeights
 from .surface_posing import SurfaceModel
 
-_SPACING_M: Final = 0.1  # of patches within what one bone moves: 247, engines like below 256
+_SPACING_M: Final = 0.1  # of patches within what one bone moves: about 240; engines like below 256
 _NEAREST: Final = 4  # patches that move a vertex: one set of weights of a glTF mesh
 _NEIGHBOURS: Final = 0.02  # weight of neighbouring patches in the motion of one
 _CORE: Final = 0.05  # of the distance to the first patch that does not count: no nearer counts
