@@ -27,7 +27,15 @@ from .curves import CurveTolerance
 from .files import format_of, read_signals
 from .gate import fault_of
 from .hjif import from_actuators
-from .registry import DEVICE_FORMATS, TRACK_FORMATS, DeviceFormat, TrackFormat, write
+from .registry import (
+    DEVICE_FORMATS,
+    PLAYED_FORMATS,
+    TRACK_FORMATS,
+    DeviceFormat,
+    PlayedFormat,
+    TrackFormat,
+    write,
+)
 from .signal_raster import RATE_HZ, raster_of
 from .signals import DEFAULT_TOLERANCE, Signal, distinct
 from .written import Written, beside
@@ -58,7 +66,7 @@ def convert(
     target : Path
         Its suffix names the format, unless ``to`` does.
     to : str, optional
-        Key of ``DEVICE_FORMATS`` or ``TRACK_FORMATS``.
+        Key of ``DEVICE_FORMATS``, ``TRACK_FORMATS`` or ``PLAYED_FORMATS``.
     device : str, optional
         Name or file; tracks and rasters need it for device formats, and envelopes for those
         that are of a whole device (csv, npz, wav, tact). With it envelopes become what that
@@ -97,7 +105,11 @@ def convert(
 
 def _target(target: Path, to: str | None) -> tuple[str, str]:
     """Format and stem of the target."""
-    formats: dict[str, DeviceFormat | TrackFormat] = {**DEVICE_FORMATS, **TRACK_FORMATS}
+    formats: dict[str, DeviceFormat | TrackFormat | PlayedFormat] = {
+        **DEVICE_FORMATS,
+        **TRACK_FORMATS,
+        **PLAYED_FORMATS,
+    }
     if to is not None:
         if to not in formats:
             raise UsageError(f"--to {to}: expected one of {', '.join(formats)}")
@@ -133,12 +145,15 @@ def _converted(
             _refuse_long(track, found)
             given = renderers_given(track, (found,), [_body_id(track, body)])
             rendered = finish(rendering(track, given)).complete()
-        ((_, raster),) = rendered.played
-        raster_rules.refuse(raster, str(source))
-        written = write(kind, raster, found, stem, tolerance)
+            ((_, raster),) = rendered.played
+            raster_rules.refuse(raster, str(source))
+            if kind in PLAYED_FORMATS:
+                written = PLAYED_FORMATS[kind].write(track.header, rendered.played, stem)
+            else:
+                written = write(kind, raster, found, stem, tolerance)
         return written + Written(left_out=rendered.warnings, notes=rendered.notes)
     is_raster = format_of(source).name in ("npz", "csv")
-    if kind in TRACK_FORMATS and kind != "hjif":
+    if kind in PLAYED_FORMATS or (kind in TRACK_FORMATS and kind != "hjif"):
         raise UsageError(f"{source}: only a track can be converted to {kind}")
     if is_raster:
         found = _device(device, kind)

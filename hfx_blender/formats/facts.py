@@ -11,6 +11,7 @@ from ..engine.rendering.raster import Raster
 from ..errors import InputError
 from . import csv_raster, glb_rules, jsonl_samples, npz_raster, wav_reader
 from .checking import mapped, parse, read_bytes, refuse_errors
+from .clip.writing import facts as clip_facts
 from .files import FileFormat, format_of, read_signals, validate
 from .hjif import reader as hjif_reader
 from .hjif.body_parts import described
@@ -156,6 +157,10 @@ def _glb(path: Path, kind: FileFormat) -> dict[str, Any]:
     }
 
 
+def _clip(path: Path, kind: FileFormat) -> dict[str, Any]:
+    return clip_facts(read_bytes(path, _MOST_BYTES), str(path))
+
+
 def _channels(path: Path, kind: FileFormat) -> dict[str, Any]:
     found = parse(read_bytes(path), str(path))
     of = {key: found[key] for key in ("device", "body", "layout") if key in found}
@@ -169,5 +174,6 @@ _TELLERS: Final[dict[str, Callable[[Path, FileFormat], dict[str, Any]]]] = {
     "wav": _wav,
     "jsonl": _jsonl,
     "glb": _glb,
+    "clip": _clip,
     "channels": _channels,
 }

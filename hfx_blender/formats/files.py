@@ -34,6 +34,8 @@ from . import (
     wav_reader,
 )
 from .checking import Finding, mapped, read_bytes
+from .clip import rules as clip_rules
+from .clip.container import SUFFIX as CLIP_SUFFIX
 from .hjif import rules, to_signals
 from .signals import FrequencyRange, Signal
 
@@ -88,6 +90,7 @@ FILE_FORMATS: Final[dict[str, FileFormat]] = {
         FileFormat("npz", "NPZ raster", npz_raster.validate),
         FileFormat("csv", "CSV raster", csv_raster.validate),
         FileFormat("wav", "WAV", wav_reader.validate),
+        FileFormat("clip", "game clip", clip_rules.validate),
         FileFormat("channels", "channels of a WAV", channel_list.validate),
     )
 }
@@ -105,6 +108,7 @@ _SUFFIXES: Final = {
     ".tact": "tact",
     ".hjif": "hjif",
     ".jsonl": "jsonl",
+    CLIP_SUFFIX: "clip",
     glb.SUFFIX: "glb",
     npz_raster.SUFFIX: "npz",
     ".csv": "csv",

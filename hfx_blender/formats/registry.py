@@ -14,9 +14,12 @@ import numpy as np
 from ..engine.body.model import load_model
 from ..engine.rendering.device import DeviceConfig
 from ..engine.rendering.raster import Raster
-from ..engine.track import TrackReader
+from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError, NothingFeltError, UsageError
 from . import ahap, csv_raster, haptic, he, jsonl_samples, losses, npz_raster, openxr, tact, wav
+from .clip import writing as clip_writing
+from .clip.baked import Played
+from .clip.container import SUFFIX as CLIP_SUFFIX
 from .curves import CurveTolerance
 from .hjif import from_track
 from .hjif.perceptions import SUFFIX as HJIF_SUFFIX
@@ -63,6 +66,16 @@ class TrackFormat:
     title: str
     suffix: str
     write: Callable[[TrackReader, Sequence[DeviceConfig], Path, CurveTolerance], Written]
+
+
+@dataclass(frozen=True)
+class PlayedFormat:
+    """Format of what all devices play of a track, together in one file."""
+
+    name: str
+    title: str
+    suffix: str
+    write: Callable[[TrackHeader, Played, Path], Written]
 
 
 def write(
@@ -327,7 +340,12 @@ TRACK_FORMATS: Final[dict[str, TrackFormat]] = {
     )
 }
 
-FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, "glb")
+PLAYED_FORMATS: Final[dict[str, PlayedFormat]] = {
+    each.name: each
+    for each in (PlayedFormat("clip", "a game clip", CLIP_SUFFIX, clip_writing.write),)
+}
+
+FORMATS: Final = ("track", *DEVICE_FORMATS, *TRACK_FORMATS, *PLAYED_FORMATS, "glb")
 """Formats of an export; ``glb`` is the scene's volumes (glb_scene)."""
 
 
@@ -380,6 +398,19 @@ def _why_nothing(chosen: DeviceFormat, device: DeviceConfig) -> str:
     return chosen.why_nothing(device)
 
 
+def why_nothing(name: str, devices: Sequence[DeviceConfig]) -> str:
+    """Reason why a format can hold nothing of any of these devices; empty: it can."""
+    chosen = DEVICE_FORMATS.get(name)
+    if chosen is None:
+        return ""
+    if not devices:
+        return "Formats of devices need a device"
+    if not any(set(chosen.modalities) & set(device.modalities) for device in devices):
+        return f"No device has {' or '.join(chosen.modalities)} actuators"
+    reasons = [_why_nothing(chosen, device) for device in devices]
+    return "" if "" in reasons else f"{chosen.title}: {reasons[0]}"
+
+
 def write_all(
     formats: Sequence[str],
     played: Sequence[tuple[Path, DeviceConfig, Raster]],
@@ -419,6 +450,12 @@ def write_all(
                 written += one.write(track, devices, stem, tolerance).of(one.title)
             except NothingFeltError:
                 written += Written(left_out=(f"nothing is felt: no {one.title}",))
+            continue
+        if name in PLAYED_FORMATS:
+            together = PLAYED_FORMATS[name]
+            of_devices = [(device, raster) for _, device, raster in played]
+            made = together.write(track.header, of_devices, stem)
+            written += made.of(together.title)
             continue
         if name not in DEVICE_FORMATS:
             continue  # the track and the scene are written by those that have them

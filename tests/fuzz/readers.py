@@ -26,6 +26,8 @@ from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.formats import csv_raster, files, npz_raster, png, point_cloud, texture_map
+from hfx_blender.formats.clip import rules as clip_rules
+from hfx_blender.formats.clip.container import sealed
 from hfx_blender.formats.conversion import convert
 from hfx_blender.formats.hjif import reader, text, to_signals
 
@@ -34,7 +36,7 @@ Reader = Callable[[bytes], None]
 PARSERS = (
     *("ahap", "haptic", "he", "openharmony", "openxr", "tact", "hjif", "jsonl", "glb", "npz"),
     *("csv", "wav", "track", "device", "effect", "path", "nodemap", "unitouch", "texture", "png"),
-    *("report", "model", "cloud"),
+    *("report", "model", "cloud", "clip"),
 )
 SUFFIXES = {
     "ahap": ".ahap",
@@ -76,6 +78,7 @@ def readers(name: str) -> Reader:
     if name in in_files:
         return partial(in_files[name], folder)
     of_bytes: dict[str, Reader] = {
+        "clip": lambda content: void(clip_rules.validate(sealed(content), "x")),
         "npz": lambda content: void(npz_raster.decode(content, "x")),
         "csv": lambda content: void(csv_raster.decode(content, "x")),
         "hjif": _hjif,

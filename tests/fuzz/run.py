@@ -23,7 +23,7 @@ _SOURCES = (
 )  # fmt: skip
 _PARSERS = (
     *_SOURCES, "jsonl", "glb", "wav", "device", "effect", "path", "nodemap", "unitouch",
-    "texture", "png", "report", "model", "cloud",
+    "texture", "png", "report", "model", "cloud", "clip",
 )  # fmt: skip
 _WORK = {"parsers": _PARSERS, "conversions": tuple(f"{each}-to" for each in _SOURCES)}
 _MOST_MIB = 1024  # that a process may ever have

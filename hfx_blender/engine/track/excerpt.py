@@ -50,11 +50,11 @@ def write_excerpt(
         The file cannot be written.
     """
     time = track.header.time
-    step = time.fps / time.rate_hz  # frames from a sample to the next
-    first = max(ceil((Fraction(clip.frame_start) - time.frame_first) / step), 0)
-    last = min(floor((Fraction(clip.frame_end) - time.frame_first) / step), time.sample_count - 1)
-    if last < first:
+    rows = sample_range(clip, time)
+    if rows is None:
         raise ValueError(f"clip '{clip.name}' has no sample in the track")
+    first, last = rows
+    step = time.fps / time.rate_hz  # frames from a sample to the next
     start = floor(time.frame(first))
     frames = max(ceil((last - first + 1) * step), 1)
     moved = TimeBase(time.fps, time.rate_hz, start, start, start + frames - 1)
@@ -66,6 +66,14 @@ def write_excerpt(
         for _, chunk in groupby(runs, lambda run: int(run.indices[0]) // track.samples_per_chunk):
             writer.append([_moved(run, first, moved) for run in chunk])
     return moved
+
+
+def sample_range(clip: Clip, time: TimeBase) -> tuple[int, int] | None:
+    """First and last sample during a clip, whose end belongs to it; None: there is none."""
+    step = time.fps / time.rate_hz
+    first = max(ceil((Fraction(clip.frame_start) - time.frame_first) / step), 0)
+    last = min(floor((Fraction(clip.frame_end) - time.frame_first) / step), time.sample_count - 1)
+    return (first, last) if first <= last else None
 
 
 def _moved(run: SampleRun, first: int, time: TimeBase) -> SampleRun:

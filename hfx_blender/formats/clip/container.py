@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The container of a clip: sections of records, as ``docs/formats/clip.md`` lays them out."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import InputError
+from ..checking import clean
+
+SUFFIX: Final = ".hfxclip"
+VERSION: Final = 1
+NONE: Final = 0xFFFFFFFF
+MOST_TEXT: Final = 1000
+"""Longest text, bytes."""
+
+_MAGIC: Final = b"HFXCLIP\n"
+_HEAD: Final = struct.Struct("<8sIIII")
+_SECTION: Final = struct.Struct("<4sIII")
+_MOST_SECTIONS: Final = 64
+_MOST_BYTES: Final = 2**31 - 1
+_SIZE_AT: Final = 12
+_CHECKED_FROM: Final = 20
+_ALIGNED: Final = 8
+
+Records = npt.NDArray[Any]
+Sections = Mapping[str, Records]
+
+
+def _record(*fields: str) -> np.dtype[Any]:
+    """Layout of a record: fields ``name`` (u32), ``name:kind`` or ``name:kind*count``."""
+    kinds: list[Any] = []
+    for each in fields:
+        name, _, kind = each.partition(":")
+        kind, _, count = (kind or "u4").partition("*")
+        kinds.append((name, f"<{kind}", (int(count),)) if count else (name, f"<{kind}"))
+    return np.dtype(kinds)
+
+
+RECORDS: Final[dict[str, np.dtype[Any]]] = {
+    "TEXT": np.dtype("u1"),
+    "TIME": _record("rate_hz:f8", "start_s:f8", "rows", "title"),
+    "DEVC": _record(
+        *("id", "name", "body", "first_actuator", "actuators", "first_column", "columns"),
+        "dead_man_ms",
+    ),
+    "ACTR": _record(
+        *("id", "modality", "first_column", "columns", "first_row", "rows", "first_value"),
+        *("place", "side", "parts", "bone", "human", "centre_m:f4*3", "radius_m:f4"),
+        *("latency_ms:f4", "update_interval_ms:f4", "slew_per_s:f4", "maximum_on_s:f4"),
+        *("rest_s:f4", "zero"),
+    ),
+    "COLM": _record(
+        *("parameter", "unit", "actuator", "neutral_number"),
+        *("lowest:f8", "highest:f8", "neutral:f8"),
+    ),
+    "ROWS": np.dtype("<u4"),
+    "VALU": np.dtype("<u2"),
+    "CLIP": _record("name", "loops", "start_s:f8", "end_s:f8"),
+    "BODY": _record("name", "first_bone", "bones", "first_model", "models", "zero"),
+    "BONE": _record("name", "human", "mixamo", "unreal", "parent", "length_m:f4", "rest:f4*12"),
+    "MODL": _record("id", "modality", "level", "first_vertex", "vertices", "zero"),
+    "VERT": _record("place:f4*3", "id", "first_weight", "weights"),
+    "WGHT": _record("bone:u2", "weight:u2"),
+    "EFCT": _record(
+        *("name", "kind", "modality", "body", "model", "shape", "half_segment:f4", "falloff"),
+        *("share:f4", "level:f4", "parameters:f4*4", "neutral_c:f4", "first_filter", "filters"),
+        *("first_painted", "painted", "matrix:f4*12", "zero"),
+    ),
+    "FLTR": _record("kind", "operation", "about", "controls:f4*5"),
+    "PNTD": _record("vertex", "weight:f4"),
+    "REAC": _record(
+        *("actuator", "model", "modality", "statistic", "scale:f4", "frequency_hz:f4"),
+        *("first_reached", "reached"),
+    ),
+    "RCHV": _record("vertex", "factor:f4"),
+}
+"""Records of each section, in the order in which the writer puts them."""
+
+
+class Texts:
+    """Collector of a clip's texts; each is stored once."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray(b"\0")
+        self._places: dict[str, int] = {"": 0}
+
+    def add(self, text: str) -> int:
+        """Place of a text in the section."""
+        text = clean(text).replace("\0", " ").encode()[:MOST_TEXT].decode("utf-8", "ignore")
+        if text not in self._places:
+            self._places[text] = len(self._bytes)
+            self._bytes += text.encode() + b"\0"
+        return self._places[text]
+
+    @property
+    def records(self) -> Records:
+        """The section ``TEXT``."""
+        return np.frombuffer(bytes(self._bytes), np.uint8)
+
+
+def texts_at(sections: Sections, places: Records) -> list[str]:
+    """Texts of a clip that keeps the rules, (n,) places."""
+    content = sections["TEXT"].tobytes()
+    return [content[k : content.index(b"\0", k)].decode() for k in places.tolist()]
+
+
+def records(section: str, rows: Sequence[tuple[Any, ...]]) -> Records:
+    """Records of a section from tuples in the order of its fields."""
+    return np.array(list(rows), RECORDS[section])
+
+
+def encoded(sections: Sections, name: str) -> bytes:
+    """Bytes of a clip.
+
+    Raises
+    ------
+    InputError
+        It would be larger than the format allows.
+    """
+    kept = [(each, sections[each]) for each in RECORDS if each in sections and len(sections[each])]
+    at = _HEAD.size + _SECTION.size * len(kept)
+    table = b""
+    parts: list[bytes] = []
+    for each, found in kept:
+        gap = -at % _ALIGNED
+        content = np.ascontiguousarray(found, RECORDS[each]).tobytes()
+        table += _SECTION.pack(each.encode(), at + gap, len(content), 0)
+        parts += [bytes(gap), content]
+        at += gap + len(content)
+    if at > _MOST_BYTES:
+        raise InputError(f"{name}: a clip of {at:,} bytes, allowed are {_MOST_BYTES:,}.")
+    return sealed(_HEAD.pack(_MAGIC, VERSION, at, 0, len(kept)) + table + b"".join(parts))
+
+
+def sealed(content: bytes) -> bytes:
+    """A clip with its size and checksum set right."""
+    content = content[:_SIZE_AT] + struct.pack("<I", len(content)) + content[_SIZE_AT + 4 :]
+    checksum = struct.pack("<I", zlib.crc32(content[_CHECKED_FROM:]))
+    return content[: _CHECKED_FROM - 4] + checksum + content[_CHECKED_FROM:]
+
+
+def decoded(content: bytes, name: str) -> dict[str, Records]:
+    """Sections of a clip, those that are missing empty; their content is not looked at.
+
+    Raises
+    ------
+    InputError
+        It is no clip, of a newer version, cut off or damaged, or a section does not fit.
+    """
+    if content[: len(_MAGIC)] != _MAGIC:
+        raise InputError(f"{name}: is no game clip (its first 8 bytes are not 'HFXCLIP').")
+    if len(content) < _HEAD.size:
+        raise InputError(f"{name}: is cut off: it has {len(content)} bytes.")
+    _, version, size, checksum, count = _HEAD.unpack_from(content)
+    if not 1 <= version <= VERSION:
+        raise InputError(
+            f"{name}: 'version' is {version}, allowed is up to {VERSION}: a newer player reads it."
+        )
+    if size != len(content):
+        raise InputError(f"{name}: 'size' is {size}, but the file has {len(content)} bytes.")
+    if zlib.crc32(memoryview(content)[_CHECKED_FROM:]) != checksum:
+        raise InputError(f"{name}: is damaged: its checksum differs.")
+    if count > _MOST_SECTIONS or _HEAD.size + _SECTION.size * count > size:
+        raise InputError(f"{name}: 'sections' is {count}, which do not fit, allowed are 64.")
+    found = {each: np.zeros(0, kind) for each, kind in RECORDS.items()}
+    for k in range(count):
+        key, first, length, _ = _SECTION.unpack_from(content, _HEAD.size + _SECTION.size * k)
+        section = key.decode("latin-1")
+        if section not in RECORDS:
+            continue
+        kind = RECORDS[section]
+        if len(found[section]):
+            raise InputError(f"{name}: the section '{section}' occurs twice.")
+        if first % _ALIGNED or first + length > size or length % kind.itemsize:
+            raise InputError(
+                f"{name}: the section '{section}' has {length} bytes from byte {first}, allowed "
+                f"is a multiple of {kind.itemsize} bytes within {size}, from a multiple of 8."
+            )
+        found[section] = np.frombuffer(content, kind, length // kind.itemsize, first)
+    return found

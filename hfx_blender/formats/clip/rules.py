@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rules of a clip's content; ``docs/formats/clip.md`` states each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ... import file_limits
+from ...engine.modality import MODALITIES
+from ...errors import InputError
+from ..checking import Finding
+from .container import MOST_TEXT, NONE, RECORDS, Records, Sections, decoded, texts_at
+
+_PARAMETERS: Final = {each.name for one in MODALITIES.values() for each in one.parameters}
+_MOST_ROWS: Final = 2**31 - 1
+_MOST_HZ: Final = 1e6
+_HUGE: Final = float(np.finfo(np.float32).max)
+
+_TEXTS: Final = {
+    "TIME": ("title",),
+    "DEVC": ("id", "name", "body"),
+    "ACTR": ("id", "parts", "bone", "human"),
+    "COLM": ("parameter", "unit"),
+    "CLIP": ("name",),
+    "BODY": ("name",),
+    "BONE": ("name", "human", "mixamo", "unreal"),
+    "MODL": ("id",),
+    "EFCT": ("name", "model"),
+}
+_RANGES: Final = (
+    ("DEVC", "first_actuator", "actuators", "ACTR"),
+    ("DEVC", "first_column", "columns", "COLM"),
+    ("ACTR", "first_column", "columns", "COLM"),
+    ("ACTR", "first_row", "rows", "ROWS"),
+    ("BODY", "first_bone", "bones", "BONE"),
+    ("BODY", "first_model", "models", "MODL"),
+    ("MODL", "first_vertex", "vertices", "VERT"),
+    ("VERT", "first_weight", "weights", "WGHT"),
+    ("EFCT", "first_filter", "filters", "FLTR"),
+    ("EFCT", "first_painted", "painted", "PNTD"),
+    ("REAC", "first_reached", "reached", "RCHV"),
+)
+"""Ranges: section, fields of the first and of the number, the section that they are of."""
+
+_INDICES: Final = (
+    ("COLM", "actuator", "ACTR"),
+    ("REAC", "actuator", "ACTR"),
+    ("REAC", "model", "MODL"),
+)
+_WHOLE: Final[dict[str, dict[str, tuple[float, float]]]] = {
+    "ACTR": {"modality": (0, 3), "columns": (1, 8), "rows": (1, NONE), "place": (0, 2),
+             "side": (0, 2)},
+    "COLM": {"neutral_number": (0, 65535)},
+    "CLIP": {"loops": (0, 1)},
+    "BODY": {"bones": (0, 65535)},
+    "MODL": {"modality": (0, 2)},
+    "EFCT": {"kind": (0, 1), "modality": (0, 3), "shape": (0, 3), "falloff": (0, 2),
+             "filters": (0, 16)},
+    "FLTR": {"kind": (0, 4), "operation": (0, 2), "about": (0, 2)},
+    "REAC": {"modality": (0, 3), "statistic": (0, 1)},
+}  # fmt: skip
+"""Least and largest whole number of fields."""
+
+_REAL: Final[dict[str, dict[str, tuple[float, float]]]] = {
+    "TIME": {"start_s": (-1e300, 1e300)},
+    "ACTR": {
+        "slew_per_s": (0.0, np.inf),
+        "maximum_on_s": (0.0, np.inf),
+    },
+    "EFCT": {"half_segment": (0.0, _HUGE), "share": (0.0, 1.0), "level": (0.0, 1.0)},
+    "PNTD": {"weight": (0.0, 1.0)},
+    "REAC": {"frequency_hz": (0.0, _HUGE)},
+    "RCHV": {"factor": (0.0, 1.0)},
+}
+"""Least and largest number of fields; all others are only finite."""
+
+
+def validate(content: bytes, name: str) -> list[Finding]:
+    """Faults of a clip.
+
+    Raises
+    ------
+    InputError
+        It is no clip at all, or damaged.
+    """
+    return findings_of(decoded(content, name), name)
+
+
+def read(content: bytes, name: str) -> dict[str, Records]:
+    """Sections of a clip that keeps all rules.
+
+    Raises
+    ------
+    InputError
+        It names the file and the field.
+    """
+    sections = decoded(content, name)
+    for each in findings_of(sections, name):
+        raise InputError(f"{name}: '{each.place}' {each.message} [{each.code}].")
+    return sections
+
+
+def findings_of(sections: Sections, name: str) -> list[Finding]:
+    """Faults of sections. Each kind of rule needs those before it: the first that fails ends it."""
+    text = sections["TEXT"]
+    if not len(text) or text[0] or text[-1]:
+        return [_finding("TEXT", "does not begin and end with a zero byte")]
+    if np.diff(np.flatnonzero(text == 0)).max(initial=0) > MOST_TEXT + 1:
+        return [_finding("TEXT", f"has a text of more than {MOST_TEXT} bytes")]
+    try:
+        text.tobytes().decode()
+    except UnicodeDecodeError as error:
+        return [_finding("TEXT", f"byte {error.start} is not UTF-8")]
+    if len(sections["TIME"]) != 1:
+        return [_finding("TIME", f"has {len(sections['TIME'])} records, allowed is one")]
+    kinds: tuple[Callable[[Sections], list[Finding]], ...] = (
+        _time, _references, _numbers, _rows, _columns, _clips, _bodies, _spatial
+    )  # fmt: skip
+    for kind in kinds:
+        found = kind(sections)
+        if found:
+            return found
+    at = sections["TIME"][0]
+    file_limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")
+    return []
+
+
+def _finding(place: str, message: str, code: str = "RULE") -> Finding:
+    return Finding(f"CLIP-{code}", place, message)
+
+
+def _first(
+    section: str, field: str, values: npt.NDArray[Any], is_bad: npt.NDArray[np.bool_], allowed: str
+) -> list[Finding]:
+    """A finding about the first record that breaks a rule, if any does."""
+    if not is_bad.any():
+        return []
+    k = int(np.argmax(is_bad.reshape(len(is_bad), -1).any(axis=1)))
+    place = f"{section}[{k}].{field}" if field else f"{section}[{k}]"
+    return [_finding(place, f"is {values[k]}, allowed is {allowed}")]
+
+
+def _time(sections: Sections) -> list[Finding]:
+    at = sections["TIME"][0]
+    if not 0.0 < at["rate_hz"] <= _MOST_HZ:
+        return [_finding("TIME.rate_hz", f"is {at['rate_hz']:g}, allowed is up to {_MOST_HZ:g}")]
+    if not 1 <= at["rows"] <= _MOST_ROWS:
+        return [_finding("TIME.rows", f"is {at['rows']}, allowed is 1 to {_MOST_ROWS}")]
+    return []
+
+
+def _references(sections: Sections) -> list[Finding]:
+    """Texts, ranges and indices lead to what is there."""
+    found: list[Finding] = []
+    size = len(sections["TEXT"])
+    for section, fields in _TEXTS.items():
+        for field in fields:
+            places = sections[section][field]
+            is_bad = places >= size
+            is_bad |= _is_inside(sections["TEXT"], np.where(is_bad, 0, places))
+            found += _first(section, field, places, is_bad, "the beginning of a text")
+    for section, field, number, of in _RANGES:
+        firsts, counts = (sections[section][each].astype(np.int64) for each in (field, number))
+        expected = np.concatenate([[0], np.cumsum(counts)])
+        found += _first(
+            section, field, firsts, firsts != expected[:-1], "the end of the range before"
+        )
+        if not found and expected[-1] != len(sections[of]):
+            message = f"ranges have {expected[-1]} records of {of}, which has {len(sections[of])}"
+            found.append(_finding(f"{section}.{number}", message))
+    for section, field, of in _INDICES:
+        values, count = sections[section][field], len(sections[of])
+        found += _first(section, field, values, values >= count, f"below {count}")
+    return found
+
+
+def _is_inside(text: Records, places: Records) -> npt.NDArray[np.bool_]:
+    """Test places for being within a text, not where one begins."""
+    return np.asarray((places > 0) & (text[np.maximum(places, 1) - 1] != 0))
+
+
+def _numbers(sections: Sections) -> list[Finding]:
+    """Numbers are finite and within what is allowed for their field."""
+    found: list[Finding] = []
+    for section, kind in RECORDS.items():
+        for field in kind.names or ():
+            values = sections[section][field]
+            low, high = _WHOLE.get(section, {}).get(field, (0.0, float(NONE)))
+            if values.dtype.kind == "f":
+                low, high = _REAL.get(section, {}).get(field, (-np.inf, np.inf))
+                is_bad = ~((values >= low) & (values <= high))
+                is_bad |= np.isinf(values) & (high < np.inf or low == -np.inf)
+            else:
+                is_bad = (values < low) | (values > high)
+            allowed = f"{low:g} to {high:g}" if np.isfinite([low, high]).any() else "finite"
+            found += _first(section, field, values, is_bad, allowed)
+    return found
+
+
+def _rows(sections: Sections) -> list[Finding]:
+    """Rows of each actuator ascend from 0, and each has its values."""
+    actuators, rows = sections["ACTR"], sections["ROWS"].astype(np.int64)
+    if not len(actuators):
+        return []
+    firsts = actuators["first_row"].astype(np.int64)
+    sizes = actuators["rows"].astype(np.int64) * actuators["columns"]
+    expected = np.concatenate([[0], np.cumsum(sizes)])
+    found = _first(
+        "ACTR",
+        "first_value",
+        actuators["first_value"],
+        actuators["first_value"] != expected[:-1],
+        "the end of the values before",
+    )
+    if expected[-1] != len(sections["VALU"]):
+        message = f"has {len(sections['VALU'])} values, the rows of actuators {expected[-1]}"
+        found.append(_finding("VALU", message))
+    ascends = np.ones(len(rows), np.bool_)
+    ascends[1:] = rows[1:] > rows[:-1]
+    ascends[firsts] = rows[firsts] == 0
+    count = int(sections["TIME"][0]["rows"])
+    is_bad = ~ascends | (rows >= count)
+    return found + _first("ROWS", "", rows, is_bad, f"ascending from 0 to {count - 1}")
+
+
+def _columns(sections: Sections) -> list[Finding]:
+    columns = sections["COLM"]
+    owners = np.repeat(np.arange(len(sections["ACTR"])), sections["ACTR"]["columns"])
+    found = _first(
+        "COLM", "actuator", columns["actuator"], columns["actuator"] != owners, "its own"
+    )
+    for k, name in enumerate(texts_at(sections, columns["parameter"])):
+        if name not in _PARAMETERS:
+            allowed = ", ".join(sorted(_PARAMETERS))
+            found.append(_finding(f"COLM[{k}].parameter", f"is '{name}', allowed are {allowed}"))
+            break
+    low, high, neutral = (columns[each] for each in ("lowest", "highest", "neutral"))
+    is_bad = (low > high) | (low < -_HUGE) | (high > _HUGE)
+    found += _first("COLM", "highest", high, is_bad, "not below 'lowest'")
+    is_bad = (neutral < low) | (neutral > high)
+    return found + _first("COLM", "neutral", neutral, is_bad, "'lowest' to 'highest'")
+
+
+def _clips(sections: Sections) -> list[Finding]:
+    clips, at = sections["CLIP"], sections["TIME"][0]
+    lasts_s = float(at["rows"]) / float(at["rate_hz"])
+    is_bad = (clips["start_s"] < 0.0) | (clips["start_s"] >= clips["end_s"])
+    found = _first("CLIP", "start_s", clips["start_s"], is_bad, "0 or more, before 'end_s'")
+    found += _first("CLIP", "end_s", clips["end_s"], clips["end_s"] > lasts_s, f"up to {lasts_s:g}")
+    taken: set[str] = set()
+    for k, name in enumerate(texts_at(sections, clips["name"])):
+        if name in taken:
+            found.append(_finding(f"CLIP[{k}].name", f"is '{name}', as another one's"))
+            break
+        taken.add(name)
+    return found
+
+
+def _bodies(sections: Sections) -> list[Finding]:
+    """Bones stand behind their parents; skin weights are of bones of the body and add up."""
+    bodies, models, vertices = sections["BODY"], sections["MODL"], sections["VERT"]
+    own = np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in bodies["bones"])])
+    parents = sections["BONE"]["parent"]
+    is_bad = (parents != NONE) & (parents >= own)
+    found = _first("BONE", "parent", parents, is_bad, "a bone before it")
+    bones_of_model = np.repeat(bodies["bones"], bodies["models"])
+    bones_of_vertex = np.repeat(bones_of_model, models["vertices"])
+    weights = sections["WGHT"]
+    most = np.repeat(bones_of_vertex, vertices["weights"])
+    found += _first("WGHT", "bone", weights["bone"], weights["bone"] >= most, "a bone of the body")
+    ends = np.concatenate([[0], np.cumsum(weights["weight"].astype(np.int64))])
+    firsts = vertices["first_weight"].astype(np.int64)
+    sums = ends[firsts + vertices["weights"]] - ends[firsts]
+    is_bad = (vertices["weights"] > 0) & (sums != 65535)
+    return found + _first("VERT", "weights", sums, is_bad, "65535 in all")
+
+
+def _spatial(sections: Sections) -> list[Finding]:
+    """Effects name bodies; what an actuator reaches is on its model."""
+    bodies = sections["EFCT"]["body"]
+    is_bad = (bodies != NONE) & (bodies >= len(sections["BODY"]))
+    found = _first("EFCT", "body", bodies, is_bad, f"below {len(sections['BODY'])}")
+    reactions = sections["REAC"]
+    counts = sections["MODL"]["vertices"][reactions["model"]]
+    reached = sections["RCHV"]["vertex"]
+    most = np.repeat(counts, reactions["reached"])
+    return found + _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Writing a clip, and what it tells about itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ...atomic_files import atomic_file
+from ...engine.track.header import TrackHeader
+from .. import losses
+from ..written import Written
+from . import baked, rules
+from .container import SUFFIX, Texts, encoded, texts_at
+
+
+def write(header: TrackHeader, played: baked.Played, stem: Path) -> Written:
+    """Write ``stem.hfxclip``: what devices play of a track.
+
+    Raises
+    ------
+    InputError
+        It is more than a clip can hold.
+    OutputError
+        The file cannot be written; nothing is left of it then.
+    """
+    texts = Texts()
+    path = stem.with_name(stem.name + SUFFIX)
+    sections, told = baked.sections_of(header, played, texts, stem.name)
+    sections["TEXT"] = texts.records
+    content = encoded(sections, str(path))
+    with atomic_file(path) as file:
+        file.write(content)
+    notes = tuple(note for _, raster in played for note in losses.one_frequency(raster))
+    return Written((path,), notes=notes) + told
+
+
+def facts(content: bytes, name: str) -> dict[str, Any]:
+    """Short description of a clip.
+
+    Raises
+    ------
+    InputError
+        It is none, or breaks a rule.
+    """
+    sections = rules.read(content, name)
+    at = sections["TIME"][0]
+    devices, clips, effects = sections["DEVC"], sections["CLIP"], sections["EFCT"]
+    names = zip(texts_at(sections, devices["id"]), texts_at(sections, devices["body"]), strict=True)
+    return {
+        "rows": int(at["rows"]),
+        "rate_hz": float(at["rate_hz"]),
+        "seconds": float(at["rows"]) / float(at["rate_hz"]),
+        "devices": [
+            {"device": device, "body": body, "actuators": int(each["actuators"])}
+            for (device, body), each in zip(names, devices, strict=True)
+        ],
+        "rows_kept": len(sections["ROWS"]),
+        "clips": [
+            {
+                "clip": clip,
+                "from_s": float(each["start_s"]),
+                "to_s": float(each["end_s"]),
+                "loops": bool(each["loops"]),
+            }
+            for clip, each in zip(texts_at(sections, clips["name"]), clips, strict=True)
+        ],
+        "bodies": texts_at(sections, sections["BODY"]["name"]),
+        "effects": texts_at(sections, effects["name"]),
+    }

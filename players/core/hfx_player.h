@@ -1,0 +1,199 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * Plays haptic clips (.hfxclip) in games: C99 and C++17, one include, no allocation, and of the
+ * C library only math.h (sqrt, floor, ceil, fabs, exp, log, pow, sin).
+ *
+ *   hfx_clip clip;                    // the bytes stay where they are, and must not change
+ *   hfx_player player;
+ *   float out[64];                    // hfx_clip_columns(&clip) values
+ *   if (hfx_clip_open(&clip, bytes, size) == 0) hfx_player_play(&player, &clip);
+ *   hfx_player_advance(&player, seconds_since_last_frame, out);   // each frame
+ *
+ * Numbers that may come from a script (seconds, gain, level, ...) may be anything: what is not a
+ * number or below 0 counts as 0. All functions may be given results of a failed call.
+ */
+#ifndef HFX_PLAYER_H
+#define HFX_PLAYER_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifndef HFX_API /* a library that exports them defines it before it includes this file */
+#define HFX_API static inline
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- Reading a clip ------------------------------------------------------------------------ */
+
+#define HFX_VERSION 1u
+#define HFX_NONE 0xFFFFFFFFu
+#define HFX_PARAMETERS 5
+
+enum hfx_error {
+  HFX_ERROR_SIZE = -1,     /* it is cut off, or longer than it says */
+  HFX_ERROR_KIND = -2,     /* it is no clip */
+  HFX_ERROR_VERSION = -3,  /* it is of a newer version */
+  HFX_ERROR_CHECKSUM = -4, /* it is damaged */
+  HFX_ERROR_CONTENT = -5,  /* a record breaks a rule of the format */
+  HFX_ERROR_INDEX = -6,    /* there is no such device, actuator, effect, ... */
+  HFX_ERROR_NAME = -7,     /* there is nothing of this name */
+  HFX_ERROR_MEMORY = -8    /* less memory was given than hfx_body_bytes says */
+};
+
+enum hfx_modality { HFX_VIBRATION, HFX_PRESSURE, HFX_TEMPERATURE, HFX_WIND };
+
+enum hfx_section {
+  HFX_TEXT, HFX_TIME, HFX_DEVC, HFX_ACTR, HFX_COLM, HFX_ROWS, HFX_VALU, HFX_CLIP, HFX_BODY,
+  HFX_BONE, HFX_MODL, HFX_VERT, HFX_WGHT, HFX_EFCT, HFX_FLTR, HFX_PNTD, HFX_REAC, HFX_RCHV,
+  HFX_SECTIONS
+};
+
+typedef struct hfx_part { /* the records of one section */
+  const unsigned char *at;
+  uint32_t count;
+} hfx_part;
+
+typedef struct hfx_clip {
+  hfx_part parts[HFX_SECTIONS];
+  double rate_hz;
+  uint32_t row_count;
+} hfx_clip;
+
+/* Texts are UTF-8 and lie in the clip. */
+typedef struct hfx_device {
+  const char *id, *name, *body;
+  uint32_t first_actuator, actuators, first_column, columns;
+  uint32_t dead_man_ms; /* without a value for so long, the output falls silent by itself */
+} hfx_device;
+
+typedef struct hfx_actuator {
+  const char *id, *parts, *bone, *human_bone;
+  uint32_t modality, first_column, columns, place, side;
+  float centre_m[3], radius_m;
+  float latency_ms; /* applied already */
+  float update_interval_ms, slew_per_s, maximum_on_s, rest_s;
+} hfx_actuator;
+
+typedef struct hfx_column {
+  const char *parameter, *unit;
+  uint32_t actuator;
+  double lowest, highest, neutral;
+} hfx_column;
+
+typedef struct hfx_named_clip {
+  const char *name;
+  double start_s, end_s;
+  int loops;
+} hfx_named_clip;
+
+typedef struct hfx_bone {
+  const char *name, *human, *mixamo, *unreal; /* VRM 1.0, Mixamo, Unreal; may be empty */
+  uint32_t parent;                            /* HFX_NONE: it has none */
+  float length_m, rest[12];
+} hfx_bone;
+
+typedef struct hfx_effect {
+  const char *name;
+  int is_painted;
+  uint32_t modality, body, shape;
+  float half_segment, level, parameters[4], matrix[12];
+} hfx_effect;
+
+/* Opens a clip that lies in memory; 0, or an hfx_error. Looks at all of it once. */
+HFX_API int hfx_clip_open(hfx_clip *clip, const void *bytes, size_t size);
+/* One sentence about an error, in English. */
+HFX_API const char *hfx_error_text(int error);
+HFX_API double hfx_clip_seconds(const hfx_clip *clip);
+/* How many there are of each. */
+HFX_API uint32_t hfx_clip_devices(const hfx_clip *clip);
+HFX_API uint32_t hfx_clip_actuators(const hfx_clip *clip);
+HFX_API uint32_t hfx_clip_columns(const hfx_clip *clip);
+HFX_API uint32_t hfx_clip_named_clips(const hfx_clip *clip);
+HFX_API uint32_t hfx_clip_bodies(const hfx_clip *clip);
+HFX_API uint32_t hfx_clip_bones(const hfx_clip *clip, uint32_t body);
+HFX_API uint32_t hfx_clip_effects(const hfx_clip *clip);
+/* Facts about one; 0 or HFX_ERROR_INDEX. */
+HFX_API int hfx_clip_device(const hfx_clip *clip, uint32_t index, hfx_device *found);
+HFX_API int hfx_clip_actuator(const hfx_clip *clip, uint32_t index, hfx_actuator *found);
+HFX_API int hfx_clip_column(const hfx_clip *clip, uint32_t index, hfx_column *found);
+HFX_API int hfx_clip_named_clip(const hfx_clip *clip, uint32_t index, hfx_named_clip *found);
+HFX_API int hfx_clip_bone(const hfx_clip *clip, uint32_t body, uint32_t index, hfx_bone *found);
+HFX_API int hfx_clip_effect(const hfx_clip *clip, uint32_t index, hfx_effect *found);
+
+/* ---- Playing the baked part ---------------------------------------------------------------- */
+
+typedef struct hfx_player {
+  const hfx_clip *clip;
+  double position_s, start_s, end_s, gain, factors[HFX_PARAMETERS];
+  int64_t shown_row; /* last row that was given; -1: none */
+  int is_playing, is_paused, loops;
+} hfx_player;
+
+/* Begins at the beginning. Sets everything anew: gain, parameters and loop are given afterwards. */
+HFX_API void hfx_player_play(hfx_player *player, const hfx_clip *clip);
+/* The same for a named clip, which loops if it is meant to; 0, or HFX_ERROR_NAME and silence. */
+HFX_API int hfx_player_play_named(hfx_player *player, const hfx_clip *clip, const char *name);
+/* Goes on by the seconds since the last call. `out` gets hfx_clip_columns values in the units of
+ * the columns: of each actuator the strongest of all rows since then. */
+HFX_API void hfx_player_advance(hfx_player *player, double seconds, float *out);
+/* While it is paused, advance gives neutral values and stands still; 0 goes on. */
+HFX_API void hfx_player_pause(hfx_player *player, int is_paused);
+HFX_API void hfx_player_stop(hfx_player *player);
+/* Jumps, seconds from the beginning of the clip; what lies between is not felt. */
+HFX_API void hfx_player_seek(hfx_player *player, double seconds);
+HFX_API void hfx_player_loop(hfx_player *player, int loops);
+/* Scales how far all strengths are from neutral; 1 as made. The column's limits hold. */
+HFX_API void hfx_player_gain(hfx_player *player, double gain);
+/* Scales one parameter (`amplitude_m_s2`, `frequency_hz`, `pressure_kpa`, `temperature_c`,
+ * `speed_m_s`): its deviation from neutral, a frequency itself; 0 or HFX_ERROR_NAME. */
+HFX_API int hfx_player_set_parameter(hfx_player *player, const char *parameter, double factor);
+/* Neutral values at once, and pause: for a lost focus, a menu, a headset taken off. */
+HFX_API void hfx_player_silence(hfx_player *player, float *out);
+HFX_API int hfx_player_is_playing(const hfx_player *player); /* also while it is paused */
+HFX_API double hfx_player_position(const hfx_player *player);
+
+/* ---- Evaluating the spatial part on a live avatar ------------------------------------------- */
+
+/* Space is the clip's: metres, right-handed, Z up; docs/formats/clip.md says how engines differ.
+ * Matrices are 3 x 4, row after row. */
+
+typedef struct hfx_body {
+  const hfx_clip *clip;
+  uint32_t body, vertex_count;
+  unsigned char *memory;
+} hfx_body;
+
+/* Memory that a body needs, aligned as malloc's; 0: there is no such body. */
+HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body);
+/* Begins with volumes where and as strong as in the clip, painted areas off; 0 or an hfx_error. */
+HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
+                          size_t size);
+/* Poses the body: for each bone the matrix that takes rest space to the world. */
+HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices);
+/* Places a volume: shape space to world; 0 or HFX_ERROR_INDEX. */
+HFX_API int hfx_body_set_volume(hfx_body *self, uint32_t effect, const float *matrix);
+/* Changes a parameter of an effect (0: its strength), in its unit; 0 or HFX_ERROR_INDEX. */
+HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t parameter,
+                                   double value);
+/* Turns an effect on at a level of 0 (off) to 1; 0 or HFX_ERROR_INDEX. */
+HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level);
+/* What the body feels now. `out` gets hfx_clip_columns values, as of hfx_player_advance: those of
+ * the devices that this body wears, neutral ones for the others. */
+HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out);
+/* Weights 0 to 1 of the last evaluation at the vertices of the effect's model on this body. */
+HFX_API const float *hfx_body_weights(const hfx_body *self, uint32_t effect, uint32_t *count);
+/* Level of the last evaluation: the effect's, times the response to the touch. */
+HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
+
+#ifdef __cplusplus
+}
+#endif
+
+#include "hfx_clip.h"
+#include "hfx_play.h"
+
+#endif

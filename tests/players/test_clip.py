@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The clip format by its page, strangers' clips, and the way from a track to a clip."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from check_frames import Counts, play
+from clip_cases import SPECS, case_of
+from core_library import ROOT, Clip, Player
+from damage import damaged
+
+from hfx_blender.cli import run
+from hfx_blender.errors import InputError
+from hfx_blender.formats.clip import baked, rules
+from hfx_blender.formats.clip.container import sealed
+
+TEXT = b"\0touch\0m\0Hz\0amplitude_m_s2\0frequency_hz\0part\0"
+TOUCH, M, HZ, AMPLITUDE, FREQUENCY, PART = (
+    TEXT.index(b"\0" + each + b"\0") + 1
+    for each in (b"touch", b"m", b"Hz", b"amplitude_m_s2", b"frequency_hz", b"part")
+)
+NUMBERS = (0, 0, 13107, 65535, 32768, 0)
+"""Strength and frequency of three rows: 0 of 10, 2 of 10, 5 of 10."""
+
+
+def by_hand(**changed: bytes) -> bytes:
+    """A clip of one actuator, byte by byte as the page says; ten rows a second for a second."""
+    sections = {
+        "TEXT": TEXT,
+        "TIME": struct.pack("<ddII", 10.0, 0.0, 10, 0),
+        "DEVC": struct.pack("<8I", TOUCH, TOUCH, 0, 0, 1, 0, 2, 250),
+        "ACTR": struct.pack("<12I", TOUCH, 0, 0, 2, 0, 3, 0, 1, 1, 0, 0, 0)
+        + struct.pack("<9fI", 0.5, 0.0, 1.0, 0.1, 20.0, 10.0, np.inf, np.inf, 1.0, 0),
+        "COLM": struct.pack("<4I3d", AMPLITUDE, M, 0, 0, 0.0, 10.0, 0.0)
+        + struct.pack("<4I3d", FREQUENCY, HZ, 0, 0, 60.0, 160.0, 60.0),
+        "ROWS": struct.pack("<3I", 0, 3, 4),
+        "VALU": struct.pack("<6H", *NUMBERS),
+        "CLIP": struct.pack("<2I2d", PART, 1, 0.3, 0.5),
+        **changed,
+    }
+    table, body, at = b"", b"", 24 + 16 * len(sections)
+    for name, content in sections.items():
+        gap = -at % 8
+        table += name.encode() + struct.pack("<3I", at + gap, len(content), 0)
+        body += bytes(gap) + content
+        at += gap + len(content)
+    rest = struct.pack("<I", len(sections)) + table + body
+    head = struct.pack("<8sIII", b"HFXCLIP\n", 1, at, zlib.crc32(rest))
+    return head + rest
+
+
+def test_a_clip_made_by_hand_is_read_and_played() -> None:
+    sections = rules.read(by_hand(), "x")
+    rows, values = baked.values_of(sections, 0)
+    assert rows.tolist() == [0, 3, 4]
+    assert values == pytest.approx(np.array([[0, 60], [2, 160], [5.0000763, 60]]), abs=1e-6)
+    player = Player(Clip(by_hand()))
+    frames = [player.advance(each).tolist() for each in (0.0, 0.2, 0.1, 0.1, 0.4, 0.1, 0.1)]
+    # Row 3 is felt from 0.3 s on, row 4 to the end: 1.0 s, when all has been felt.
+    expected = [[0, 60], [0, 60], [2, 160], [5, 60], [5, 60], [5, 60], [0, 60]]
+    assert np.array(frames) == pytest.approx(np.array(expected), abs=1e-3)
+    assert not player.is_playing
+
+
+def test_a_long_frame_gives_the_strongest_row_with_its_frequency() -> None:
+    values = struct.pack("<6H", 65535, 65535, 13107, 0, 0, 0)  # 10 at 160 Hz, then less
+    player = Player(Clip(by_hand(VALU=values)))
+    assert player.advance(0.35).tolist() == pytest.approx([10, 160])
+    player.seek(0.3)
+    assert player.advance(0.25).tolist() == pytest.approx([2, 60], abs=1e-3)
+
+
+def test_a_part_loops_and_a_loop_takes_end_and_beginning_into_one_frame() -> None:
+    player = Player(Clip(by_hand()))
+    assert player.named("nothing") == -7 and not player.is_playing
+    assert player.named("part") == 0  # 0.3 s to 0.5 s: row 3 with 2, row 4 with 5
+    found = [player.advance(each)[0] for each in (0.05, 0.1, 0.06, 0.05, 0.1)]
+    # At 0.35, 0.45, 0.31 (again, past the end: row 4 was felt), 0.36 and 0.46 s.
+    assert found == pytest.approx([2, 5, 2, 2, 5], abs=1e-3)
+
+
+def test_gain_parameter_and_silence() -> None:
+    player = Player(Clip(by_hand()))
+    player.seek(0.4)
+    player.gain(0.5)
+    assert player.parameter("frequency_hz", 1.5) == 0
+    assert player.parameter("pressure_kpa", 1.5) == -7
+    assert player.advance(0.0).tolist() == pytest.approx([2.5, 90], abs=1e-3)
+    player.gain(5.0)
+    assert player.advance(0.0)[0] == 10.0  # the column's limit
+    player.gain(float("nan"))
+    assert player.advance(0.0)[0] == 0.0
+    assert player.silence().tolist() == [0, 60] and player.advance(1.0).tolist() == [0, 60]
+    player.pause(0)
+    assert player.position_s == pytest.approx(0.4)
+
+
+HOSTILE = {
+    "TIME.rate_hz": {"TIME": struct.pack("<ddII", np.nan, 0.0, 10, 0)},
+    "TIME.rows": {"TIME": struct.pack("<ddII", 10.0, 0.0, 0, 0)},
+    "DEVC[0].id": {"DEVC": struct.pack("<8I", 900, 1, 0, 0, 1, 0, 2, 250)},
+    "DEVC.actuators": {"DEVC": struct.pack("<8I", TOUCH, TOUCH, 0, 0, 2**31, 0, 2, 250)},
+    "ROWS[1]": {"ROWS": struct.pack("<3I", 0, 0, 4)},
+    "ROWS[2]": {"ROWS": struct.pack("<3I", 0, 3, 10)},
+    "VALU": {"VALU": struct.pack("<5H", *NUMBERS[:5])},
+    "CLIP[0].end_s": {"CLIP": struct.pack("<2I2d", PART, 0, 0.0, 1.5)},
+    "COLM[0].neutral": {
+        "COLM": struct.pack("<4I3d", AMPLITUDE, M, 0, 0, 0.0, 10.0, 11.0)
+        + struct.pack("<4I3d", FREQUENCY, HZ, 0, 0, 60.0, 160.0, 60.0)
+    },
+    "COLM[0].parameter": {
+        "COLM": struct.pack("<4I3d", PART, M, 0, 0, 0.0, 10.0, 0.0)
+        + struct.pack("<4I3d", FREQUENCY, HZ, 0, 0, 60.0, 160.0, 60.0)
+    },
+}
+
+
+@pytest.mark.parametrize("field", HOSTILE)
+def test_a_hostile_clip_is_refused_with_its_field(
+    field: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = by_hand(**HOSTILE[field])
+    assert Clip(content).error == -5
+    path = tmp_path / "x.hfxclip"
+    path.write_bytes(content)
+    assert run(["info", str(path)]) == 3
+    told = capsys.readouterr().err
+    assert field in told and str(path) in told
+    assert run(["validate", str(path)]) == 3
+
+
+def test_what_is_no_whole_clip_of_this_version_is_refused() -> None:
+    good = by_hand()
+    newer = sealed(good[:8] + struct.pack("<I", 2) + good[12:])
+    flipped = good[:-1] + bytes([good[-1] ^ 1])
+    for content, error, word in (
+        (b"", -2, "no game clip"),
+        (good[:20], -1, "cut off"),
+        (good[:-8], -1, "size"),
+        (newer, -3, "'version' is 2"),
+        (flipped, -4, "checksum"),
+    ):
+        assert Clip(content).error == error
+        with pytest.raises(InputError, match=word):
+            rules.read(content, "x")
+
+
+def test_what_is_valid_plays_and_what_breaks_a_rule_is_not_opened() -> None:
+    source = (ROOT / "players/conformance/everything.hfxclip").read_bytes()
+    changed = damaged(source, np.random.default_rng(3))
+    opened = 0
+    for _ in range(250):
+        content = next(changed)
+        clip = Clip(content)
+        try:
+            is_valid = not rules.validate(content, "x")
+        except InputError:
+            is_valid = False
+        if is_valid:
+            assert clip.error == 0
+        if clip.error == 0:
+            opened += 1
+            player = Player(clip)
+            assert all(np.isfinite(player.advance(step)).all() for step in (0.0, 0.01, 5.0, 1e300))
+    assert 10 < opened < 240
+
+
+def test_no_peak_is_lost_at_random_frame_rates(tmp_path: Path) -> None:
+    counts, random = Counts(), np.random.default_rng(7)
+    wanted = {"touch", "everything", "film"}
+    for case in [case_of(each, tmp_path) for each in SPECS if each.name in wanted]:
+        for _ in range(4):
+            play(case, random, counts)
+    assert counts.peaks > 1000
+    assert (counts.lost, counts.wrong) == (0, 0)
+
+
+def test_convert_writes_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case_of(next(each for each in SPECS if each.name == "touch"), tmp_path)
+    made = tmp_path / "made.hfxclip"
+    command = ["convert", str(tmp_path / "touch.hfxtrack"), str(made), "--device", "oculus_touch"]
+    assert run(command) == 0
+    capsys.readouterr()
+    assert run(["info", str(made), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["rows"], told["rate_hz"], told["seconds"]) == (240, 100.0, 2.4)
+    assert [each["device"] for each in told["devices"]] == ["oculus_touch"]
+    sections = rules.read(made.read_bytes(), "made")
+    assert sections["ACTR"]["latency_ms"].tolist() == [20.0, 20.0]
+    assert sections["DEVC"]["dead_man_ms"].tolist() == [250]
+    human = [bytes(sections["TEXT"])[k:].split(b"\0")[0] for k in sections["ACTR"]["human"]]
+    assert human == [b"leftHand", b"rightHand"]
+    assert run(["convert", str(tmp_path / "touch.hfxtrack"), str(made)]) == 2  # no device

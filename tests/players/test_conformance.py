@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The core gives what ``players/conformance`` expects of any player, and loses no peak."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from core_library import ROOT, Clip, Player
+
+from hfx_blender.formats import files
+
+FOLDER = ROOT / "players" / "conformance"
+NAMES = sorted(each.stem for each in FOLDER.glob("*.txt"))
+
+
+def test_the_folder_is_complete_and_small() -> None:
+    assert len(NAMES) == 50
+    assert {each.stem for each in FOLDER.glob("*.hfxclip")} == set(NAMES)
+    assert sum(each.stat().st_size for each in FOLDER.iterdir()) < 5e6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_value_is_as_expected(name: str) -> None:
+    path = FOLDER / f"{name}.hfxclip"
+    assert files.validate(path)[1] == []
+    clip = Clip(path.read_bytes())
+    assert clip.error == 0
+    player, scales = Player(clip), Scales(path)
+    advanced = 0
+    for number, line in enumerate((FOLDER / f"{name}.txt").read_text().splitlines(), 1):
+        call, _, values = line.partition(" = ")
+        word, *rest = call.split(" ", 1)
+        argument = rest[0] if rest else ""
+        if word == "columns":
+            assert clip.columns == int(argument)
+        elif word in ("advance", "silence"):
+            found = player.advance(float(argument)) if word == "advance" else player.silence()
+            expected = np.array(values.split(), np.float64)
+            assert (np.abs(found - expected) <= scales.slack()).all(), f"line {number}: {call}"
+            advanced += 1
+        elif word == "parameter":
+            parameter, factor = argument.split()
+            assert player.parameter(parameter, float(factor)) == 0
+            scales.parameter(parameter, float(factor))
+        elif word == "named":
+            assert player.named(argument) == 0
+            scales.play()
+        else:
+            getattr(player, word)(*([float(argument)] if argument else []))
+            getattr(scales, word, lambda *of: None)(*([float(argument)] if argument else []))
+    assert advanced > 10
+
+
+class Scales:
+    """Difference that is allowed: a 65535th of full scale, as gain and factors enlarge it."""
+
+    def __init__(self, path: Path) -> None:
+        from hfx_blender.formats.clip import rules
+        from hfx_blender.formats.clip.container import texts_at
+
+        sections = rules.read(path.read_bytes(), str(path))
+        columns = sections["COLM"]
+        self._names = np.array(texts_at(sections, columns["parameter"]))
+        self._is_strength = np.isin(np.arange(len(columns)), sections["ACTR"]["first_column"])
+        ends = np.maximum(np.abs(columns["lowest"]), np.abs(columns["highest"]))
+        self._step = (columns["highest"] - columns["lowest"]) / 65535.0
+        self._rounding = 1e-6 * ends  # of 32-bit floats
+        self.play()
+
+    def play(self) -> None:
+        self._factors, self._gain = np.ones(len(self._step)), 1.0
+
+    def gain(self, gain: float) -> None:
+        self._gain = gain
+
+    def parameter(self, name: str, factor: float) -> None:
+        self._factors[self._names == name] = factor
+
+    def slack(self) -> np.ndarray:
+        scale = self._factors * np.where(self._is_strength, self._gain, 1.0)
+        return np.asarray(self._step * np.maximum(scale, 1.0) + self._rounding)
