@@ -64,7 +64,9 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
     console = Console(as_json="--json" in arguments)
     try:
         left_out.refuse(arguments)
-        options = build_parser(prog).parse_args(_joined(arguments))
+        with blender_session.interrupts_held():  # numpy's C code makes ImportErrors of Ctrl-C
+            parser = build_parser(prog)
+        options = parser.parse_args(_joined(arguments))
         # Blender also prints what operators report through Python's own stream.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
             with file_limits.raised(getattr(options, "largest", 1.0)):

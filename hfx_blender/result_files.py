@@ -10,9 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
-from .engine.track import TrackBody
 from .formats.written import name_part
+
+if TYPE_CHECKING:
+    from .engine.track import TrackBody
 
 
 def distinct(names: Iterable[str]) -> list[str]:

@@ -3,7 +3,8 @@
 
 Each body is a node that moves as its armature does, with a joint below it for each bone that
 moves skin. A joint stands at the middle of what it moves: its inverse bind matrix takes that
-point to the origin. Every perceptual model that is felt on the body is a mesh with that skin,
+point to the origin. A body that follows its mesh has a joint for each patch of its skin instead.
+Every perceptual model that is felt on the body is a mesh with that skin,
 its vertices in the body's rest pose and in the order of the model.
 """
 
@@ -17,9 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.arrays import F32, F64, I64
-from ..engine.body.model import PerceptualModel
-from ..engine.scene import AnimationBlock, BodyDescription, SceneDescription, SkinBinding
+from ..engine.body.model import PerceptualModel, load_model
+from ..engine.kinematics.motion import longest_axis
+from ..engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    SceneDescription,
+    SkinBinding,
+    SurfaceBinding,
+)
 from ..engine.skin.bound_weights import BoundWeights
+from ..engine.skin.surface_joints import SurfaceJoints
 from .checking import clean
 from .glb import TO_GLTF, Document, add_model
 from .glb_motion import move, turned
@@ -35,6 +44,7 @@ class _Motion:
     indices: list[I64] = field(default_factory=list)
     to_world: list[F64] = field(default_factory=list)  # (T, 4, 4)
     bones: list[F32] = field(default_factory=list)  # (T, B, 3, 4)
+    errors_m: F64 = field(default_factory=lambda: np.zeros(2))  # of patches of skin: 99 %, all
 
 
 class BodyRecorder:
@@ -43,15 +53,23 @@ class BodyRecorder:
     def __init__(self, scene: SceneDescription) -> None:
         self._scene = scene
         self._motions = [_Motion() for _ in scene.bodies]
+        self._patches: dict[str, SurfaceJoints] = {}  # by body
 
     def add(self, block: AnimationBlock) -> None:
         """Take the next block, in the order of time."""
-        for motion, pose in zip(self._motions, block.poses, strict=False):
+        for body, motion, pose in zip(self._scene.bodies, self._motions, block.poses, strict=False):
             rows = np.arange(len(block.indices))[block.own]
             rows = rows[pose.valid[rows]]
             if not len(rows):
                 continue
-            bones = np.zeros((len(rows), 0, 3, 4)) if pose.bones is None else pose.bones[rows]
+            if pose.surface is not None:
+                patches = self._patches_of(body)
+                bones: npt.NDArray[Any]
+                bones, errors = patches.matrices(pose, rows)
+                scale = float(longest_axis(pose.to_world[rows, :3, :3]).max())
+                motion.errors_m = np.maximum(motion.errors_m, scale * errors)
+            else:
+                bones = np.zeros((len(rows), 0, 3, 4)) if pose.bones is None else pose.bones[rows]
             motion.indices.append(block.indices[rows])
             motion.to_world.append(pose.to_world[rows])
             motion.bones.append(bones.astype(np.float32))
@@ -64,6 +82,7 @@ class BodyRecorder:
                 found[f"body.{k}.indices"] = np.concatenate(motion.indices)
                 found[f"body.{k}.to_world"] = np.concatenate(motion.to_world)
                 found[f"body.{k}.bones"] = np.concatenate(motion.bones)
+                found[f"body.{k}.errors_m"] = motion.errors_m
         return found
 
     def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
@@ -73,6 +92,14 @@ class BodyRecorder:
             motion.indices = [part[f"body.{k}.indices"] for part in mine]
             motion.to_world = [part[f"body.{k}.to_world"] for part in mine]
             motion.bones = [part[f"body.{k}.bones"] for part in mine]
+            errors = [part[f"body.{k}.errors_m"] for part in mine]
+            motion.errors_m = np.max([np.zeros(2), *errors], axis=0)
+
+    def _patches_of(self, body: BodyDescription) -> SurfaceJoints:
+        assert isinstance(body.binding, SurfaceBinding)
+        if body.id not in self._patches:
+            self._patches[body.id] = SurfaceJoints(body.binding, load_model)
+        return self._patches[body.id]
 
     def write(
         self, document: Document, models: Sequence[PerceptualModel], notes: list[str]
@@ -98,14 +125,22 @@ class BodyRecorder:
         binding = body.binding
         node: dict[str, Any] = {"name": clean(body.name), "extras": {"hfx_body": clean(body.id)}}
         is_posed = bool(motion.indices)
+        names: tuple[str, ...] = ()
+        bound: list[BoundWeights] = []
         to_world = np.concatenate(motion.to_world) if is_posed else np.eye(4)[None]
         indices = np.concatenate(motion.indices) if is_posed else np.zeros(1, np.int64)
         times = self._scene.time.times_s(indices) - self._scene.time.times_s(np.zeros(1, int))
         if not isinstance(binding, SkinBinding):
-            notes.append(f"body '{body.name}' follows its mesh, not bones: it is in its rest pose")
-            bound = []
+            if is_posed:
+                patches = self._patches_of(body)
+                names, bound = patches.names, [patches.bound(each) for each in models]
+                most_mm, all_mm = 1000.0 * motion.errors_m
+                notes.append(
+                    f"body '{body.name}' follows its mesh: in the scene file {len(names)} patches "
+                    f"of its skin do, 99 % within {most_mm:.1f} mm, all within {all_mm:.1f} mm"
+                )
         else:
-            fitted = binding.fitted
+            names, fitted = binding.bone_names, binding.fitted
             models = [fitted[m.id].of(m) if m.id in fitted else m for m in models]
             bound = [BoundWeights.of(each, binding.bone_names) for each in models]
         used = np.unique(np.concatenate([each.bones for each in bound])) if bound else np.arange(0)
@@ -117,8 +152,8 @@ class BodyRecorder:
         for bone, pivot in zip(used.tolist(), pivots, strict=True):
             name = _STILL
             matrices = np.tile(np.eye(4), (len(times), 1, 1))
-            if isinstance(binding, SkinBinding) and bone < len(binding.bone_names):
-                name = binding.bone_names[bone]
+            if bone < len(names):
+                name = names[bone]
                 if bones is not None:
                     matrices[:, :3] = bones[:, bone]
             matrices[:, :3, 3] += matrices[:, :3, :3] @ pivot

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -54,10 +56,40 @@ def exported(scene: Any, tmp_path: Path) -> tuple[Path, dict[str, dict[int, np.n
     return tmp_path, skin
 
 
+def test_a_body_that_follows_its_mesh_is_where_its_mesh_is(scene: Any, tmp_path: Path) -> None:
+    scene.frame_start, scene.frame_end = 1, 9
+    body = oracle.add_avatar()
+    oracle.add_walk(body, [(0, 0, 0), (0.3, -0.4, 0.1)], 1, 9)
+    oracle.add_painted("Felt", "pressure", body)
+    body.hfx.follow = "SURFACE"
+    # The mesh moves as the bones say, which Blender tells of the model itself.
+    reference = oracle.model_object(scene, body, "pressure")
+    skin = {}
+    for frame in (1, 6, 9):
+        oracle.set_time(scene, Fraction(frame))
+        skin[frame] = oracle.world_vertices(scene, reference)
+    asked = ExportSettings(("glb",), rate_hz=Fraction(24), tolerance=EXACT, processes=1)
+    report = export_scene(scene, tmp_path, "x", asked)
+    (note,) = (each for each in report.notes if "follows its mesh" in each)
+    most_mm, all_mm = (float(each) for each in re.findall(r"within ([0-9.]+) mm", note))
+    assert most_mm < 15.0
+    for found, expected in _imported(tmp_path, {"pressure": skin}):
+        off_mm = 1000.0 * np.linalg.norm(found - expected, axis=1)
+        assert np.median(off_mm) < 2.0 and off_mm.max() < all_mm + 2.0
+
+
 def test_blenders_importer_poses_the_skin_as_blender_did(
     exported: tuple[Path, dict[str, dict[int, np.ndarray]]],
 ) -> None:
     folder, skin = exported
+    for found, expected in _imported(folder, skin):
+        assert np.linalg.norm(found - expected, axis=1).max() < 1e-5
+
+
+def _imported(
+    folder: Path, skin: dict[str, dict[int, np.ndarray]]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """World places of the skin as Blender's importer poses it, and those that are expected."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     bpy.ops.import_scene.gltf(filepath=str(folder / "x.scene.glb"))
@@ -68,8 +100,7 @@ def test_blenders_importer_poses_the_skin_as_blender_did(
             posed = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
             vertices = np.array([v.co for v in posed.data.vertices])
             world = np.array(posed.matrix_world)
-            found = vertices @ world[:3, :3].T + world[:3, 3]
-            assert np.linalg.norm(found - expected, axis=1).max() < 1e-5
+            yield vertices @ world[:3, :3].T + world[:3, 3], expected
 
 
 def test_what_a_file_names_is_there_and_volumes_have_what_a_collider_needs(

@@ -37,9 +37,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     with TrackReader(folder / f"{STEM}.hfxtrack") as track:
         rasters = [raster for _, raster in render_devices(track, devices)]
     played = []
-    console.say(
-        "\n" + "square".ljust(14) + "from s".rjust(8) + "".join(f"{d:>24}" for d in DEVICES)
-    )
+    console.say()
+    console.say("square".ljust(14) + "from s".rjust(8) + "".join(f"{d:>24}" for d in DEVICES))
     for name, begin_s, end_s in board.crossings():
         row = {"square": name, "begin_s": begin_s, "end_s": end_s}
         for device, raster in zip(DEVICES, rasters, strict=True):

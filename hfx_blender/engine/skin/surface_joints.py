@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Joints that move as an avatar's surface does, for readers that know skinned meshes only.
+
+The skin is cut into patches. A joint of each follows it by the similarity (rotation, even scale,
+translation) nearest to the motion of its vertices, by weighted least squares (Umeyama 1991). A
+vertex is blended from the patches that are nearest along the skin (modified Shepard weights,
+Franke and Nielson 1980).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from ..arrays import F32, F64, I64
+from ..body.mesh_edges import edge_graph
+from ..body.model import PerceptualModel
+from ..scene import PoseBlock, SurfaceBinding
+from .bound_weights import BoundWeights
+from .surface_posing import SurfaceModel
+
+_SPACING_M: Final = 0.1  # of patches within what one bone moves: about 240; engines like below 256
+_NEAREST: Final = 4  # patches that move a vertex: one set of weights of a glTF mesh
+_NEIGHBOURS: Final = 0.02  # weight of neighbouring patches in the motion of one
+_CORE: Final = 0.05  # of the distance to the first patch that does not count: no nearer counts
+_FARTHEST_M: Final = 0.5  # along the skin, to the patches of a vertex
+
+
+class SurfaceJoints:
+    """Joints of a body that follows its mesh.
+
+    Parameters
+    ----------
+    binding : SurfaceBinding
+    models : callable
+        Loads a perceptual model by its id.
+    """
+
+    def __init__(self, binding: SurfaceBinding, models: Callable[[str], PerceptualModel]) -> None:
+        self._model = models(max(binding.anchors, key=lambda id: len(binding.anchors[id].corners)))
+        centres = _patches(self._model)
+        self._nearest, self._weights = _nearest_patches(self._model, centres)  # (V, 4)
+        self.names = tuple(f"skin {k}" for k in range(len(centres)))
+        everywhere = np.arange(len(self._model), dtype=np.int32)
+        self._surface = SurfaceModel(self._model, binding.anchors[self._model.id], [everywhere])
+        self._rest = self._model.vertices.astype(np.float64)
+        self._mix = _mix(self._nearest, self._weights, len(centres))  # (J, V)
+        self._sums = np.asarray(self._mix.sum(axis=1))
+        self._middles = (self._mix @ self._rest) / self._sums  # (J, 3)
+        squares = self._mix @ np.square(self._rest).sum(axis=1, keepdims=True) / self._sums
+        spread = squares[:, 0] - np.square(self._middles).sum(axis=1)
+        self._spread = np.maximum(spread, 1e-9)
+
+    def matrices(self, pose: PoseBlock, rows: I64) -> tuple[F32, F64]:
+        """Motion of the joints, and how well the skin follows.
+
+        Returns
+        -------
+        (T, J, 3, 4) float32
+            Rest space to the avatar's own space.
+        (2,) float64
+            Distance from their places within which 99 % and all of the vertices are at every
+            time, in the avatar's units.
+        """
+        found = np.empty((len(rows), len(self.names), 3, 4), np.float32)
+        errors = np.zeros(2)
+        for k in range(len(rows)):
+            points = self._surface.cluster_points(0, pose, rows[k : k + 1], np.eye(4)[None])[:, 0].T
+            matrices = self._followed(points)
+            found[k] = matrices
+            blended = np.einsum("vk,vkij->vij", self._weights, matrices[self._nearest])
+            there = np.einsum("vij,vj->vi", blended[:, :, :3], self._rest) + blended[:, :, 3]
+            off = np.sqrt(np.square(there - points).sum(axis=1))
+            errors = np.maximum(errors, np.quantile(off, [0.99, 1.0]))
+        return found, errors
+
+    def bound(self, model: PerceptualModel) -> BoundWeights:
+        """Weights of a model's vertices on the joints: those of the nearest vertex known here."""
+        from scipy.spatial import cKDTree
+
+        _, same = cKDTree(self._model.vertices).query(model.vertices)
+        rest = np.ones((len(model), 4))
+        rest[:, :3] = model.vertices
+        offsets = np.arange(0, _NEAREST * len(model) + 1, _NEAREST, dtype=np.int64)
+        bones, values = self._nearest[same].ravel(), self._weights[same].ravel()
+        return BoundWeights(offsets, bones, values, rest, len(self.names))
+
+    def _followed(self, points: F64) -> F64:
+        """Similarities (J, 3, 4) nearest to the motion of the vertices to (V, 3)."""
+        middles = (self._mix @ points) / self._sums
+        products = (points[:, :, None] * self._rest[:, None, :]).reshape(-1, 9)
+        spread = (self._mix @ products / self._sums).reshape(-1, 3, 3)
+        spread -= middles[:, :, None] * self._middles[:, None, :]
+        left, sizes, right = np.linalg.svd(spread)
+        turned = np.linalg.det(left) * np.linalg.det(right) < 0.0
+        left[turned, :, 2] *= -1.0
+        sizes[turned, 2] *= -1.0
+        scales = np.maximum(sizes.sum(axis=1) / self._spread, 1e-3)
+        found = np.empty((len(middles), 3, 4))
+        found[:, :, :3] = scales[:, None, None] * (left @ right)
+        found[:, :, 3] = middles - np.einsum("nij,nj->ni", found[:, :, :3], self._middles)
+        return found
+
+
+def _mix(nearest: I64, weights: F64, count: int) -> Any:
+    """Sparse matrix (count, V) that sums over the vertices of each patch by their weights.
+
+    Those of its neighbours have a little weight: a patch of one vertex would turn any way.
+    """
+    from scipy.sparse import csr_matrix, diags
+
+    vertices = np.repeat(np.arange(len(nearest)), nearest.shape[1])
+    entries = weights.ravel(), (nearest.ravel(), vertices)
+    own = csr_matrix(entries, shape=(count, len(nearest)))
+    overlap = own @ own.T
+    share = diags(_NEIGHBOURS / np.asarray(overlap.sum(axis=1))[:, 0])
+    return csr_matrix(own + share @ overlap @ own)
+
+
+def _patches(model: PerceptualModel) -> I64:
+    """Vertices in the middle of the patches: spread over what each bone moves most of."""
+    weights = model.weights
+    owners = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
+    order = np.lexsort([-weights.values, owners])
+    firsts = order[np.flatnonzero(np.diff(owners[order], prepend=-1))]
+    bone = np.full(len(model), -1)
+    bone[owners[firsts]] = weights.bones[firsts]
+    found: list[int] = []
+    for each in np.unique(bone):
+        ids = np.flatnonzero(bone == each)
+        points = model.vertices[ids].astype(np.float64)
+        middle = points.mean(axis=0)
+        chosen = [int(np.square(points - middle).sum(axis=1).argmin())]
+        away = np.linalg.norm(points - points[chosen[0]], axis=1)
+        while away.max() > _SPACING_M:
+            chosen.append(int(away.argmax()))
+            away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        found += ids[chosen].tolist()
+    return np.unique(np.array(found, np.int64))
+
+
+def _nearest_patches(model: PerceptualModel, centres: I64) -> tuple[I64, F64]:
+    """Nearest patches of each vertex along the skin and their weights, which sum to 1, (V, 4)."""
+    from scipy.sparse.csgraph import dijkstra
+
+    graph = edge_graph(model.vertices.astype(np.float64), model.triangles)
+    away = dijkstra(graph, directed=False, indices=centres, limit=_FARTHEST_M).T  # (V, J)
+    lost = ~np.isfinite(away).any(axis=1)  # an island without a patch of its own
+    if lost.any():
+        across = model.vertices[lost, None] - model.vertices[None, centres]
+        away[lost] = np.linalg.norm(across, axis=2)
+    beyond = min(_NEAREST + 1, len(centres))
+    nearest = np.argpartition(away, beyond - 1, axis=1)[:, :beyond]
+    nearest = np.take_along_axis(
+        nearest, np.argsort(np.take_along_axis(away, nearest, axis=1), axis=1), axis=1
+    )
+    distance = np.take_along_axis(away, nearest, axis=1)
+    nearest, edge = nearest[:, :_NEAREST], distance[:, -1:]
+    edge = np.where(np.isfinite(edge), np.maximum(edge, 1e-6), 2.0 * _FARTHEST_M)
+    distance = np.maximum(distance[:, :_NEAREST], _CORE * edge)
+    weights = np.where(np.isfinite(distance), np.maximum(edge - distance, 0.0) / distance, 0.0)
+    weights = np.square(weights / edge)
+    weights[weights.sum(axis=1) == 0.0, 0] = 1.0
+    return nearest, weights / weights.sum(axis=1, keepdims=True)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Figures in the documentation that the code knows are the code's."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hfx_blender import file_limits, resources
+from hfx_blender.batch import worker_process
+from hfx_blender.devices import strict_json
+from hfx_blender.devices.live import device_thread, host
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.engine.spatial_sound import distance, layouts, propagation
+from hfx_blender.formats import ahap, ahap_rules, checking, haptic, he, he_rules, openxr
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def _range(of: Any) -> tuple[float, float]:
+    return of.lowest_hz, of.highest_hz
+
+
+def _air_db() -> float:
+    return round(float(8.0 * propagation.absorption_db_m(np.array([880.0]))[0]), 2)
+
+
+FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
+    ("body-models.md", r"\*\*Pressure\*\*, (\S+) vert", lambda: len(load_model("hfx-pressure-1"))),
+    (
+        "body-models.md",
+        r"\*\*Vibration\*\*, (\S+) vert",
+        lambda: len(load_model("hfx-vibration-1")),
+    ),
+    ("body-models.md", r"Temperature has (\S+) vert", lambda: len(load_model("hfx-temperature-1"))),
+    (
+        "following-an-avatar.md",
+        r"vibration model, (\S+) vertices",
+        lambda: len(load_model("hfx-vibration-1")),
+    ),
+    ("formats/index.md", r"(\d+) to (\d+) Hz for AHAP", lambda: _range(ahap.DEFAULT_RANGE)),
+    ("formats/index.md", r"(\d+) to (\d+) Hz for \.haptic", lambda: _range(haptic.DEFAULT_RANGE)),
+    ("formats/index.md", r"(\d+) to (\d+) Hz for \.he\b", lambda: _range(he.DEFAULT_RANGE)),
+    (
+        "formats/index.md",
+        r"at most (\d+) s, parameter curves of at most (\d+) points",
+        lambda: (ahap_rules.MAX_EVENT_S, ahap_rules.MAX_CURVE_POINTS),
+    ),
+    (
+        "formats/index.md",
+        r"events of at most (\d+) points and (\d+) s .*, up to (\d+) a pattern",
+        lambda: (
+            he_rules.MAX_CURVE_POINTS,
+            he_rules.MAX_DURATION_MS / 1000,
+            he_rules.MAX_PATTERN_EVENTS,
+        ),
+    ),
+    ("formats/index.md", r"at most (\d+) points, times in nanosec", lambda: openxr.MAX_POINTS),
+    (
+        "formats/index.md",
+        r"references of HJIF stand for \| (\S+) \|",
+        lambda: file_limits.UNFOLDED.default,
+    ),
+    ("formats/index.md", r"for each event \| (\S+) \|", lambda: file_limits.OVERLAP.default),
+    (
+        "formats/index.md",
+        r"(\d+) MiB, or (\d+) times its own",
+        lambda: (file_limits.UNPACKED.default / 2**20, file_limits.PACKING),
+    ),
+    (
+        "formats/index.md",
+        r"JSON \| (\d+) MiB; a device, a path or a layout (\d+) MiB",
+        lambda: (checking.MAX_BYTES / 2**20, strict_json.MAX_BYTES / 2**20),
+    ),
+    ("formats/index.md", r"at a time \| (\d+) GiB", lambda: file_limits.MEMORY.default / 2**30),
+    (
+        "device-configuration.md",
+        r"at most (\d+) MiB of UTF-8, nested at most (\d+) deep",
+        lambda: (strict_json.MAX_BYTES / 2**20, strict_json.MAX_DEPTH),
+    ),
+    ("batch.md", r"replaced after (\d+) pieces", lambda: worker_process.RENEW_AFTER),
+    ("live.md", r"a frame takes longer \| (\d+) ms", lambda: 1000 * host.HEARTBEAT_S),
+    (
+        "live.md",
+        r"values of a device expire (\d+) ms",
+        lambda: 1000 * device_thread.FREEZE_S,
+    ),
+    ("belt-demo.md", r"At most (\d+) loudspeakers", lambda: layouts.MAX_LOUDSPEAKERS),
+    (
+        "belt-demo.md",
+        r"distances of ([0-9.]+) to (\d+) m\.",
+        lambda: (1.0 / distance._FARTHEST_M, distance._FARTHEST_M),
+    ),
+    ("belt-demo.md", r"air takes ([0-9.]+) dB from 880 Hz", _air_db),
+    (
+        "belt-demo.md",
+        r"reference distance \(`--reference`, (\d+) m",
+        lambda: _hearing().reference_m,
+    ),
+    ("belt-demo.md", r"`--audible`, (\d+) m", lambda: _hearing().audible_m),
+)
+
+
+def _hearing() -> distance.Hearing:
+    return distance.Hearing()
+
+
+@pytest.mark.parametrize(("page", "pattern", "known"), FIGURES, ids=lambda each: str(each)[:30])
+def test_a_figure_is_the_codes(page: str, pattern: str, known: Callable[[], Any]) -> None:
+    found = re.findall(pattern, (DOCS / page).read_text(encoding="utf-8"))
+    assert len(found) == 1, "the sentence is there once"
+    texts = found[0] if isinstance(found[0], tuple) else found
+    printed = [float(each.replace(",", "")) for each in texts]
+    values = known() if isinstance(known(), tuple) else (known(),)
+    assert printed == [float(each) for each in values]
+
+
+def test_each_shipped_device_and_modality_is_on_its_page() -> None:
+    page = (DOCS / "devices.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \| \S.*\|.*\|.*\|.*\|", page, re.MULTILINE)
+    names = {path.stem for path in resources.device_configs().glob("*.json")}
+    assert set(listed) == {re.sub(r"_(left|right)$", "", name) for name in names}
+    told = (DOCS / "formats" / "index.md").read_text(encoding="utf-8")
+    assert "all four modalities" in told and len(MODALITIES) == 4
