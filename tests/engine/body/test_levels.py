@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from hfx_blender import resources
+from hfx_blender.engine.body import levels as level_files
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import RIGHT
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.body_building import level_files
 from hfx_blender.maintenance.body_building import levels as making
 from hfx_blender.maintenance.body_building.nearest_places import locate
 
