@@ -121,7 +121,7 @@ def test_a_level_of_a_model_on_an_avatar_is_on_that_avatar() -> None:
 def test_levels_load_without_scipy() -> None:
     script = (
         "import sys; sys.modules['scipy'] = None\n"
-        "from hfx_blender.maintenance.body_building.level_files import load_level\n"
+        "from hfx_blender.engine.body.levels import load_level\n"
         "from hfx_blender.engine.body.cells import cell_of_skin\n"
         "from hfx_blender.engine.body.model import load_model\n"
         "print(len(load_level('hfx-pressure-1', 1)[0]))\n"
