@@ -95,12 +95,11 @@ def devices() -> None:
     """Draw the places of each shipped device's actuators, and the gallery in ``devices.md``."""
     import device_pictures
 
-    folder = PICTURES / "devices"
-    folder.mkdir(exist_ok=True)
-    names = sorted(path.stem for path in (DOCS.parent / "device_configs").glob("*.json"))
+    folder = DOCS.parent / "device_configs" / "pictures"  # the editor shows them, too
+    names = sorted(path.stem for path in folder.parent.glob("*.json"))
     for name in names:
         device_pictures.draw(name, folder / f"{name}.png")
-    gallery = "\n".join(f"| `{n}` | ![{n}](pictures/devices/{n}.png) |" for n in names)
+    gallery = "\n".join(f"| `{n}` | ![{n}](../device_configs/pictures/{n}.png) |" for n in names)
     replace_part(DOCS / "devices.md", "gallery", f"| device | worn |\n|---|---|\n{gallery}")
 
 

@@ -8,6 +8,7 @@ Packages, lowest first: each imports only from those above it in this list.
 engine       scene description to samples, tracks and rasters; no bpy
 devices      device configurations, live output; no bpy
 formats      files of other programs; no bpy
+generation   surfaces from words, and from pictures of generators; no bpy
 avatars      avatars in Blender, and perceptual models bound to them
 authoring    effects, volumes, surfaces, clips: what a user makes
 reading      Blender's data as a scene description
@@ -31,9 +32,9 @@ __version__ = "0.1.0"
 
 def _modules() -> tuple[ModuleType, ...]:
     from . import handlers, operators, preferences, properties, ui
-    from .playback import live, preview
+    from .playback import live, preview, timeline_clips
 
-    return preferences, properties, operators, ui, handlers, preview, live
+    return preferences, properties, operators, ui, handlers, preview, timeline_clips, live
 
 
 _register, _unregister = registration.of_modules(_modules)

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -36,8 +38,20 @@ def passing(folder: Path) -> Iterator[None]:
         _passing.discard(folder)
 
 
-def move(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
+def _is_passing(folder: Path) -> bool:
+    return folder in _passing or not _passing.isdisjoint(folder.parents)
+
+
+def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
     """Move finished files into a folder, in this order, when all of them are on the disk.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    folder : Path
+    base : Path, optional
+        Folder of the files: those below get folders below ``folder``, which are there.
+        Without it, all come into ``folder`` itself.
 
     Raises
     ------
@@ -46,13 +60,16 @@ def move(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
     OSError
         One of them cannot be moved.
     """
-    stays = folder not in _passing
+    targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
+    stays = not _is_passing(folder)
     if stays and files:
         with ThreadPoolExecutor(min(len(files), _AT_ONCE)) as pool:
             list(pool.map(_sync_file, files))
-    moved = tuple(path.replace(folder / path.name) for path in files)
+    with _alone_in(folder):
+        moved = tuple(map(Path.replace, files, targets))
     if stays:
-        _sync_folder(folder)
+        for each in {folder, *(target.parent for target in targets)}:
+            _sync_folder(each)
     return moved
 
 
@@ -91,10 +108,10 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         with open(temporary, "w+b") as file:
             yield file
             file.flush()
-            if path.parent not in _passing:
+            if not _is_passing(path.parent):
                 os.fsync(file.fileno())
         os.replace(temporary, path)
-        if path.parent not in _passing:
+        if not _is_passing(path.parent):
             _sync_folder(path.parent)
     except OSError as error:
         _remove(temporary)
@@ -161,14 +178,35 @@ def locked(path: Path) -> Iterator[None]:
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}).") from None
     try:
-        until = time.monotonic() + PATIENCE_S
-        while not _is_taken(descriptor):
-            if time.monotonic() > until:
-                raise OutputError(f"{path}: another process is writing it; try again.")
-            time.sleep(_RETRY_S)
+        if not _is_taken_in_time(descriptor):
+            raise OutputError(f"{path}: another process is writing it; try again.")
         yield
     finally:
         os.close(descriptor)  # which gives it back
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Context in which no other process moves files into a folder: sets of files do not mix.
+
+    Nobody waits longer than :data:`PATIENCE_S`, nor where there are no locks: what is finished is
+    not lost for it.
+    """
+    descriptor = None
+    with suppress(OSError):
+        if os.name == "nt":  # a folder cannot be opened there
+            name = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
+            lock = Path(tempfile.gettempdir()) / f"hfx-{name}.lock"
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+        else:
+            descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        if descriptor is not None:
+            _is_taken_in_time(descriptor)
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
 
 
 def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
@@ -189,6 +227,14 @@ def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:
         made = json.dumps(content(), indent=1).encode()
         with atomic_file(path) as file:
             file.write(made)
+
+
+def _is_taken_in_time(descriptor: int) -> bool:
+    """Lock a file, unless somebody else has it for longer than :data:`PATIENCE_S`."""
+    until = time.monotonic() + PATIENCE_S
+    while not (is_taken := _is_taken(descriptor)) and time.monotonic() <= until:
+        time.sleep(_RETRY_S)
+    return is_taken
 
 
 def _is_taken(descriptor: int) -> bool:

@@ -39,7 +39,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """The parser of all commands."""
-    from .commands import convert, device, export, info, sound, texture, validate
+    from .commands import convert, device, export, info, play, sound, texture, validate
 
     parser = _Parser(
         prog=prog,
@@ -50,7 +50,10 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     demo, body, bench = map(left_out.module, ("demo", "body", "bench"))
-    for module in (demo, export, sound, info, validate, convert, body, device, texture, bench):
+    for module in (
+        *(demo, export, sound, info, validate, convert, play),
+        *(body, device, texture, bench),
+    ):
         if module is not None:
             module.add_parser(commands)
     return parser

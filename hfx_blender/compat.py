@@ -102,19 +102,33 @@ def set_keys(
     curve.update()
 
 
-def fit_brush(context: bpy.types.Context, strength: float, radius: float) -> None:
-    """Weight and radius (pixels) of Weight Paint's brushes.
+def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
+    """Settings that Weight Paint's brushes share, and whether their size is a diameter.
 
     They are settings of the scene before 5.0, which also made sizes diameters.
     """
     tools = context.tool_settings
     unified = getattr(tools.weight_paint, "unified_paint_settings", None)
-    is_diameter = unified is not None
-    if unified is None:
-        unified = tools.unified_paint_settings
-    unified.weight = strength
+    return (tools.unified_paint_settings, False) if unified is None else (unified, True)
+
+
+def set_brush_weight(context: bpy.types.Context, weight: float) -> None:
+    """Set the weight that Weight Paint's brushes paint, and have them share one size."""
+    unified, _ = _brush_settings(context)
+    unified.weight = weight
     unified.use_unified_size = True
-    unified.size = max(round(2.0 * radius if is_diameter else radius), 1)
+
+
+def brush_radius(context: bpy.types.Context) -> int:
+    """Radius of Weight Paint's brushes, pixels."""
+    unified, is_diameter = _brush_settings(context)
+    return round(unified.size / 2) if is_diameter else unified.size
+
+
+def set_brush_radius(context: bpy.types.Context, radius: int) -> None:
+    """Set the radius of Weight Paint's brushes, pixels."""
+    unified, is_diameter = _brush_settings(context)
+    unified.size = 2 * radius if is_diameter else radius
 
 
 def strips(editor: bpy.types.SequenceEditor) -> bpy.types.bpy_prop_collection:

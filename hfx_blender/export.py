@@ -18,6 +18,7 @@ from urllib.parse import quote
 import bpy
 import numpy as np
 
+from . import result_files
 from .atomic_files import atomic_file
 from .devices.script_rendering import Rendered, rendering
 from .engine.body.model import load_model
@@ -47,7 +48,7 @@ from .formats import gate, registry
 from .formats.curves import CurveTolerance
 from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
-from .formats.written import Written, beside
+from .formats.written import Written
 from .own_processes import cores
 from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .reading.scene_tolerance import scene_tolerance
@@ -259,7 +260,7 @@ class SceneExport:
                 written, rendered = _write_clips(whole, settings, rendered, stem, tolerance)
             else:
                 tracks = (track,) if "track" in settings.formats else ()
-                played = _named(whole.header, rendered.played)
+                played = _placed(whole.header, rendered.played, stem, stem)
                 written = Written(tracks) + registry.write_all(
                     settings.formats,
                     played,
@@ -286,13 +287,12 @@ class SceneExport:
         silent = tuple(silenced.values())
         if settings.strict:
             _refuse((*recorded.warnings, *rendered.warnings, *silent, *written.left_out))
-        new = {path.name for path in written.files}
-        earlier = [
-            path for path in stale_files(folder, stem.name, silenced) if path.name not in new
-        ]
+        new = {folder / path.relative_to(stem.parent) for path in written.files}
+        earlier = [path for path in stale_files(folder, stem.name, silenced) if path not in new]
         removed = tuple(f"{each.name} of an earlier export is removed" for each in earlier)
         report = ExportReport(
             scene=self._scene.name,
+            folder=stem.parent,
             files=written.files,
             felt=felt,
             unrendered=lost,
@@ -320,10 +320,10 @@ class SceneExport:
         with atomic_file(report_file) as file:
             file.write((json.dumps(report.as_dict(), indent=1) + "\n").encode())
         # The report comes last: if it exists, all of its files do.
-        placed = place((*report.files, report_file), folder)
+        placed = place((*report.files, report_file), folder, stem.parent)
         for path in earlier:  # it would be mistaken for the device's present output
             path.unlink(missing_ok=True)
-        return replace(report, files=placed)
+        return replace(report, folder=folder, files=placed)
 
 
 def export_scene(
@@ -362,9 +362,9 @@ def _write_clips(
         raise InputError("There are no clips to write one by one: no effect has a named clip.")
     written = Written()
     told: list[str] = []
-    taken: set[str] = set()
-    for named in found:
-        part = _free_path(stem, named.name, taken)
+    names = result_files.distinct(named.name for named in found)
+    for named, name in zip(found, names, strict=True):
+        part = stem.with_name(f"{stem.name}.{name}")
         path = part.with_name(part.name + SUFFIX)
         try:
             write_excerpt(whole, named.effect_ids, named.clip, path)
@@ -386,7 +386,7 @@ def _write_clips(
                 return _write_clips(whole, settings, left, stem, tolerance)
             written += Written(notes=of_clip.notes)
             told += [f"clip '{named.name}': {each}" for each in of_clip.warnings]
-            played = _named(track.header, of_clip.played)
+            played = _placed(whole.header, of_clip.played, stem, part)
             made = registry.write_all(
                 settings.formats, played, track, settings.devices, part, tolerance
             )
@@ -394,34 +394,23 @@ def _write_clips(
     return written, replace(rendered, warnings=(*rendered.warnings, *told))
 
 
-def _free_path(stem: Path, name: str, taken: set[str]) -> Path:
-    """Get a path for a clip's files that no other has: characters of names may be left out."""
-    path, number = beside(stem, name), 1
-    while path.name.casefold() in taken:
-        number += 1
-        path = beside(stem, f"{name} {number}")
-    taken.add(path.name.casefold())
-    return path
+def _placed(
+    whole: TrackHeader,
+    played: Sequence[tuple[DeviceConfig, Raster]],
+    scene: Path,
+    stem: Path,
+) -> list[tuple[Path, DeviceConfig, Raster]]:
+    """Devices and rasters with ``folder/stem`` of their files, in folders that are there.
 
-
-def _named(
-    header: TrackHeader, played: Sequence[tuple[DeviceConfig, Raster]]
-) -> list[tuple[str, DeviceConfig, Raster]]:
-    """Devices and rasters with distinct suffixes for their files' names.
-
-    Of several bodies each has its name in them, and a number where two are called alike.
+    ``scene`` is that of the whole scene, ``stem`` that of these files.
     """
-    worn = dict.fromkeys(raster.body_id for _, raster in played)
-    names = {body.id: body.name for body in header.bodies}
-    taken: set[str] = set()
-    part = dict.fromkeys(worn, "")
-    if len(worn) > 1:
-        stem = Path("-")
-        part = {
-            id: _free_path(stem, names.get(id) or id, taken).name.removeprefix(stem.name)
-            for id in worn
-        }
-    return [(f"{part[raster.body_id]}.{device.id}", device, raster) for device, raster in played]
+    parts = result_files.body_parts(whole.bodies)
+    found = []
+    for device, raster in played:
+        path = result_files.device_stem(scene, stem, parts[raster.body_id], device.id)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        found.append((path, device, raster))
+    return found
 
 
 def _refuse(warnings: Sequence[str]) -> None:

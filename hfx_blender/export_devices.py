@@ -16,22 +16,39 @@ if TYPE_CHECKING:
 
 
 def scene_devices(scene: bpy.types.Scene) -> tuple[tuple[DeviceConfig, ...], dict[str, str]]:
-    """Load the devices that a scene names; returns them, and a sentence for each that is unusable.
+    """Load the devices that a scene is exported for; returns them, and why others are unusable.
 
     Raises
     ------
     InputError
         It names a file.
     """
-    names = dict.fromkeys(named_in_blend(device.name) for device in scene.hfx.devices)
+    chosen = {item.name: item for item in scene.hfx.devices if item.is_exported}
     found: list[DeviceConfig] = []
     missing: dict[str, str] = {}
-    for name in names:
+    for name, item in chosen.items():
+        named_in_blend(name)
         try:
-            found.append(load_device(name))
+            found.append(load_scene_device(item))
         except InputError as error:
             missing[name] = f"device '{name}' plays nothing: {error}".removesuffix(".")
     return tuple(found), missing
+
+
+def load_scene_device(item: bpy.types.PropertyGroup) -> DeviceConfig:
+    """Load a device that a scene names, with the rendering scheme that the scene chooses.
+
+    Raises
+    ------
+    InputError
+        It names a file, or the device cannot be read.
+    """
+    return load_device(named_in_blend(item.name)).rendered_by(scheme_of(item))
+
+
+def scheme_of(item: bpy.types.PropertyGroup) -> str:
+    """Rendering scheme that a scene chooses for a device; empty: the device's own."""
+    return "" if item.scheme == "CONFIGURED" else str(item.scheme)
 
 
 def formats_without(

@@ -13,6 +13,7 @@ from .engine.rendering.raster import Raster, unrendered
 from .engine.track import TrackHeader, TrackReader
 from .file_hash import sha256_of
 from .reading_counters import as_reported
+from .result_files import listed
 
 REPORT_SUFFIX = ".report.json"
 _LARGEST_REPORT = 2**26
@@ -23,6 +24,7 @@ class ExportReport:
     """Results of one export."""
 
     scene: str
+    folder: Path  # that the files are in, or in folders below
     files: tuple[Path, ...]
     felt: tuple[dict[str, Any], ...]  # per effect and body: name, seconds, vertices, peak level
     unrendered: tuple[dict[str, Any], ...]  # felt by the body, played by none of the devices
@@ -35,12 +37,12 @@ class ExportReport:
     made_from: Mapping[str, Any] = field(default_factory=dict)  # inputs and options
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data; file names without folders."""
+        """Plain data; file names relative to the folder, with slashes."""
         return {
             "scene": self.scene,
             "files": [
                 {
-                    "name": path.name,
+                    "name": path.relative_to(self.folder).as_posix(),
                     "bytes": path.stat().st_size,
                     "sha256": sha256_of(path),
                 }
@@ -150,21 +152,21 @@ def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path
     """
     report = read(folder / (stem + REPORT_SUFFIX)) if devices else None
     return tuple(
-        folder / name
-        for name, digest in _listed(report or {})
-        if name.startswith(f"{stem}.")
-        and any(f".{device}." in name.removeprefix(stem) for device in devices)
-        and _is(folder / name, digest)
+        path
+        for path, digest in _listed(report or {}, folder)
+        if path.name.startswith(f"{stem}.")
+        and any(f".{device}." in path.name.removeprefix(stem) for device in devices)
+        and _is(path, digest)
     )
 
 
-def _listed(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _listed(report: Mapping[str, Any], folder: Path) -> Iterator[tuple[Path, str]]:
     files = report.get("files")
     for each in files if isinstance(files, list) else ():
         if isinstance(each, dict):
-            name, digest = each.get("name"), each.get("sha256")
-            if isinstance(name, str) and isinstance(digest, str) and Path(name).name == name:
-                yield name, digest
+            path, digest = listed(folder, each.get("name")), each.get("sha256")
+            if path is not None and isinstance(digest, str):
+                yield path, digest
 
 
 def _is(path: Path, digest: str) -> bool:

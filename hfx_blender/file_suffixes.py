@@ -8,4 +8,5 @@ from typing import Final
 EFFECT: Final = ".hfxeffect"
 PATH: Final = ".hfxpath"
 TEXTURE_MAP: Final = ".texture.json"
+GENERATED: Final = ".generated.json"
 STROKES: Final = (".wav", ".ahap", ".he", ".haptic", ".csv")

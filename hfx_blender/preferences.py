@@ -23,10 +23,7 @@ _found_before: dict[str, str | None] = {}
 
 
 def _recolour(self: HfxPreferences, _context: bpy.types.Context) -> None:
-    from .playback import preview
-
     self.take_colours()
-    preview.touch()
 
 
 def _refolder(self: HfxPreferences, _context: bpy.types.Context) -> None:

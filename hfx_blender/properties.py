@@ -17,7 +17,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import surface_properties
+from . import generation_properties, surface_properties
 from .engine.modality import MODALITIES
 from .response_properties import HfxResponseFilter
 
@@ -68,6 +68,27 @@ TOLERANCES = (
     ("PAPER", "Vertices Only", "A vertex is inside a volume or not, at every sample"),
     ("CUSTOM", "Custom", "Your own limits: millimetres of edges, milliseconds of motion"),
 )
+LIVE_SOURCES = (
+    ("SCENE", "Scene", "What is felt in the scene, while you play, scrub and edit"),
+    ("TRACK", "Track", "What was exported or recorded; the scene is not evaluated for it"),
+)
+SCHEMES = (
+    ("CONFIGURED", "As Configured", "The scheme that the device's configuration names"),
+    ("coverage", "Coverage", "The strongest sensation on each actuator's own patch of skin"),
+    ("nearest", "Nearest", "The nearest actuator plays all; it jumps half way between two"),
+    ("barycentric", "Barycentric", "Glides between the three actuators around it, on a flat pad"),
+    ("surface", "Surface", "Glides between neighbours along the skin of the body"),
+    ("ring", "Ring", "Glides between two neighbours round a belt, with equal power"),
+    ("line", "Line", "Glides between two neighbours along a strip, with equal power"),
+    ("vbap", "VBAP", "Glides between two or three neighbours by their directions"),
+    ("splat", "Splat", "Each actuator plays more the nearer it is: soft and wide"),
+)
+"""Rendering schemes of a device in a scene, each in one line."""
+
+LIVE_TOLERANCES = (
+    ("EXPORT", "As Exported", "What is shown and played is what is exported"),
+    ("PREVIEW", "Preview", "Faster, and coarser; exports keep their own tolerance"),
+)
 FELT_LAYERS = (
     ("VISIBLE", "Visible", "The outermost layer: clothes where there are any, else skin"),
     ("SKIN", "Skin", "The innermost layer: skin under clothes, where it is modelled"),
@@ -101,16 +122,6 @@ def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
     from .avatars import bone_table
 
     bone_table.refresh(self.id_data)
-
-
-def _remark(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
-    self.id_data.update_tag()  # nothing else depends on it, but the preview has to know
-
-
-def _recolour(_self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    from .playback import preview
-
-    preview.touch()
 
 
 def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> FloatProperty:
@@ -175,9 +186,7 @@ class HfxMappedBone(bpy.types.PropertyGroup):
 class HfxActuatorValue(bpy.types.PropertyGroup):
     """Actuator of a vector sensation; its name is the actuator's id."""
 
-    value: _share(
-        "Value", "Share of the effect's full strength that this actuator gets", 0.0, update=_remark
-    )
+    value: _share("Value", "Share of the effect's full strength that this actuator gets", 0.0)
 
 
 class HfxObjectProperties(bpy.types.PropertyGroup):
@@ -188,6 +197,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     uid: StringProperty(
         name="Id", description="Stays the same when the object is renamed", **_OVERRIDABLE
+    )
+
+    group: StringProperty(
+        name="Group",
+        description="Effects of the same group are one row of the list, which opens",
+        **_OVERRIDABLE,
     )
 
     modality: EnumProperty(
@@ -225,14 +240,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Mute",
         description="Neither felt nor exported",
         default=False,
-        update=_remark,
         **_OVERRIDABLE,
     )
     is_solo: BoolProperty(
         name="Solo",
         description="Only effects that are solo are felt and exported",
         default=False,
-        update=_remark,
         **_OVERRIDABLE,
     )
 
@@ -309,7 +322,6 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         "Position",
         "Position of the point on its path, from the start (0) to the end (1)",
         0.0,
-        update=_remark,
     )
     device: StringProperty(name="Device", description="Device whose actuators are driven")
     drive: CollectionProperty(
@@ -376,12 +388,29 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
 
 
+TIME_UNITS = (
+    ("FRAMES", "Frames", "Times of clips in frames, as in the timeline"),
+    ("SECONDS", "Seconds", "Times of clips in seconds; frame 0 is at 0 s, as in the timeline"),
+)
+
 PALETTES = (
     ("PAPER", "Red, Green, Blue", "Vibration red, pressure green, temperature blue"),
     ("WARM_COLD", "Warm and Cold", "The same, but warmth orange and cold blue"),
     ("COLOUR_BLIND", "Colour-Blind Safe", "Colours that all common kinds of vision tell apart"),
     ("OWN", "My Colours", "The colours in the preferences of this extension"),
 )
+
+
+def _follow_other(self: HfxSceneProperties | HfxDeviceName, context: bpy.types.Context) -> None:
+    from .playback.live import live
+
+    self.id_data.update_tag()  # the preview shows actuators
+    if self.id_data == context.scene:
+        live.follow_other()
+
+
+def _remark_scene(self: HfxSceneProperties, _context: bpy.types.Context) -> None:
+    self.id_data.update_tag()  # the preview and live devices look for changes then
 
 
 def _turn_down(self: HfxDeviceName, context: bpy.types.Context) -> None:
@@ -396,6 +425,22 @@ class HfxDeviceName(bpy.types.PropertyGroup):
 
     is_muted: BoolProperty(
         name="Mute", description="Silent while designing", default=False, update=_turn_down
+    )
+    is_expanded: BoolProperty(
+        name="Details",
+        description="Show the maker, the places and the rendering scheme of the device",
+        default=False,
+        options=set(),
+    )
+    scheme: EnumProperty(
+        name="Rendering",
+        description="Rendering scheme: how sensations are shared out among the actuators",
+        items=SCHEMES,
+        options=set(),
+        update=_follow_other,
+    )
+    is_exported: BoolProperty(
+        name="Export", description="Write the files of this device, too", default=True
     )
     gain: FloatProperty(
         name="Gain",
@@ -419,6 +464,27 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         "moves it. None: the world",
         type=bpy.types.Object,
     )
+    live_source: EnumProperty(
+        name="Devices Play",
+        description="Source of what connected devices play",
+        items=LIVE_SOURCES,
+        options=set(),
+        update=_follow_other,
+    )
+    live_track: StringProperty(
+        name="Track",
+        description="Haptic track that devices play in step with the timeline (.hfxtrack); the "
+        "last one that was exported or recorded",
+        subtype="FILE_PATH",
+        update=_follow_other,
+    )
+    live_tolerance: EnumProperty(
+        name="Tolerance",
+        description="Tolerance of what is shown and played while you work",
+        items=LIVE_TOLERANCES,
+        options=set(),
+        update=_remark_scene,
+    )
     rate: FloatProperty(
         name="Rate",
         description="Samples a second in exported tracks",
@@ -434,11 +500,16 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         items=TOLERANCES,
         default="STANDARD",
     )
+    time_unit: EnumProperty(
+        name="Times",
+        description="Unit of the times of clips in every panel",
+        items=TIME_UNITS,
+        default="FRAMES",
+    )
     palette: EnumProperty(
         name="Colours",
         description="Colours of the avatar where it feels something",
         items=PALETTES,
-        update=_recolour,
     )
     preview_opacity: FloatProperty(
         name="Opacity",
@@ -447,7 +518,6 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         min=0.1,
         max=1.0,
         subtype="FACTOR",
-        update=_recolour,
     )
     tolerance_custom: StringProperty(
         name="Tolerance",
@@ -473,6 +543,7 @@ _classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 def register() -> None:
     surface_properties.register()
+    generation_properties.register()
     _classes()
     bpy.types.Object.hfx = PointerProperty(
         type=HfxObjectProperties, override={"LIBRARY_OVERRIDABLE"}
@@ -484,4 +555,5 @@ def unregister() -> None:
     del bpy.types.Scene.hfx
     del bpy.types.Object.hfx
     _unregister_classes()
+    generation_properties.unregister()
     surface_properties.unregister()

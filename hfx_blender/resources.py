@@ -83,9 +83,19 @@ def live_settings() -> Path:
     return _user_data() / "live_devices.json"
 
 
+def saved_areas() -> Path:
+    """File of the user's own painted areas; it need not exist."""
+    return _user_data() / "areas.json"
+
+
 def surface_calibration() -> Path:
     """File of the calibrated strength of surfaces, per device; it need not exist."""
     return _user_data() / "surface_calibration.json"
+
+
+def kept_fits() -> Path:
+    """Folder of the fits to the user's avatars, which may be deleted; it need not exist."""
+    return _user_data() / "fits"
 
 
 def _user_data() -> Path:

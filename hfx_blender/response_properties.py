@@ -29,10 +29,6 @@ ABOUT_WHAT = (
 DOMAINS = (("time", "Time", "Seconds since the scene's first frame"), *ABOUT_WHAT)
 
 
-def _remark(self: HfxResponseFilter, _context: bpy.types.Context) -> None:
-    self.id_data.update_tag()  # nothing else depends on it, but the preview has to know
-
-
 def _control(kind: str, control: str, label: str, tip: str, **options: object) -> FloatProperty:
     """A property with the range and the default that the engine states for a control."""
     found = {each.name: each for each in CONTROLS[FilterKind(kind)]}[control]
@@ -57,24 +53,19 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
         description="Function of the filter",
         items=KINDS,
         default="impact",
-        update=_remark,
     )
     operation: EnumProperty(
         name="Operation",
         description="Operation with the result of the filters above",
         items=OPERATIONS,
-        update=_remark,
     )
     about: EnumProperty(
         name="From",
         description="Property of the touch that is used",
         items=ABOUT_WHAT,
-        update=_remark,
     )
-    domain: EnumProperty(
-        name="Over", description="Variable of the sine", items=DOMAINS, update=_remark
-    )
-    is_muted: BoolProperty(name="Mute", description="Leave this filter out", update=_remark)
+    domain: EnumProperty(name="Over", description="Variable of the sine", items=DOMAINS)
+    is_muted: BoolProperty(name="Mute", description="Leave this filter out")
 
     influence: _control(
         "speed", "influence", "Influence", "Influence of this filter", subtype="FACTOR"

@@ -27,6 +27,7 @@ from .engine.spatial_sound.reverberation import Reverberators
 from .engine.spatial_sound.spatial_mix import Source, SpatialMix
 from .engine.track import TrackReader
 from .errors import InputError
+from .file_limits import MEMORY
 from .formats import sound_wav
 from .reading.scene_reader import SceneReader
 
@@ -77,6 +78,10 @@ class SoundRecorder:
         model_id = scene.effects[self._volumes[0]].model_id
         self._listener = Listener(scene.bodies[0].binding, load_model(model_id))
         count = scene.time.sample_count
+        what = f"{len(self._volumes):,} sources at {count:,} times would take"
+        MEMORY.check(
+            20.0 * len(self._volumes) * count, f"Scene '{scene.source.get('scene', '')}'", what
+        )
         self._places = np.full((len(self._volumes), count, 3), np.nan, np.float32)
         self._tones = np.zeros((len(self._volumes), count), np.float32)
         self._touches = np.zeros((len(self._volumes), count), np.float32)
@@ -184,6 +189,9 @@ def write_sound(
     """
     reader = SceneReader(scene, with_positions=True, with_far=True)
     engine = Engine(reader.description, tolerance=reader.tolerance)
+    time = reader.description.time
+    samples = sound_wav.sample_count(time.sample_count, time.rate_hz)
+    sound_wav.refuse_large(settings.layout, path, count=samples)  # before all is evaluated
     recorder = SoundRecorder(reader.description, settings)
     count = max(len(reader.sample_indices), 1)
     done = 0

@@ -64,15 +64,19 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
                 folder.rmdir()
 
 
-def place(files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
-    """Move finished files into their folder, in this order.
+def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple[Path, ...]:
+    """Move finished files into their folder, in this order; see :func:`.atomic_files.move`.
 
     Raises
     ------
     OutputError
-        One of the names is that of a folder, a device or a pipe; nothing was moved.
+        One of the names is that of a folder, a device or a pipe, or a folder cannot be made;
+        nothing was moved.
     """
-    for path in files:
-        refuse_taken(folder / path.name)
+    targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
+    for target in targets:
+        refuse_taken(target)
+    for below in dict.fromkeys(target.parent for target in targets):
+        make_folder(below)
     with placing:
-        return move(files, folder)
+        return move(files, folder, base)

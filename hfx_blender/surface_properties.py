@@ -24,6 +24,7 @@ SOURCES = (
     ("SCAN", "Scan", "A point cloud (PLY, XYZ) or a 16-bit picture of a measured piece"),
     ("PROCEDURAL", "Library", "Procedural gravel, metal, fabric or wood"),
     ("MAP", "Map", "Layers of an imported haptic map, unchanged"),
+    ("GENERATED", "Generated", "Relief made from words or a picture, at its own size"),
 )
 RENDERERS = (
     (
@@ -37,6 +38,11 @@ RENDERERS = (
 IMAGE_KINDS = (
     ("HEIGHT", "Heights", "Black is low and white is high; read as numbers, not as colours"),
     ("COLOUR", "Colours", "A photograph: bright means high, in linear light"),
+    (
+        "ESTIMATE",
+        "Estimate",
+        "Height, roughness and slope of a photograph, as Relief from Picture made them",
+    ),
 )
 
 
@@ -221,6 +227,9 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     )
     made_size_mm: FloatVectorProperty(size=2, options={"HIDDEN"})
     made_tiles: BoolProperty(options={"HIDDEN"})
+    made_slope: BoolProperty(
+        options={"HIDDEN"}, description="Whether the relief's image holds slopes, too"
+    )
     made_of: StringProperty(options={"HIDDEN"}, description="Settings that the relief is made of")
     layers_of: StringProperty(options={"HIDDEN"}, description="Settings of the layers")
     note: StringProperty(options={"HIDDEN"}, description="What was done, or why it could not be")

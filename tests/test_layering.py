@@ -13,11 +13,12 @@ from pathlib import Path
 import pytest
 from import_graph import PACKAGE, imports, module_name, modules, names_in
 
-PURE = ("engine", "formats", "devices", "maintenance/body_building")
+PURE = ("engine", "formats", "devices", "generation", "maintenance/body_building")
 SHARED = {
     "errors",
     "resources",
     "atomic_files",
+    "file_hash",
     "file_limits",
     "file_suffixes",
     "import_path",
@@ -25,6 +26,7 @@ SHARED = {
     "printable",
     "sentences",
     "stage_folders",
+    "staging",
     "stepwise",
     *PURE,
 }

@@ -84,8 +84,9 @@ def place(
         _check(effect, body)
     fps = fps_of(scene)
     made = []
+    is_alone = len(sensation.effects) == 1 or not sensation.name
+    group = "" if is_alone else effects.free_group(scene, sensation.name)
     for recipe in sensation.effects:
-        is_alone = len(sensation.effects) == 1 or not sensation.name
         name = recipe.name if is_alone else f"{sensation.name} {recipe.name}"
         if isinstance(recipe.where, VolumeRecipe):
             effect = effects.add_volume(scene, recipe.modality, recipe.where.shape, name)
@@ -110,7 +111,7 @@ def place(
             parameter_names(recipe.modality), PARAMETER_PROPERTIES[recipe.modality], strict=True
         ):
             setattr(effect.hfx, prop, recipe.parameters[key])
-        effect.hfx.intensity = recipe.intensity
+        effect.hfx.group, effect.hfx.intensity = group, recipe.intensity
         effect.hfx.temperature_reference = recipe.temperature_reference
         for clip in recipe.clips:
             start = frame + clip.start_s * fps

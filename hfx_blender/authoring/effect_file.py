@@ -327,6 +327,14 @@ _WHERES: Final[dict[str, Callable[[Node], Any]]] = {
 }
 
 
+def where_of(effect: EffectRecipe) -> str:
+    """Key of the member of a file that says where an effect is: ``area``, ``volume``, ..."""
+    if isinstance(effect.where, PartsArea | VertexArea):
+        return "area"
+    kinds = {VolumeRecipe: "volume", SpotRecipe: "spot", ActuatorsRecipe: "actuators"}
+    return kinds[type(effect.where)]
+
+
 def _clip(node: Node) -> ClipRecipe:
     times = ("fade_in_s", "fade_out_s")
     members = node.members(

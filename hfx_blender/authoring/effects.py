@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 COLLECTION = "HFX Effects"
+
+ON_A_BODY = ("PAINTED", "SPOT", "ACTUATORS")
+"""Kinds of effects that belong to a body."""
 
 VERTICES = "hfx_vertices"
 WEIGHTS = "hfx_weights"
@@ -34,6 +37,59 @@ def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The scene's haptic bodies (armatures), by name."""
     found = [obj for obj in scene.objects if obj.hfx.role == "BODY"]
     return sorted(found, key=lambda obj: obj.name)
+
+
+def present(body: bpy.types.Object, bodies: Sequence[bpy.types.Object]) -> bpy.types.Object | None:
+    """Body among those of a scene: itself, or the only override of a linked one."""
+    if body in bodies:
+        return body
+    ours = [o for o in bodies if o.override_library and o.override_library.reference == body]
+    return ours[0] if len(ours) == 1 else None
+
+
+def body_in(scene: bpy.types.Scene, effect: bpy.types.Object) -> bpy.types.Object | None:
+    """Body of a scene that an effect is felt on; None if it was deleted, or none was chosen.
+
+    An effect without a body is felt on the only one.
+    """
+    bodies = bodies_of(scene)
+    body = effect.hfx.body or (bodies[0] if len(bodies) == 1 else None)
+    return None if body is None else present(body, bodies)
+
+
+def without_body(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Effects of a scene that need a body and have none in it, by name."""
+    return [effect for effect in effects_of(scene) if needs_body(scene, effect)]
+
+
+def needs_body(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
+    """Test for an effect that is felt on a body only and has none in a scene."""
+    return effect.hfx.kind in ON_A_BODY and body_in(scene, effect) is None
+
+
+def group_of(effect: bpy.types.Object) -> str:
+    """Name of the group that an effect belongs to; "" for none."""
+    return str(effect.hfx.group or effect.get("hfx_rain", ""))  # rain of earlier versions
+
+
+def free_group(scene: bpy.types.Scene, name: str) -> str:
+    """Name for a new group of effects: the given one, or with a number behind it."""
+    known, found, number = {group_of(each) for each in effects_of(scene)}, name, 1
+    while found in known:
+        number += 1
+        found = f"{name} {number}"
+    return found
+
+
+def move_to_body(found: Iterable[bpy.types.Object], body: bpy.types.Object) -> int:
+    """Have effects felt on another body; returns how many.
+
+    Their areas and paths are those of the canonical models, which all bodies share.
+    """
+    moved = [each for each in found if each.hfx.kind in ON_A_BODY and each.hfx.body != body]
+    for effect in moved:
+        effect.hfx.body = body
+    return len(moved)
 
 
 def silenced(found: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:

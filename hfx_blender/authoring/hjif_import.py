@@ -14,7 +14,7 @@ from .. import compat
 from ..engine.body.model import PerceptualModel, load_model
 from ..engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ..errors import InputError
-from ..formats import glb
+from ..formats import glb_rules
 from ..formats.checking import read_bytes
 from ..formats.curves import Curve, with_zeros
 from ..formats.hjif import reader
@@ -117,7 +117,8 @@ def _own_models(document: Hjif, folder: Path) -> set[str]:
         if not name or name != Path(name).name or not (folder / name).is_file():
             continue
         try:
-            meshes = glb.read_json(read_bytes(folder / name), name).get("meshes", [])
+            content = read_bytes(folder / name)
+            meshes = glb_rules.read_json(content, str(folder / name)).get("meshes", [])
         except InputError:
             continue
         for mesh in meshes:

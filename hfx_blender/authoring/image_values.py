@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.arrays import F32, F64
-from ..engine.texture.linear_light import height_from_colour, luminance
+from ..engine.texture.linear_light import height_from_colour, linear_to_srgb, luminance
 from ..engine.texture.scan import fill_holes
 from ..errors import InputError
 
@@ -31,10 +31,14 @@ def data_of(image: bpy.types.Image) -> F64:
     is_converted = image.is_float and not image.colorspace_settings.is_data
     if not is_converted or image.source == "GENERATED" or image.is_dirty:
         return pixels_of(image)[..., 0].astype(np.float64)
-    image.buffers_free()  # what it holds is loaded again where it is needed
-    copy = image.copy()  # loaded as plain data
+    copy = image.copy()  # loaded as plain data; the user's keeps what it has
     try:
         copy.colorspace_settings.is_data = True
+        if not copy.size[0]:
+            raise InputError(
+                f"Image '{image.name}': its numbers cannot be read again from "
+                f"'{image.filepath}': is the file missing?"
+            )
         return pixels_of(copy)[..., 0].astype(np.float64)
     finally:
         bpy.data.images.remove(copy)
@@ -53,6 +57,22 @@ def brightness_of(image: bpy.types.Image) -> F64:
         pixels = np.repeat(pixels[..., :1], 3, axis=2)
     # Blender keeps the codes of 8-bit images, and converts all others to linear light.
     return luminance(pixels) if image.is_float else height_from_colour(pixels)
+
+
+def colours_of(image: bpy.types.Image) -> F64:
+    """Colours (H, W, 3) of an image as sRGB codes 0..1, bottom row first.
+
+    Raises
+    ------
+    InputError
+        It has no pixels, too many, or some that are no numbers.
+    """
+    pixels = pixels_of(image)
+    pixels = pixels[..., :3] if pixels.shape[2] >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    if not np.isfinite(pixels).all():
+        raise InputError(f"Image '{image.name}' has colours that are no finite numbers.")
+    # As in brightness_of: only 8-bit images are held as codes.
+    return np.clip(linear_to_srgb(pixels) if image.is_float else pixels, 0.0, 1.0).astype(float)
 
 
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:

@@ -101,6 +101,27 @@ def colour_of(material: bpy.types.Material) -> Value:
     return node.outputs[0]
 
 
+def colour_picture_of(material: bpy.types.Material) -> bpy.types.Image | None:
+    """Image behind the base colour of a material's surface, if there is just one; adds nothing."""
+    shader = _shader(material)
+    if shader is None:
+        return None
+    names = ("Base Color", "Color")
+    waiting = [shader.inputs[name] for name in names if name in shader.inputs][:1]
+    found, seen = set(), set()
+    while waiting:
+        for link in waiting.pop().links:
+            node = link.from_node
+            if node in seen:
+                continue
+            seen.add(node)
+            if node.type == "TEX_IMAGE" and node.image is not None:
+                found.add(node.image)
+            else:
+                waiting.extend(node.inputs)
+    return found.pop() if len(found) == 1 else None
+
+
 def emission(material: bpy.types.Material, value: Value) -> Callable[[], None]:
     """Make a material emit a value; returns the function that restores it."""
     node = material.node_tree.nodes.new("ShaderNodeEmission")

@@ -37,12 +37,16 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
 
     if painted_mesh(effect) is not None:
         raise InputError(f"'{effect.name}' is being painted already.")
-    body = effect.hfx.body
+    body = effects.body_in(context.scene, effect)
     if body is None:
-        raise InputError(f"'{effect.name}' has no body; choose one first.")
+        raise InputError(
+            f"The body of '{effect.name}' is not in this scene: press Move to Body in the panel "
+            "Haptic Effect first."
+        )
     model = retargeting.model_of(body, effects.model_id_for(effect.hfx.modality))
     painted = weights_of(effect)
     canvas = model_mesh.add_posed(context, body, model, f"{effect.name} Area")
+    model_mesh.freeze(context, canvas)
     canvas[PAINTED_EFFECT] = effect
     canvas.vertex_groups.active = canvas.vertex_groups.new(name=GROUP)
     canvas.data.use_mirror_x = False
@@ -50,19 +54,42 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     return canvas
 
 
-def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
-    """Brush radius that reaches the vertices next to the one under the brush, Blender's units."""
+def spacing(canvas: bpy.types.Object, effect: bpy.types.Object, vertex: int | None = None) -> float:
+    """Distance between the vertices of a mesh that is painted on, Blender's units.
+
+    Parameters
+    ----------
+    vertex : int, optional
+        Where; else the median. Fingertips have vertices ten times as dense as the back.
+    """
     import numpy as np
 
     from ..engine.body.model import load_model
 
     model = load_model(effects.model_id_for(effect.hfx.modality))
     # Vertices stand about as far apart as the sides of their equal triangles are long.
-    spacing_m = float(np.sqrt(np.median(model.areas_m2) * (2.0 / np.sqrt(3.0))))
+    is_there = vertex is not None and vertex < len(model)  # not if the mesh was edited
+    area_m2 = model.areas_m2[vertex] if is_there else np.median(model.areas_m2)
+    spacing_m = float(np.sqrt(area_m2 * (2.0 / np.sqrt(3.0))))
+    return spacing_m * _units_a_metre(canvas, model)
+
+
+def brush_radius(canvas: bpy.types.Object, effect: bpy.types.Object) -> float:
+    """Brush radius that reaches the vertices next to the one under the brush, Blender's units."""
+    from ..engine.body.model import load_model
+
+    model = load_model(effects.model_id_for(effect.hfx.modality))
+    smallest = _SMALLEST_BRUSH_M * _units_a_metre(canvas, model)
+    return max(_BRUSH_SPACINGS * spacing(canvas, effect), smallest)
+
+
+def _units_a_metre(canvas: bpy.types.Object, model: PerceptualModel) -> float:
+    """Size of a mesh that shows a model, compared with the model."""
+    import numpy as np
+
     size_m = float(np.ptp(model.vertices, axis=0).max())
     size = float(np.ptp(np.array(canvas.bound_box), axis=0).max())
-    scale = size / size_m * abs(effect.hfx.body.matrix_world.determinant()) ** (1 / 3)
-    return scale * max(_BRUSH_SPACINGS * spacing_m, _SMALLEST_BRUSH_M)
+    return size / size_m * abs(canvas.matrix_world.determinant()) ** (1 / 3)
 
 
 def weights_of(effect: bpy.types.Object) -> F64:
@@ -144,6 +171,15 @@ def painted_mesh(effect: bpy.types.Object) -> bpy.types.Object | None:
     return None
 
 
+def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Mesh that is painted on: the active one, or the only one."""
+    active = context.object
+    if active is not None and active.get(PAINTED_EFFECT) is not None:
+        return active
+    found = [obj for obj in context.view_layer.objects if obj.get(PAINTED_EFFECT) is not None]
+    return found[0] if len(found) == 1 else None
+
+
 def end(effect: bpy.types.Object) -> int:
     """Take the painted weights over into the effect and remove the mesh; how many vertices."""
     import numpy as np
@@ -166,15 +202,19 @@ def fill_parts(effect: bpy.types.Object, parts: Iterable[str], side: str = "both
     Parameters
     ----------
     parts : iterable of str
-        Names of ``engine.body.parts.PARTS``; empty: the whole body.
+        Ids of ``engine.body.regions.REGIONS``; empty: the whole body.
     side : "left", "right" or "both"
     """
     import numpy as np
 
     from ..engine.body.model import load_model
+    from ..engine.body.regions import region_weights
 
     model = load_model(effects.model_id_for(effect.hfx.modality))
-    return set_weights(effect, np.where(part_flags(model, parts, side), 1.0, weights_of(effect)))
+    found = [region_weights(model, part, side) for part in parts]
+    if not found:
+        found = [part_flags(model, (), side).astype(np.float64)]
+    return set_weights(effect, np.maximum.reduce([weights_of(effect), *found]))
 
 
 def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both") -> Bool:

@@ -65,7 +65,7 @@ def make(
     made = []
     for number, centre in enumerate(centres):
         effect = effects.add_painted(scene, "vibration", body, f"{name} {number + 1:02d}")
-        effect[GENERATOR] = name
+        effect[GENERATOR] = effect.hfx.group = name
         effect.hfx.amplitude = strength_m_s2
         effect.hfx.frequency = 160.0
         vertices = _drop(model, centre, drop_size_m)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ..engine.texture import procedural
 from ..engine.texture.height_field import HeightField, from_image
+from ..engine.texture.relief_estimate import EstimatedRelief
 from ..engine.texture.scan import from_points
 from ..engine.texture.scan_alignment import seen_from_above
 from ..errors import InputError
@@ -30,6 +31,7 @@ class Relief:
     height: HeightField
     roughness: npt.NDArray[np.floating] | None = None  # 0..1, the same rectangle
     notes: tuple[str, ...] = ()
+    slope: npt.NDArray[np.float32] | None = None  # estimated by itself, on the heights' grid
 
 
 def relief_of(obj: bpy.types.Object) -> Relief:
@@ -83,6 +85,8 @@ def _of_image(obj: bpy.types.Object) -> Relief:
     settings = obj.hfx.surface
     if settings.image is None:
         raise InputError(f"The surface of '{obj.name}' is made of an image; choose one.")
+    if settings.image_kind == "ESTIMATE":
+        return _of_estimate(obj)
     is_colour = settings.image_kind == "COLOUR"
     read = image_values.brightness_of if is_colour else image_values.data_of
     grey, notes = image_values.without_holes(read(settings.image), settings.image.name)
@@ -90,6 +94,27 @@ def _of_image(obj: bpy.types.Object) -> Relief:
     field = from_image(grey, settings.height_mm / 1000.0, (tile[0] / 1000.0, tile[1] / 1000.0))
     roughness = settings.roughness_image
     return Relief(field, None if roughness is None else image_values.data_of(roughness), notes)
+
+
+def estimate_channels(found: EstimatedRelief) -> list[npt.NDArray[np.floating]]:
+    """Channels of the image of an estimate: height 0..1, roughness, and the slope that a square
+    of height and edge 1 would have."""
+    height_m = float(found.field.heights_m.max()) or 1.0
+    width, length = found.field.size_m
+    slope = found.slope * np.float32(np.sqrt(width * length) / height_m)
+    return [found.field.heights_m / height_m, found.roughness, slope]
+
+
+def _of_estimate(obj: bpy.types.Object) -> Relief:
+    settings, tile = obj.hfx.surface, tile_mm(obj)
+    pixels = image_values.pixels_of(settings.image)
+    if pixels.shape[2] < 3 or not np.isfinite(pixels).all():
+        raise InputError(f"Image '{settings.image.name}' is no estimate: make it again.")
+    size_m = tile[0] / 1000.0, tile[1] / 1000.0
+    field = from_image(pixels[..., 0], settings.height_mm / 1000.0, size_m)
+    steepness = abs(settings.height_mm) / float(np.sqrt(tile[0] * tile[1]))
+    slope = steepness * np.abs(pixels[..., 2])
+    return Relief(field, pixels[..., 1].clip(0.0, 1.0), slope=slope)
 
 
 def _of_scan(obj: bpy.types.Object) -> Relief:

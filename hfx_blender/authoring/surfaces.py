@@ -35,7 +35,11 @@ _RELIEF_SETTINGS = {
     "SCAN": ("scan_path", "scan_unit_mm", "scan_size_mm", "height_mm", "resolution"),
     "PROCEDURAL": ("procedural", "seed", "resolution"),
     "MAP": (),
+    "GENERATED": (),
 }
+_KEPT: Final = ("MAP", "GENERATED")
+"""Sources whose images are the surface itself: no setting makes them again."""
+
 _ROUNDING: Final = 1e-3
 """How far a value of an imported map may be beyond 0 to 1, as pictures are converted."""
 
@@ -130,7 +134,7 @@ def make(obj: bpy.types.Object, *, anew: bool = True) -> str:
     if obj.mode == "EDIT":  # its mesh cannot be read there
         raise InputError(f"'{obj.name}' is in Edit Mode: leave that first.")
     try:
-        if settings.source != "MAP" and (anew or settings.made_of != _relief_key(obj)):
+        if settings.source not in _KEPT and (anew or settings.made_of != _relief_key(obj)):
             begin = time.monotonic()
             _keep_relief(obj, surface_sources.relief_of(obj))
             settings.is_outdated = False
@@ -152,9 +156,11 @@ def _keep_relief(obj: bpy.types.Object, relief: Relief) -> None:
     settings, field = obj.hfx.surface, relief.height
     roughness = _on_grid(relief.roughness, field)
     heights_mm = field.heights_m * 1000.0
+    channels = [heights_mm, roughness] + ([] if relief.slope is None else [relief.slope])
     settings.relief_image = image_values.store(
-        f"{obj.name} Relief (mm)", settings.relief_image, [heights_mm, roughness]
+        f"{obj.name} Relief (mm)", settings.relief_image, channels
     )
+    settings.made_slope = relief.slope is not None
     image_values.show(settings.relief_image, heights_mm)
     settings.made_size_mm = [1000.0 * length for length in field.size_m]
     settings.made_tiles = field.tiles
@@ -265,6 +271,7 @@ def _layer_of(obj: bpy.types.Object, image: bpy.types.Image) -> npt.NDArray[np.f
 
 
 def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
+    import numpy as np
 
     from ..engine.texture.device_range import NoticeableSteps
     from ..engine.texture.haptic_map import HapticMap
@@ -284,7 +291,8 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
         texel = settings.made_size_mm[0] / 1000.0 / columns, settings.made_size_mm[1] / 1000 / rows
         made = HapticMap(intensity, sharpness, texel, settings.made_tiles, device)
         return made if steps is None else made.in_steps(steps)
-    roughness = image_values.pixels_of(settings.relief_image)[..., 1]
+    pixels = image_values.pixels_of(settings.relief_image)
+    slope = np.ascontiguousarray(pixels[..., 2]) if settings.made_slope else None
     wanted = MapSettings(
         blur_m=settings.blur_mm / 1000.0,
         full_slope=settings.full_slope,
@@ -292,7 +300,7 @@ def _map_of(obj: bpy.types.Object, field: HeightField | None) -> HapticMap:
         steps=steps,
     )
     try:
-        return make_map(field, roughness, wanted)
+        return make_map(field, pixels[..., 1], wanted, slope)
     except ModuleNotFoundError as error:  # the small extension comes without its wheels
         raise InputError(
             f"Haptic maps need '{error.name}', which this installation lacks; install the "
@@ -363,6 +371,21 @@ def take_map(obj: bpy.types.Object, made: HapticMap, note: str = "") -> None:
     settings.layers_of = ""
     _keep_layers(obj)
     settings.note, settings.is_faulty = note, False
+
+
+def take_relief(obj: bpy.types.Object, relief: Relief) -> None:
+    """Store a generated relief as the object's surface, and make its map.
+
+    Raises
+    ------
+    InputError
+        The map cannot be made.
+    """
+    settings = obj.hfx.surface
+    settings.source = "GENERATED"
+    _keep_relief(obj, relief)
+    _keep_layers(obj)
+    settings.is_faulty, settings.is_outdated = False, False
 
 
 def _relief_key(obj: bpy.types.Object) -> str:

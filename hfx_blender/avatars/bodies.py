@@ -3,18 +3,22 @@
 
 from __future__ import annotations
 
+import sys
 import uuid
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from importlib.util import find_spec
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from .. import compat
+from ..engine.arrays import F64
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.retargeting import variants
 from ..errors import InputError
 from ..scene_units import fps_of
+from ..stepwise import finish
 from . import avatar_meshes, body_binding, bone_table, retargeting
 
 _LARGE_BONES = (
@@ -57,7 +61,16 @@ def add_body(
     avatar: bpy.types.Object | None,
     parts: Sequence[bpy.types.Object] = (),
 ) -> list[str]:
-    """Make an avatar a haptic body: the perceptual models are fitted to it.
+    """:func:`adding_body` at once."""
+    return finish(adding_body(armature, avatar, parts))
+
+
+def adding_body(
+    armature: bpy.types.Object,
+    avatar: bpy.types.Object | None,
+    parts: Sequence[bpy.types.Object] = (),
+) -> Generator[float, None, list[str]]:
+    """Make an avatar a haptic body, in steps: the perceptual models are fitted to it.
 
     The canonical armature needs no fit. Nothing is changed if the avatar cannot be used. A body
     that is fitted again keeps its id, and with the vertex ids what is painted on it.
@@ -90,17 +103,23 @@ def add_body(
             f"'{armature.name}' has no mesh that a body could be fitted to: select the avatar's "
             "mesh and then its armature."
         )
-    retargeting.check_scipy()
+    check_scipy()
     mapping = bone_table.mapping_of(armature)
-    fit = retargeting.fit_body(armature, meshes, mapping)
+    yield 0.0
+    # Fitting has half of this module's imports, and Blender's start must not wait for it.
+    from .fitting import fitting
+
+    fit = yield from fitting(armature, meshes, mapping)
     retargeting.store(armature, fit)
     bone_table.keep(armature, mapping)
     mark_body(armature, fit.meshes)
     return [*fit.notes, *fit.warnings]
 
 
-def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """Meshes to fit a body to: the selected ones, or those that form the skin.
+def choosing_meshes(
+    context: bpy.types.Context, armature: bpy.types.Object
+) -> Generator[float, None, list[bpy.types.Object]]:
+    """Choose the meshes to fit a body to, in steps: the selected ones, or those that form the skin.
 
     Without a selection these are, of the visible meshes that the armature deforms or carries,
     those that show the body: clothes and the skin beside them, or the skin alone if that layer is
@@ -118,22 +137,37 @@ def meshes_for(context: bpy.types.Context, armature: bpy.types.Object) -> list[b
     ]
     if selected:
         return _largest_first(selected)
-    return meshes_again(context, armature)
+    return (yield from choosing_again(context, armature))
 
 
-def meshes_again(context: bpy.types.Context, armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """Meshes of a body; without any, or if another layer was chosen since, those that show it."""
+def choosing_again(
+    context: bpy.types.Context, armature: bpy.types.Object
+) -> Generator[float, None, list[bpy.types.Object]]:
+    """Take the meshes of a body; without any, or if another layer was chosen since, choose those
+    that show it, in steps.
+    """
     known = avatar_meshes.meshes_of(armature)
     if known and armature.hfx.role == "BODY" and not retargeting.is_of_other_layer(armature):
         return known
     found = avatar_meshes.meshes_on(context, armature)
     if len(found) < 2 or body_binding.from_canonical(armature) is None:
         return _largest_first(found)[:1]
-    return avatar_meshes.skin_among(armature, found, bone_table.mapping_of(armature))
+    mapping = bone_table.mapping_of(armature)
+    return (yield from avatar_meshes.choosing(armature, found, mapping))
 
 
 def _largest_first(meshes: list[bpy.types.Object]) -> list[bpy.types.Object]:
     return sorted(meshes, key=lambda mesh: (-len(mesh.data.vertices), mesh.name))
+
+
+def check_scipy() -> None:
+    """Raise an error with instructions if scipy is missing."""
+    if find_spec("scipy") is None:
+        raise InputError(
+            "Fitting the body to an avatar needs the Python package scipy, which this Blender "
+            f"lacks: install it with '{sys.executable} -m pip install scipy', or use the built-in "
+            "avatar."
+        )
 
 
 def check_armature(armature: bpy.types.Object) -> None:
@@ -155,9 +189,47 @@ def mark_body(armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]) ->
     avatar_meshes.keep_meshes(armature, meshes)
 
 
+def free_place(context: bpy.types.Context, armature: bpy.types.Object) -> Vector:
+    """Location of a new avatar beside what stands at the 3D cursor, as near as possible.
+
+    In the scene that Blender starts with the avatar would stand inside the cube.
+    """
+    cursor = context.scene.cursor.location
+    context.view_layer.update()
+    own = {armature, *armature.children_recursive}
+    taken = [_box(o) for o in context.visible_objects if o.type == "MESH" and o not in own]
+    low, high = _box(armature.children[0])
+    width = high[0] - low[0]
+    for step in range(40):
+        shift = 0.25 * width * ((step + 1) // 2) * (1.0 if step % 2 else -1.0)
+        there = cursor + Vector((shift, 0.0, 0.0))
+        if not any(_overlap((low + there, high + there), each) for each in taken):
+            return there
+    return cursor.copy()
+
+
+def _box(obj: bpy.types.Object) -> tuple[F64, F64]:
+    """Lowest and highest corner of an object's bounding box in the world."""
+    corners = np.array([obj.matrix_world @ Vector(corner) for corner in obj.bound_box])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _overlap(one: tuple[F64, F64], other: tuple[F64, F64]) -> bool:
+    """Test that two boxes share room; a floor under the feet does not count."""
+    return bool((one[0] < other[1] - _INSIDE_M).all() and (other[0] < one[1] - _INSIDE_M).all())
+
+
+def _home(context: bpy.types.Context) -> bpy.types.Collection:
+    """Collection of a new body: the active one, if it can be seen and takes objects."""
+    active = context.view_layer.active_layer_collection
+    found = active.collection
+    is_ours = found.library is None and found.override_library is None
+    return found if is_ours and active.is_visible else context.scene.collection
+
+
 def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.types.Object:
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
-    context.scene.collection.objects.link(armature)
+    _home(context).objects.link(armature)
     for other in context.selected_objects:
         other.select_set(False)
     context.view_layer.objects.active = armature
@@ -194,7 +266,7 @@ def _skin(
 ) -> bpy.types.Object:
     mesh = skin_mesh(avatar, name)
     skin = bpy.data.objects.new(name, mesh)
-    context.scene.collection.objects.link(skin)
+    armature.users_collection[0].objects.link(skin)
     weights = avatar.weights
     groups = [skin.vertex_groups.new(name=bone) for bone in avatar.skeleton.bone_names]
     owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))

@@ -60,6 +60,24 @@ def add_posed(
     return obj
 
 
+def freeze(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Keep a mesh in its present pose, without the bones' vertex groups: nobody paints these.
+
+    The pose is a shape key, so that the mesh itself stays symmetric for mirrored strokes.
+    """
+    context.view_layer.update()
+    posed = obj.evaluated_get(context.view_layer.depsgraph)
+    places = np.empty(len(posed.data.vertices) * 3, np.float32)
+    posed.data.attributes["position"].data.foreach_get("vector", places)
+    obj.modifiers.clear()
+    obj.vertex_groups.clear()
+    obj.shape_key_add(name="Basis", from_mix=False)
+    pose = obj.shape_key_add(name="Pose", from_mix=False)
+    pose.data.foreach_set("co", places)
+    pose.value = 1.0
+    obj.active_shape_key_index = 1
+
+
 def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> bpy.types.Object:
     """Show a model on its avatar, a colour for each body part, to check the fit by eye."""
     hide(body)

@@ -13,6 +13,7 @@ from typing import Any
 
 from ..export_report import REPORT_SUFFIX, read
 from ..file_hash import sha256_of
+from ..result_files import listed
 from . import inputs
 from .units import Unit
 
@@ -36,9 +37,9 @@ def has_files(report: dict[str, Any], folder: Path) -> bool:
     """Test that all files that a report lists are present and unchanged."""
     try:
         return all(
-            "/" not in each["name"]
-            and (folder / each["name"]).stat().st_size == each["bytes"]
-            and sha256_of(folder / each["name"]) == each["sha256"]
+            (path := listed(folder, each["name"])) is not None
+            and path.stat().st_size == each["bytes"]
+            and sha256_of(path) == each["sha256"]
             for each in report["files"]
         )
     except (KeyError, TypeError, ValueError, OSError):

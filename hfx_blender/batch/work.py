@@ -165,7 +165,8 @@ def _devices(
         names = [name for name in options.devices if name != "none"]
         return names, tuple(map(load_device, names)), {}
     devices, missing = scene_devices(scene)
-    named = dict.fromkeys(device.name for device in scene.hfx.devices)
+    chosen = (device.name for device in scene.hfx.devices if device.is_exported)
+    named = dict.fromkeys(chosen)
     return [name for name in named if name not in missing], devices, missing
 
 

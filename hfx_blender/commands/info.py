@@ -12,8 +12,8 @@ from ..console import Console
 from ..errors import InputError
 from ..printable import printable
 from ..scene_units import fps_of
-from .info_report import facts_of_report, is_report
 from .largest import add_largest
+from .own_files import kind_of
 
 
 def add_parser(commands: Any) -> None:
@@ -30,8 +30,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Print the facts, as text or as JSON."""
     tellers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
-    if is_report(path):
-        tellers[path.suffix] = facts_of_report
+    if own := kind_of(path):
+        tellers[path.suffix] = own.facts
     elif path.is_file() and _is_of_a_format(path):
         tellers[path.suffix] = _of_a_format
     if path.suffix not in tellers:

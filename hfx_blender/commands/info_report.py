@@ -8,15 +8,11 @@ from typing import Any, Final
 
 from ..devices.strict_json import Node, read
 from ..errors import InputError
+from ..result_files import listed
 
 SUFFIX: Final = ".report.json"
 _MOST_BYTES: Final = 64 << 20
 _LISTS: Final = ("files", "felt", "unrendered", "warnings", "notes")
-
-
-def is_report(path: Path) -> bool:
-    """Test a file's name for that of an export's report."""
-    return path.name.endswith(SUFFIX)
 
 
 def facts_of_report(path: Path) -> dict[str, Any]:
@@ -57,9 +53,11 @@ def _file(node: Node, folder: Path) -> dict[str, Any]:
     members = node.entries(allowed="an object with 'name' and 'bytes'")
     if "name" not in members or "bytes" not in members:
         node.fail("an object with 'name' and 'bytes'")
-    name = members["name"].text(r"[^/\\\x00-\x1f]{1,255}", "the name of a file in its folder")
+    name = members["name"].text()
+    path = listed(folder, name)
+    if path is None:
+        members["name"].fail("the name of a file in its folder, or in folders below")
     size = members["bytes"].integer(0, 1 << 50)
-    path = folder / name
     if not path.is_file():
         state = "missing"
     else:

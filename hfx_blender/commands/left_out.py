@@ -16,7 +16,13 @@ from typing import Final
 from ..errors import UsageError
 
 _PACKAGE: Final = f"{__package__.rpartition('.')[0]}.maintenance"
-_COMMANDS: Final = (("demo",), ("body",), ("bench",), ("texture", "board"))
+_COMMANDS: Final = (
+    ("demo",),
+    ("body",),
+    ("bench",),
+    ("texture", "board"),
+    ("texture", "train-relief"),
+)
 
 
 def module(name: str) -> ModuleType | None:

@@ -11,6 +11,7 @@ from .. import blender_session
 from ..console import Console
 from ..errors import InputError, UsageError
 from ..staging import make_folder
+from .largest import add_largest
 
 
 def add_parser(commands: Any) -> None:
@@ -24,6 +25,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE.blend")
     parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="DIR")
     add_options(parser)
+    add_largest(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON")
     parser.set_defaults(run=run)
 

@@ -10,7 +10,7 @@ from typing import Any
 from .. import file_limits
 from ..console import Console
 from ..errors import InputError, UsageError
-from . import left_out, texture_source
+from . import left_out, texture_diffusers, texture_generate, texture_source
 
 _RENDERERS = ("mcha", "textile", "direct")
 _FAINT = 0.01  # of full strength
@@ -24,7 +24,8 @@ def add_parser(commands: Any) -> None:
         "build",
         help="make a haptic map",
         description="Make the two layers of a haptic map as grey PNGs, and a JSON of its scale, "
-        "ranges and steps: STEM.intensity.png, STEM.sharpness.png, STEM.texture.json.",
+        "ranges and steps: STEM.intensity.png, STEM.sharpness.png, STEM.texture.json. With --from "
+        "relief also the estimates that they are made of: STEM.height.png, STEM.roughness.png.",
     )
     texture_source.add_arguments(build)
     build.add_argument("-o", "--output", type=Path, metavar="STEM", help="folder and name")
@@ -35,7 +36,7 @@ def add_parser(commands: Any) -> None:
         help="render a stroke over a surface",
         description="Stroke over a surface along a line or a path, and write the vibration.",
     )
-    texture_source.add_arguments(stroke)
+    texture_source.add_arguments(stroke, readings=False)  # its own --from is a place
     stroke.add_argument("--from", dest="start", type=texture_source.pair, metavar="MM,MM")
     stroke.add_argument("--to", dest="end", type=texture_source.pair, metavar="MM,MM")
     stroke.add_argument(
@@ -81,23 +82,32 @@ def add_parser(commands: Any) -> None:
     ):
         sub.add_argument("--json", action="store_true", help="the result as JSON")
         sub.set_defaults(run=function)
-    board = left_out.module("texture_board")
-    if board is not None:
-        board.add_parser(actions)
+    texture_generate.add_parser(actions)
+    texture_diffusers.add_training(actions)
+    for name in ("texture_board", "texture_train_relief"):
+        command = left_out.module(name)
+        if command is not None:
+            command.add_parser(actions)
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:
+    import numpy as np
+
     from ..formats import texture_map
 
     source = texture_source.read(options)
     stem = options.output or Path(source.name)
     check_folder(stem)
     written = texture_map.write(source.map, stem, options.bits, source.name)
+    files, facts = list(written.files), {}
+    if source.is_estimate and source.height is not None:
+        files += texture_map.write_relief(source.height, source.map, stem, options.bits)
+        facts["height_mm"] = 1000.0 * float(np.ptp(source.height.heights_m))
     for note in (*source.notes, *written.notes):
         console.warn(f"note: {note}")
-    for path in written.files:
+    for path in files:
         console.say(f"wrote {path}")
-    console.result({"files": [str(p) for p in written.files], "notes": list(source.notes)})
+    console.result({"files": [str(p) for p in files], **facts, "notes": list(source.notes)})
     return 0
 
 

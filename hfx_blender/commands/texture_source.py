@@ -25,6 +25,7 @@ class TextureSource:
     map: HapticMap
     height: HeightField | None  # None for a map, which has none
     notes: tuple[str, ...] = ()
+    is_estimate: bool = False  # of a photograph; its heights are worth a file of their own
 
 
 _RANGES: Final = {
@@ -41,9 +42,14 @@ _RANGES: Final = {
 }
 """Ranges of the options with numbers, both ends included."""
 
+_HEIGHT_MM: Final = 0.2
 
-def add_arguments(parser: Any) -> None:
-    """Add the arguments of a source and its reading."""
+_READINGS: Final = ("heights", "relief", "sobel")
+"""Meaning of a picture: heights, or colours whose relief is estimated or is their brightness."""
+
+
+def add_arguments(parser: Any, *, readings: bool = True) -> None:
+    """Add the arguments of a source and its reading; ``--from`` is one with ``readings``."""
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -58,17 +64,30 @@ def add_arguments(parser: Any) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, help="seed: another sample of a library material"
     )
+    parser.set_defaults(reading="heights")
+    if readings:
+        parser.add_argument(
+            "--from",
+            dest="reading",
+            choices=_READINGS,
+            help="what a picture is: heights (default); relief: a photograph, whose relief and "
+            "roughness are estimated; sobel: a photograph, bright is high",
+        )
     parser.add_argument(
-        "--colours", action="store_true", help="the picture is a photograph, not heights"
+        "--colours", action="store_const", const="sobel", dest="reading", help="--from sobel"
     )
     parser.add_argument(
         "--size",
         type=pair,
         metavar="MM,MM",
-        help="width and height of a picture (default: 100 mm along the longer edge)",
+        help="width and height of what a picture shows (default: 100 mm along the longer edge; "
+        "--from relief needs it)",
     )
     parser.add_argument(
-        "--height", type=float, default=0.2, metavar="MM", help="of white over black (0.2)"
+        "--height",
+        type=float,
+        metavar="MM",
+        help=f"of white over black ({_HEIGHT_MM:g}; with --from relief: as estimated)",
     )
     parser.add_argument(
         "--unit", type=float, default=1.0, metavar="MM", help="of a point cloud's numbers (1)"
@@ -115,7 +134,7 @@ def read(options: argparse.Namespace) -> TextureSource:
     """
     from ..engine.texture.procedural import MATERIALS
 
-    _check_numbers(options)
+    check_numbers(options)
     name, path = options.source, Path(options.source)
     if name in MATERIALS:
         field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
@@ -132,7 +151,7 @@ def read(options: argparse.Namespace) -> TextureSource:
     return _file(path, options)
 
 
-def _check_numbers(options: argparse.Namespace) -> None:
+def check_numbers(options: argparse.Namespace) -> None:
     """Refuse numbers that no surface has, before anything is made of them.
 
     Raises
@@ -173,14 +192,17 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
             full,
             unit_mm=options.unit,
             size_mm=(1.0, 1.0),
-            height_mm=options.height,
+            height_mm=_HEIGHT_MM if options.height is None else options.height,
             resolution=options.resolution,
         )
         field, notes = replace(relief.height, tiles=options.tiles), relief.notes
     else:
+        if options.reading == "relief":
+            return _estimated(full, options)
         image = image_values.load(str(full))
         width, height = image.size
-        grey = (image_values.brightness_of if options.colours else image_values.data_of)(image)
+        is_colour = options.reading == "sobel"
+        grey = (image_values.brightness_of if is_colour else image_values.data_of)(image)
         bpy.data.images.remove(image)
         grey, notes = image_values.without_holes(grey, path.name)
         longest = max(width, height)
@@ -188,9 +210,43 @@ def _file(path: Path, options: argparse.Namespace) -> TextureSource:
         if float(grey.max()) == float(grey.min()):
             notes += ("the picture has the same value everywhere: nothing is felt",)
         size_m = size[0] / 1000.0, size[1] / 1000.0
-        field = from_image(grey, options.height / 1000.0, size_m, tiles=options.tiles)
+        height_mm = _HEIGHT_MM if options.height is None else options.height
+        field = from_image(grey, height_mm / 1000.0, size_m, tiles=options.tiles)
         del grey  # half a gigabyte of a large picture
     return _built(path.stem, field, None, notes, options)
+
+
+def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
+    """Relief and roughness estimated from a photograph."""
+    from dataclasses import replace
+
+    import bpy
+    import numpy as np
+
+    from ..authoring import image_values
+    from ..engine.texture.relief_estimate import estimate
+
+    if options.size is None:
+        raise UsageError(
+            f"{path.name}: --from relief needs --size MM,MM, the width and height of what the "
+            "picture shows"
+        )
+    image = image_values.load(str(path))
+    try:
+        colours = image_values.colours_of(image)
+    finally:
+        bpy.data.images.remove(image)
+    size_m = options.size[0] / 1000.0, options.size[1] / 1000.0
+    found = estimate(colours, size_m, tiles=options.tiles)
+    field, slope = found.field, found.slope
+    estimated_mm = 1000.0 * float(field.heights_m.max())
+    if options.height is not None:
+        factor = options.height / estimated_mm if estimated_mm > 0.0 else 0.0
+        field = replace(field, heights_m=field.heights_m * factor)
+        slope = slope * np.float32(abs(factor))
+    note = f"the relief is an estimate from the colours, {estimated_mm:.3g} mm high"
+    made = _built(path.stem, field, found.roughness, (note,), options, slope)
+    return replace(made, is_estimate=True)
 
 
 def _object(path: Path, options: argparse.Namespace) -> TextureSource:
@@ -219,7 +275,12 @@ def _object(path: Path, options: argparse.Namespace) -> TextureSource:
 
 
 def _built(
-    name: str, field: HeightField, roughness: Any, notes: tuple[str, ...], options: Any
+    name: str,
+    field: HeightField,
+    roughness: Any,
+    notes: tuple[str, ...],
+    options: Any,
+    slope: Any = None,
 ) -> TextureSource:
     from ..engine.texture.device_range import DeviceRange, NoticeableSteps
     from ..engine.texture.mcha import MapSettings, make_map
@@ -232,7 +293,7 @@ def _built(
         device=DeviceRange(options.amplitude, options.frequency),
         steps=NoticeableSteps() if options.steps else None,
     )
-    return TextureSource(name, make_map(field, roughness, settings), field, notes)
+    return TextureSource(name, make_map(field, roughness, settings, slope), field, notes)
 
 
 def _picture(path: Path) -> Any:

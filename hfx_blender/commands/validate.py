@@ -9,8 +9,8 @@ from typing import Any
 
 from ..console import Console
 from ..errors import InputError
-from .info_report import facts_of_report, is_report
 from .largest import add_largest
+from .own_files import OwnFile, kind_of
 
 SOME_FAILED = 5
 
@@ -44,8 +44,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
 def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     from ..formats.files import validate
 
-    if is_report(path):
-        return _check_report(path, console)
+    if own := kind_of(path):
+        return _check_own(path, own, console)
     try:
         found, findings = validate(path)
     except InputError as error:
@@ -65,22 +65,22 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     }
 
 
-def _check_report(path: Path, console: Console) -> dict[str, Any]:
-    """Check an export's report, and that the files that it names are beside it."""
+def _check_own(path: Path, kind: OwnFile, console: Console) -> dict[str, Any]:
+    """Check a file of ours; of a report also that the files that it names are beside it."""
     from ..formats.checking import Finding
 
     try:
-        facts = facts_of_report(path)
+        facts = kind.facts(path)
     except InputError as error:
         console.warn(f"hfx: {error}")
-        return {"file": str(path), "format": "report", "is_valid": False, "error": str(error)}
+        return {"file": str(path), "format": kind.name, "is_valid": False, "error": str(error)}
     findings = [
         Finding("REPORT-FILE", f"files[{k}]", f"'{each['name']}' is {each['state']}")
-        for k, each in enumerate(facts["files"])
+        for k, each in enumerate(facts.get("files", ()))
         if each["state"] != "there"
     ]
     for each in findings:
         console.say(f"{path}: {each}")
-    console.say(f"{path}: report of an export, {'not valid' if findings else 'valid'}")
+    console.say(f"{path}: {kind.title}, {'not valid' if findings else 'valid'}")
     found = [vars(each) for each in findings]
-    return {"file": str(path), "format": "report", "is_valid": not findings, "findings": found}
+    return {"file": str(path), "format": kind.name, "is_valid": not findings, "findings": found}

@@ -87,7 +87,7 @@ def named_in_blend(name: str) -> str:
     InputError
         :func:`load_device` would take it for a file: a .blend never chooses files.
     """
-    if _is_file(name):
+    if is_file(name):
         raise InputError(
             f"The scene asks for the device file '{name[:100]}': a .blend may name devices only, "
             "it never chooses files. Choose the file with --device."
@@ -95,14 +95,14 @@ def named_in_blend(name: str) -> str:
     return name
 
 
-def _is_file(name_or_path: str | Path) -> bool:
+def is_file(name_or_path: str | Path) -> bool:
     text = str(name_or_path)
     return isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text
 
 
 def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
-    if _is_file(name_or_path):
+    if is_file(name_or_path):
         return _worn(Path(text)) or _read(Path(text))
     for each in _folders(folder) if re.fullmatch(ID_PATTERN, text) else ():
         device = _worn(each / (text + SUFFIX))
@@ -115,7 +115,7 @@ def _found(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
 def find_file(name_or_path: str | Path, folder: Path | None = None) -> Path | None:
     """File that :func:`load_device` reads for the same arguments; None if there is none."""
     text = str(name_or_path)
-    if _is_file(name_or_path):
+    if is_file(name_or_path):
         paths = [Path(text)]
     else:
         paths = [each / (text + SUFFIX) for each in _folders(folder)]

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from ..engine.rendering.raster import Raster
 from ..errors import InputError
-from . import csv_raster, glb, jsonl_samples, npz_raster, wav_reader
+from . import csv_raster, glb_rules, jsonl_samples, npz_raster, wav_reader
 from .checking import mapped, parse, read_bytes, refuse_errors
 from .clip.writing import facts as clip_facts
 from .files import FileFormat, format_of, read_signals, validate
@@ -148,7 +148,7 @@ def _jsonl(path: Path, kind: FileFormat) -> dict[str, Any]:
 
 
 def _glb(path: Path, kind: FileFormat) -> dict[str, Any]:
-    found = glb.read_json(read_bytes(path, _MOST_BYTES), str(path))
+    found = glb_rules.read_json(read_bytes(path, _MOST_BYTES), str(path))
     return {
         "meshes": [str(each.get("name", "")) for each in found.get("meshes", [])],
         "nodes": len(found.get("nodes", [])),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""glTF 2.0 binary files (GLB): the container, and body meshes.
+"""glTF 2.0 binary files (GLB) written by us: the container, and body meshes.
 
 Blender's and our spaces have Z up and a body that faces -Y; glTF has Y up and +Z forward:
 (x, y, z) becomes (x, z, -y).
@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .. import file_limits
 from ..atomic_files import atomic_file
 from ..engine.body.model import PerceptualModel
-from .checking import MAX_BYTES, Finding, Place, Report, clean, parse, refuse_errors
+from .checking import clean
 
 SUFFIX: Final = ".glb"
 HJIF_MEDIA_TYPE: Final = "haptics/hjif"
@@ -28,15 +27,9 @@ HJIF_MEDIA_TYPE: Final = "haptics/hjif"
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 """Rotation from our space to glTF's."""
 
-_JSON, _BIN = 0x4E4F534A, 0x004E4942
+JSON_CHUNK: Final = 0x4E4F534A
+BINARY_CHUNK: Final = 0x004E4942
 _FLOAT, _UINT, _USHORT = 5126, 5125, 5123
-_COMPONENTS: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-_TYPES: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_INDEX_KINDS: Final = {5121: "u1", 5123: "<u2", 5125: "<u4"}
-_LISTS: Final = (
-    *("nodes", "meshes", "skins", "accessors"),
-    *("bufferViews", "buffers", "scenes", "animations"),
-)
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 
 
@@ -93,9 +86,9 @@ class Document:
         if self._bytes:
             self.json["buffers"] = [{"byteLength": len(self._bytes)}]
         text = json.dumps(self.json, ensure_ascii=False, separators=(",", ":")).encode()
-        chunks = _chunk(_JSON, text, b" ")
+        chunks = _chunk(JSON_CHUNK, text, b" ")
         if self._bytes:
-            chunks += _chunk(_BIN, bytes(self._bytes), b"\0")
+            chunks += _chunk(BINARY_CHUNK, bytes(self._bytes), b"\0")
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
@@ -160,249 +153,3 @@ def add_model(document: Document, model: PerceptualModel) -> int:
 def _unit(vectors: npt.NDArray[Any]) -> npt.NDArray[Any]:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(lengths > 0.0, vectors / np.where(lengths > 0.0, lengths, 1.0), [0, 1.0, 0])
-
-
-def read_json(content: bytes, name: str) -> dict[str, Any]:
-    """The JSON part of a GLB file.
-
-    Raises
-    ------
-    InputError
-        It is no valid GLB file.
-    """
-    report = Report("GLB")
-    refuse_errors(validate(content, name), name)
-    found: dict[str, Any] = parse(_chunks(content, report)[_JSON], name)
-    return found
-
-
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Faults of a GLB file: the container, the references, the bounds of its accessors.
-
-    Raises
-    ------
-    InputError
-        Its JSON cannot be read.
-    """
-    report = Report("GLB")
-    chunks = _chunks(content, report)
-    if _JSON not in chunks or report.has_errors:
-        report.error("JSON-CHUNK", None, "it has no JSON chunk")
-        return report.findings
-    found = parse(chunks[_JSON], name)
-    if not isinstance(found, dict) or found.get("asset", {}) == {}:
-        report.error("ASSET", None, "it has no asset")
-        return report.findings
-    _check_document(found, chunks.get(_BIN, b""), report)
-    return report.findings
-
-
-def _chunks(content: bytes, report: Report) -> dict[int, bytes]:
-    if len(content) < 20 or len(content) > 8 * MAX_BYTES:
-        report.error("SIZE", None, f"{len(content)} bytes")
-        return {}
-    magic, version, size = struct.unpack_from("<4sII", content)
-    if magic != b"glTF" or version != 2:
-        report.error("HEADER", None, "it does not begin with glTF and the version 2")
-        return {}
-    if size != len(content):
-        report.error("SIZE", None, f"it says {size} bytes, there are {len(content)}")
-    chunks: dict[int, bytes] = {}
-    at = 12
-    while at + 8 <= len(content):
-        length, kind = struct.unpack_from("<II", content, at)
-        if length % 4 or at + 8 + length > len(content):
-            report.error("CHUNK", None, f"a chunk of {length} bytes does not fit")
-            break
-        chunks.setdefault(kind, content[at + 8 : at + 8 + length])
-        at += 8 + length
-    return chunks
-
-
-def _check_document(found: dict[str, Any], binary: bytes, report: Report) -> None:
-    bin_bytes = len(binary)
-    if not isinstance(found["asset"], dict) or found["asset"].get("version") != "2.0":
-        report.error("ASSET", (None, "asset"), "the version is not 2.0")
-    lists: dict[str, list[Any]] = {}
-    for key in _LISTS:
-        items = found.get(key, [])
-        if not isinstance(items, list) or not all(isinstance(each, dict) for each in items):
-            report.error("TYPE", (None, key), "expected a list of objects")
-            return
-        lists[key] = items
-    used, required = found.get("extensionsUsed", []), found.get("extensionsRequired", [])
-    for key in found.get("extensions", {}) if isinstance(found.get("extensions"), dict) else ():
-        if key not in used:
-            report.error("EXTENSION", (None, "extensions"), f"{key} is not in extensionsUsed")
-    for each in required if isinstance(required, list) else ():
-        report.warn("EXTENSION-REQUIRED", None, f"only readers that know {each} can open it")
-
-    def refers(value: Any, kind: str, place: Any) -> bool:
-        is_index = isinstance(value, int) and not isinstance(value, bool)
-        if is_index and 0 <= value < len(lists[kind]):
-            return True
-        report.error("REFERENCE", place, f"{value!r} is none of the {kind}"[:100])
-        return False
-
-    for k, buffer in enumerate(lists["buffers"]):
-        size = buffer.get("byteLength")
-        if not isinstance(size, int) or size < 0:
-            report.error("BUFFER", ((None, "buffers"), k), "it has no byteLength")
-        elif k == 0 and "uri" not in buffer and not size <= bin_bytes <= size + 3:
-            message = f"byteLength is {size}, the binary chunk has {bin_bytes}"
-            report.error("BUFFER", ((None, "buffers"), k), message)
-    for k, view in enumerate(lists["bufferViews"]):
-        place = ((None, "bufferViews"), k)
-        start, length = view.get("byteOffset", 0), view.get("byteLength")
-        if not _is_count(start) or not _is_count(length):
-            report.error("VIEW", place, "its offset or length is no whole number")
-        elif refers(view.get("buffer"), "buffers", place):
-            total = lists["buffers"][view["buffer"]].get("byteLength")
-            if isinstance(total, int) and start + length > total:
-                report.error("VIEW", place, "it reaches beyond its buffer")
-        stride = view.get("byteStride", 4)
-        if not _is_count(stride) or not 4 <= stride <= 252 or stride % 4:
-            report.error("VIEW", place, "its byteStride is none of 4, 8, ... 252")
-    for k, skin in enumerate(lists["skins"]):
-        place = ((None, "skins"), k)
-        joints = _items(skin, "joints")
-        if not joints:
-            report.error("SKIN", place, "it has no joints")
-        for joint in joints:
-            refers(joint, "nodes", place)
-        if "inverseBindMatrices" in skin and refers(
-            skin["inverseBindMatrices"], "accessors", place
-        ):
-            bind = lists["accessors"][skin["inverseBindMatrices"]]
-            count = bind.get("count")
-            if bind.get("type") != "MAT4" or not _is_count(count) or count < len(joints):
-                report.error("SKIN", place, "its inverse bind matrices are not one a joint")
-    for k, accessor in enumerate(lists["accessors"]):
-        _check_accessor(accessor, lists, ((None, "accessors"), k), refers, report)
-    for k, mesh in enumerate(lists["meshes"]):
-        place = ((None, "meshes"), k)
-        primitives = mesh.get("primitives")
-        for primitive in primitives if isinstance(primitives, list) else ():
-            attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
-            attributes = attributes if isinstance(attributes, dict) else {}
-            fits = [refers(value, "accessors", place) for value in attributes.values()]
-            if not isinstance(primitive, dict) or "indices" not in primitive:
-                continue
-            if refers(primitive["indices"], "accessors", place) and fits and all(fits):
-                counts = [lists["accessors"][each].get("count") for each in attributes.values()]
-                highest = _highest(lists["accessors"][primitive["indices"]], lists, binary)
-                if any(_is_count(each) and highest >= each for each in counts):
-                    report.error("INDEX", place, f"a triangle has the vertex {highest}: too few")
-    parents: dict[int, int] = {}
-    for k, node in enumerate(lists["nodes"]):
-        place = ((None, "nodes"), k)
-        for key, kind in (("mesh", "meshes"), ("skin", "skins")):
-            if key in node:
-                refers(node[key], kind, place)
-        for child in _items(node, "children"):
-            if refers(child, "nodes", place) and parents.setdefault(child, k) != k:
-                report.error("NODE-TREE", ((None, "nodes"), child), "it has two parents")
-    if _is_round(parents):
-        report.error("NODE-TREE", (None, "nodes"), "a node is below itself")
-    if "scene" in found:
-        refers(found["scene"], "scenes", (None, "scene"))
-    for k, scene in enumerate(lists["scenes"]):
-        for node in _items(scene, "nodes"):
-            refers(node, "nodes", ((None, "scenes"), k))
-    for k, animation in enumerate(lists["animations"]):
-        place = ((None, "animations"), k)
-        samplers = [each for each in _items(animation, "samplers") if isinstance(each, dict)]
-        for sampler in samplers:
-            refers(sampler.get("input"), "accessors", place)
-            refers(sampler.get("output"), "accessors", place)
-        for channel in _items(animation, "channels"):
-            target = channel.get("target") if isinstance(channel, dict) else None
-            if isinstance(target, dict) and "node" in target:
-                refers(target["node"], "nodes", place)
-
-
-def _is_count(value: Any) -> bool:
-    return type(value) is int and value >= 0
-
-
-def _check_accessor(
-    accessor: dict[str, Any],
-    lists: dict[str, list[Any]],
-    place: Place,
-    refers: Callable[[Any, str, Any], bool],
-    report: Report,
-) -> None:
-    """Check an accessor's numbers, where they lie, and those that a sparse one replaces."""
-    kind: Any = accessor.get("componentType")
-    count: Any = accessor.get("count")
-    width = _COMPONENTS.get(kind, 0) if type(kind) is int else 0
-    item = width * _TYPES.get(str(accessor.get("type")), 0)
-    if not item or not _is_count(count) or count < 1:
-        report.error("ACCESSOR", place, "its component type, type or count is wrong")
-        return
-
-    def check_view(of: dict[str, Any], items: int, size: int) -> None:
-        if not refers(of.get("bufferView"), "bufferViews", place):
-            return
-        view = lists["bufferViews"][of["bufferView"]]
-        start: Any = of.get("byteOffset", 0)
-        stride: Any = view.get("byteStride", size)
-        length: Any = view.get("byteLength")
-        if not _is_count(start) or not _is_count(stride) or not _is_count(length):
-            report.error("ACCESSOR", place, "its offset is no whole number")
-        elif start + (items - 1) * stride + size > length:
-            report.error("ACCESSOR", place, "it reaches beyond its view")
-
-    if "bufferView" in accessor:
-        check_view(accessor, count, item)
-    elif count * item > file_limits.MEMORY.allowed:  # zeros, of which the file holds none
-        report.error("ACCESSOR", place, f"{count} items of {item} bytes, none in the file")
-    if "sparse" in accessor:
-        sparse = accessor["sparse"] if isinstance(accessor["sparse"], dict) else {}
-        replaced: Any = sparse.get("count")
-        indices: Any = sparse.get("indices")
-        values: Any = sparse.get("values")
-        index_kind: Any = indices.get("componentType") if isinstance(indices, dict) else None
-        is_sound = _is_count(replaced) and 1 <= replaced <= count and isinstance(values, dict)
-        if not is_sound or type(index_kind) is not int or index_kind not in _INDEX_KINDS:
-            report.error("ACCESSOR", place, "its 'sparse' has a wrong count, indices or values")
-            return
-        check_view(indices, replaced, _COMPONENTS[index_kind])
-        check_view(values, replaced, item)
-
-
-def _highest(accessor: dict[str, Any], lists: dict[str, list[Any]], binary: bytes) -> int:
-    """Highest index in an accessor of the file's own buffer; -1 where there is none to see."""
-    kind: Any = accessor.get("componentType")
-    view: Any = accessor.get("bufferView")
-    if type(kind) is not int or kind not in _INDEX_KINDS or not _is_count(view):
-        return -1
-    if view >= len(lists["bufferViews"]) or lists["bufferViews"][view].get("buffer") != 0:
-        return -1
-    starts = lists["bufferViews"][view].get("byteOffset", 0), accessor.get("byteOffset", 0)
-    count: Any = accessor.get("count")
-    if not all(map(_is_count, (*starts, count))) or not count or "uri" in lists["buffers"][0]:
-        return -1
-    if sum(starts) + count * _COMPONENTS[kind] > len(binary):
-        return -1  # told of its view
-    return int(np.frombuffer(binary, _INDEX_KINDS[kind], count, sum(starts)).max())
-
-
-def _items(of: dict[str, Any], key: str) -> list[Any]:
-    found = of.get(key)
-    return found if isinstance(found, list) else []
-
-
-def _is_round(parents: dict[int, int]) -> bool:
-    """Whether somebody is their own ancestor."""
-    good: set[int] = set()
-    for first in parents:
-        way: set[int] = set()
-        at = first
-        while at in parents and at not in good and at not in way:
-            way.add(at)
-            at = parents[at]
-        if at in way:
-            return True
-        good |= way
-    return False

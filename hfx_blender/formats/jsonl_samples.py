@@ -290,6 +290,8 @@ def _checked(content: bytes, name: str) -> tuple[list[dict[str, Any]], list[Find
         before = report.count
         check(_LINES[kind], value, report, place)
         if report.count > before:
+            if kind == "header":  # all lines refer to it
+                return [], report.findings
             continue
         lines.append(value)
         if kind == "header":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Grey PNG pictures of 8 and 16 bits, in numpy and zlib only.
+"""PNG pictures of 8 and 16 bits, and their texts, in numpy and zlib only.
 
 Blender's own writer would put 16 bits through colour management, and its image data needs
 Blender; the layers of haptic maps must arrive bit by bit anywhere. (PNG: ISO/IEC 15948.)
@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,32 +27,40 @@ Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _CHANNELS: Final = {0: 1, 2: 3, 4: 2, 6: 4}  # of the colour types that are read
 _LONGEST: Final = 1 << 15  # pixels of an edge
+_LONGEST_TEXT: Final = 4 << 20  # bytes
 
 
 def write(values: Grey, path: Path) -> None:
-    """Write a picture (H, W), top row first, uint8 or uint16.
+    """Write a picture, top row first: grey (H, W), uint8 or uint16, or colours (H, W, 3), uint8.
 
-    The file says that its values are linear (gAMA 1), so that no reader takes them for sRGB.
+    The file says that grey values are linear (gAMA 1), so that no reader takes them for sRGB, and
+    that colours are sRGB.
 
     Raises
     ------
     OutputError
         The file cannot be written; nothing is left of it then.
     """
-    if values.ndim != 2 or values.size == 0 or values.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"expected (H, W) uint8 or uint16, got {values.shape} {values.dtype}")
-    rows, columns = values.shape
     deep = values.dtype == np.uint16
+    coloured = values.ndim == 3 and values.shape[2] == 3 and not deep
+    if not (values.ndim == 2 or coloured) or values.size == 0:
+        raise ValueError(f"expected (H, W) or (H, W, 3), got {values.shape} {values.dtype}")
+    if values.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"expected uint8 or uint16, got {values.dtype}")
+    rows, columns = values.shape[:2]
     data = np.ascontiguousarray(values, ">u2").view(np.uint8) if deep else values
+    data = data.reshape(rows, -1)
     lines = np.zeros((rows, data.shape[1] + 1), np.uint8)
     lines[:, 0] = 2  # each row as its difference to the one above: small for smooth maps
     lines[0, 1:] = data[0]
     np.subtract(data[1:], data[:-1], out=lines[1:, 1:])
-    header = struct.pack(">IIBBBBB", columns, rows, 16 if deep else 8, 0, 0, 0, 0)
+    kind = 2 if coloured else 0
+    header = struct.pack(">IIBBBBB", columns, rows, 16 if deep else 8, kind, 0, 0, 0)
+    space = (b"sRGB", b"\0") if coloured else (b"gAMA", struct.pack(">I", 100_000))
     with atomic_file(path) as file:
         file.write(_SIGNATURE)
         file.write(_chunk(b"IHDR", header))
-        file.write(_chunk(b"gAMA", struct.pack(">I", 100_000)))
+        file.write(_chunk(*space))
         file.write(_chunk(b"IDAT", zlib.compress(lines.tobytes(), 4)))
         file.write(_chunk(b"IEND", b""))
 
@@ -113,6 +122,58 @@ def decode(content: bytes, name: str) -> tuple[Grey, bool]:
         return np.ascontiguousarray(channels[:, :, 0]), False
     mean = np.rint(channels[:, :, :3].mean(axis=2))
     return mean.astype(channels.dtype), True
+
+
+def texts(path: Path) -> dict[str, str]:
+    """Texts of a picture by their keywords (PNG 11.3.4: tEXt, zTXt, iTXt); the first of each.
+
+    What is damaged or longer than 4 MB is passed over; a file that is no PNG has none.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    try:
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        told = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({told}).") from error
+    found: dict[str, str] = {}
+    if not content.startswith(_SIGNATURE):
+        return found
+    with suppress(ValueError):  # of a picture that ends too early; its pixels tell that
+        for name, data in _chunks(content):
+            with suppress(ValueError, IndexError, zlib.error):
+                if name in (b"tEXt", b"zTXt", b"iTXt"):
+                    keyword, text = _text(name, data)
+                    found.setdefault(keyword, text)
+    return found
+
+
+def _text(name: bytes, data: bytes) -> tuple[str, str]:
+    """Keyword and text of a chunk; raises ``ValueError`` and its like for a damaged one."""
+    keyword, rest = data.split(b"\0", 1)
+    if name == b"tEXt":
+        # Latin-1 by the standard; AUTOMATIC1111 and others write UTF-8 there.
+        return keyword.decode("latin-1"), _utf8_or_latin(rest[:_LONGEST_TEXT])
+    if name == b"zTXt":
+        return keyword.decode("latin-1"), _utf8_or_latin(_unpacked(rest[1:]))
+    is_packed, rest = rest[0], rest[2:]
+    _, _, body = rest.split(b"\0", 2)
+    body = _unpacked(body) if is_packed else body[:_LONGEST_TEXT]
+    return keyword.decode("latin-1"), body.decode("utf-8", "replace")
+
+
+def _unpacked(data: bytes) -> bytes:
+    return zlib.decompressobj().decompress(data, _LONGEST_TEXT)
+
+
+def _utf8_or_latin(data: bytes) -> str:
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:

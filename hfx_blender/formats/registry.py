@@ -399,9 +399,22 @@ def _why_nothing(chosen: DeviceFormat, device: DeviceConfig) -> str:
     return chosen.why_nothing(device)
 
 
+def why_nothing(name: str, devices: Sequence[DeviceConfig]) -> str:
+    """Reason why a format can hold nothing of any of these devices; empty: it can."""
+    chosen = DEVICE_FORMATS.get(name)
+    if chosen is None:
+        return ""
+    if not devices:
+        return "Formats of devices need a device"
+    if not any(set(chosen.modalities) & set(device.modalities) for device in devices):
+        return f"No device has {' or '.join(chosen.modalities)} actuators"
+    reasons = [_why_nothing(chosen, device) for device in devices]
+    return "" if "" in reasons else f"{chosen.title}: {reasons[0]}"
+
+
 def write_all(
     formats: Sequence[str],
-    played: Sequence[tuple[str, DeviceConfig, Raster]],
+    played: Sequence[tuple[Path, DeviceConfig, Raster]],
     track: TrackReader,
     devices: Sequence[DeviceConfig],
     stem: Path,
@@ -417,12 +430,12 @@ def write_all(
     ----------
     formats : sequence of str
         Of ``FORMATS``.
-    played : sequence of (str, DeviceConfig, Raster)
-        What each device plays, and what its files' names have after ``stem``.
+    played : sequence of (Path, DeviceConfig, Raster)
+        ``folder/stem`` of a device's files, and what it plays.
     track : TrackReader
     devices : sequence of DeviceConfig
     stem : Path
-        ``folder/stem`` of all files.
+        ``folder/stem`` of files that are of no device.
     tolerance : CurveTolerance
         See :func:`write`.
     scene : SpatialRecorder, optional
@@ -451,11 +464,10 @@ def write_all(
         if name not in DEVICE_FORMATS:
             continue  # the track and the scene are written by those that have them
         chosen = DEVICE_FORMATS[name]
-        for suffix, device, raster in played:
+        for path, device, raster in played:
             why = _why_nothing(chosen, device)
             if not why:
                 try:
-                    path = stem.with_name(stem.name + suffix)
                     written += write(name, raster, device, path, tolerance)
                 except InputError as error:
                     why = f"device '{device.id}': {str(error).removesuffix('.')}"

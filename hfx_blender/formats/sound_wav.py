@@ -31,6 +31,23 @@ def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
     return int(-(-rows * rate_hz // raster_hz))
 
 
+def refuse_large(layout: Layout, path: Path, *, count: int, rate_hz: int = RATE_HZ) -> int:
+    """Reject sound that no WAV file holds; returns its bytes.
+
+    Raises
+    ------
+    InputError
+        The file would exceed 4 GiB.
+    """
+    data_bytes = count * len(layout) * 3
+    if data_bytes > _MAX_BYTES:
+        raise InputError(
+            f"{path}: {len(layout)} channels of {count / rate_hz:.0f} s are "
+            f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter range."
+        )
+    return data_bytes
+
+
 def write(
     blocks: Callable[[], Iterator[F64]],
     layout: Layout,
@@ -65,12 +82,7 @@ def write(
     OutputError
         It cannot be written; nothing is left of it then.
     """
-    data_bytes = count * len(layout) * 3
-    if data_bytes > _MAX_BYTES:
-        raise InputError(
-            f"{path}: {len(layout)} channels of {count / rate_hz:.0f} s are "
-            f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter range."
-        )
+    data_bytes = refuse_large(layout, path, count=count, rate_hz=rate_hz)
     kept: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _KEPT else None
     peak = 0.0
     for block in blocks():

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import file_suffixes
 from ..devices.strict_json import Node
 from ..devices.strict_json import read as read_json
-from ..engine.arrays import F32
 from ..engine.texture.device_range import DeviceRange, NoticeableSteps
 from ..engine.texture.haptic_map import HapticMap
+from ..engine.texture.height_field import HeightField
 from ..errors import InputError
 from . import png
 from .written import Written, write_json
@@ -67,6 +68,27 @@ def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = ""
     return Written((path, *files.values()))
 
 
+def write_relief(
+    field: HeightField, map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16
+) -> tuple[Path, ...]:
+    """Write ``stem.height.png``, black lowest and white highest, and ``stem.roughness.png``.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written.
+    """
+    heights = field.heights_m - field.heights_m.min()
+    layers = {
+        "height": heights / max(float(heights.max()), np.finfo(np.float64).tiny),
+        "roughness": 1.0 - map_.sharpness,
+    }
+    files = {name: stem.with_name(f"{stem.name}.{name}.png") for name in layers}
+    for name, path in files.items():
+        png.write(_codes(layers[name], bits), path)
+    return tuple(files.values())
+
+
 def read(path: Path) -> HapticMap:
     """Read a map by its JSON.
 
@@ -108,13 +130,13 @@ def read(path: Path) -> HapticMap:
         raise InputError(f"{path}: {error}") from error
 
 
-def _codes(layer: F32, bits: int) -> png.Grey:
+def _codes(layer: npt.NDArray[np.floating[Any]], bits: int) -> png.Grey:
     full = (1 << bits) - 1
     codes = np.rint(layer[::-1].astype(np.float64) * full)
     return codes.astype(np.uint8 if bits == 8 else np.uint16)
 
 
-def _layer(path: Path, node: Node) -> F32:
+def _layer(path: Path, node: Node) -> npt.NDArray[np.float32]:
     name = node.value
     if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
         node.fail("the name of a picture in the same folder")

@@ -50,11 +50,16 @@ def write_json(document: Any, path: Path) -> None:
 
 def beside(stem: Path, part: str) -> Path:
     """``folder/stem.part``; the part may be any text, of any length."""
+    return stem.with_name(f"{stem.name}.{name_part(part)}")
+
+
+def name_part(part: str) -> str:
+    """Part of a file's name for any text, of 1 to 100 characters."""
     safe = quote(clean(part), safe="!,-_+()=@ ") or "_"
     if len(safe) > _LONGEST:
         digest = hashlib.sha256(safe.encode()).hexdigest()[:8]
         safe = f"{safe[: _LONGEST - 9].rstrip('%')}-{digest}"
-    return stem.with_name(f"{stem.name}.{safe}")
+    return safe
 
 
 def silent_note(names: Sequence[str]) -> tuple[str, ...]:

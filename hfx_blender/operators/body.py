@@ -3,17 +3,32 @@
 
 from __future__ import annotations
 
-import bpy
-from bpy.props import CollectionProperty, EnumProperty, IntProperty
+from collections.abc import Generator
 
-from ..authoring import effects
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
+
+from ..authoring import effects, painting
 from ..avatars import avatar_meshes
 from ..engine.modality import MODALITIES
+from ..errors import InputError
 from ..printable import printable
 from ..properties import FELT_LAYERS
-from .shared import HfxOperator, active_armature, active_body, select_only
+from ..stepwise import within
+from . import framing
+from .shared import (
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    active_armature,
+    active_body,
+    active_effect,
+    select_only,
+)
+from .stepwise_operator import StepwiseOperator
 
-_shown_people: list[tuple[str, str, str]] = []  # Blender does not keep the strings itself
+_shown_people: EnumItems = []  # Blender does not keep the strings itself
+_shown_bodies: EnumItems = []
 
 
 def _people(_self: object, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
@@ -39,21 +54,44 @@ class HFX_OT_add_avatar(HfxOperator):
         description="The average adult, or one of your own body models",
         items=_people,
     )
+    stands_free: BoolProperty(
+        name="Stand Free",
+        description="Beside what is at the 3D cursor already, and not inside it",
+        default=False,
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(context.mode == "OBJECT", "Go to Object Mode first")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("stands_free"):
+            # Who moved the cursor said where.
+            self.stands_free = context.scene.cursor.location.length == 0.0
+        return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies
         from ..engine.body.model import AVATAR_ID
 
         armature, _ = bodies.add_avatar(context, avatar_id=self.person or AVATAR_ID)
-        armature.location = context.scene.cursor.location
-        return f"'{armature.name}' is a haptic body"
+        armature.location = (
+            bodies.free_place(context, armature)
+            if self.stands_free
+            else context.scene.cursor.location
+        )
+        framing.frame(context, [armature])
+        return f"'{armature.name}' is a haptic body{_take_over(context, armature)}"
 
 
-class HFX_OT_mark_body(HfxOperator):
+class _FittingOperator(StepwiseOperator):
+    """Base of the operators that fit a body to an avatar."""
+
+    doing, doing_icon = "Fitting the Haptic Body", "OUTLINER_OB_ARMATURE"
+    cancelled = "Fit cancelled: nothing was changed"
+
+
+class HFX_OT_mark_body(_FittingOperator):
     """Make the active armature a haptic body. The selected meshes are its avatar; without any, \
 those that cover its skin"""
 
@@ -68,15 +106,23 @@ those that cover its skin"""
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(_armature_for(context), "Select an armature, or a mesh that has one")
 
-    def work(self, context: bpy.types.Context) -> str:
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies
 
         body = _armature_for(context)
         context.view_layer.update()
+        before = body.hfx.felt_layer
         if self.properties.is_property_set("layer"):
             body.hfx.felt_layer = self.layer
-        meshes = bodies.meshes_for(context, body)
-        return _add(self, context, body, meshes)
+        try:
+            choice = bodies.choosing_meshes(context, body)
+            meshes = yield from within(choice, 0.0, 0.3)
+            message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
+        except BaseException:  # Esc closes this generator
+            body.hfx.felt_layer = before
+            raise
+        framing.frame(context, [body, *meshes])
+        return message + _take_over(context, body)
 
 
 def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -87,16 +133,25 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
     return selected[0] if len(selected) == 1 else active_armature(context)
 
 
-def _add(
+def _take_over(context: bpy.types.Context, body: bpy.types.Object) -> str:
+    """Have the only body of a scene feel the effects of those that were deleted."""
+    if effects.bodies_of(context.scene) != [body]:
+        return ""
+    taken = effects.move_to_body(effects.without_body(context.scene), body)
+    return f"; took {taken} effects along" if taken else ""
+
+
+def _adding(
     operator: HfxOperator,
     context: bpy.types.Context,
     body: bpy.types.Object,
     meshes: list[bpy.types.Object],
-) -> str:
+) -> Generator[float, None, str]:
     from ..avatars import bodies
 
     first = meshes[0] if meshes else None
-    for warning in bodies.add_body(body, first, parts=meshes[1:]):
+    warnings = yield from bodies.adding_body(body, first, parts=meshes[1:])
+    for warning in warnings:
         operator.report({"WARNING"}, printable(f"{body.name}: {warning}"))
     taken = avatar_meshes.meshes_of(body)
     others = [mesh for mesh in avatar_meshes.meshes_on(context, body) if mesh not in taken]
@@ -109,7 +164,45 @@ def _quoted(meshes: list[bpy.types.Object]) -> str:
     return " and ".join(f"'{mesh.name}'" for mesh in meshes)
 
 
-class HFX_OT_fit_body(HfxOperator):
+def _bodies(_self: object, context: bpy.types.Context | None) -> EnumItems:
+    found = effects.bodies_of(context.scene) if context is not None else []
+    _shown_bodies[:] = [(obj.name, obj.name, f"Felt on {obj.name}") for obj in found]
+    return _shown_bodies
+
+
+class HFX_OT_move_to_body(OnBodyOperator):
+    """Have effects felt on another body: what is painted stays where it is on the body"""
+
+    bl_idname = "hfx.move_to_body"
+    bl_label = "Move to Body"
+
+    body: EnumProperty(name="Body", description="The body to be felt on", items=_bodies)
+    which: EnumProperty(
+        name="Effects",
+        description="Effects to move",
+        items=(
+            ("ACTIVE", "Active", "The active effect and the selected ones"),
+            ("GONE", "Whose Body Is Gone", "Effects whose body is not in this scene"),
+            ("ALL", "All", "All effects of the scene that belong to a body"),
+        ),
+    )
+
+    def work(self, context: bpy.types.Context) -> str:
+        body = context.scene.objects[self.body]
+        if self.which == "ACTIVE":
+            active = active_effect(context)
+            found = [active] if active is not None else []
+            found += [o for o in context.selected_objects if o.hfx.role == "EFFECT"]
+        elif self.which == "GONE":
+            found = effects.without_body(context.scene)
+        else:
+            found = effects.effects_of(context.scene)
+        if any(painting.painted_mesh(effect) is not None for effect in found):
+            raise InputError("Finish painting first.")
+        return f"Moved {effects.move_to_body(found, body)} effects to '{body.name}'"
+
+
+class HFX_OT_fit_body(_FittingOperator):
     """Fit the active haptic body to its avatar again, with the bones of the table; its id and \
 what is painted on it stay"""
 
@@ -125,14 +218,15 @@ what is painted on it stay"""
             return False
         return cls.needs(retargeting.is_fitted(body), "The built-in avatar needs no fit")
 
-    def work(self, context: bpy.types.Context) -> str:
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies, model_mesh
 
         body = active_body(context)
         context.view_layer.update()
-        meshes = bodies.meshes_again(context, body)
+        choice = bodies.choosing_again(context, body)
+        meshes = yield from within(choice, 0.0, 0.3)
         was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown(body)]
-        message = _add(self, context, body, meshes)
+        message = yield from within(_adding(self, context, body, meshes), 0.3, 1.0)
         for model_id in was_shown:
             model_mesh.show(context, body, model_id)
         return message
@@ -213,6 +307,7 @@ register, unregister = bpy.utils.register_classes_factory(
     (
         HFX_OT_add_avatar,
         HFX_OT_mark_body,
+        HFX_OT_move_to_body,
         HFX_OT_fit_body,
         HFX_OT_show_model,
         HfxPlace,

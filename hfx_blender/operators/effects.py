@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ..authoring import effects
 from ..errors import InputError
@@ -121,11 +121,17 @@ class HFX_OT_add_painted(OnBodyOperator):
         default="pressure",
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
+    paint: BoolProperty(
+        name="Paint", description="Begin to paint its area", default=False, options={"SKIP_SAVE"}
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         body = target_body(context)
         effect = effects.add_painted(context.scene, self.modality, body, self.name or None)
         select_only(context, effect)
+        if self.paint:
+            bpy.ops.hfx.paint_begin()
+            return "Paint, then press Finish Painting"
         return f"'{effect.name}' has no painted area yet"
 
 

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-import time
+import textwrap
 from collections.abc import Generator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,9 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..authoring import effects
 from ..errors import InputError
 from ..printable import printable
-from ..stepwise import finish
-from .shared import HfxOperator
+from .stepwise_export import StepwiseExport
 
 if TYPE_CHECKING:
     from ..export_report import ExportReport
@@ -30,6 +29,7 @@ FORMAT_ITEMS = (
         1 << 1,
     ),
     ("jsonl", "JSON Lines", "Everything that is felt, sample by sample, for game engines", 1 << 2),
+    ("jsonl-compact", "JSON Lines, Compact", "The same as JSON Lines in less space", 1 << 16),
     ("glb", "glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 1 << 3),
     ("clip", "Game Clip", "What devices play, for players in games (.hfxclip)", 1 << 18),
     ("csv", "CSV", "Values of each device, a row for each sample", 1 << 4),
@@ -45,24 +45,52 @@ FORMAT_ITEMS = (
     ("openharmony", "OpenHarmony", "Vibration patterns for OpenHarmony", 1 << 13),
     ("openxr", "OpenXR", "Parametric vibration for OpenXR controllers", 1 << 14),
     ("tact", "bHaptics .tact", "Projects for bHaptics vests and sleeves", 1 << 15),
-    ("jsonl-compact", "JSON Lines, Compact", "The same as JSON Lines in less space", 1 << 16),
 )
 _RECORD_ITEMS = (
     ("positions", "Positions", "Position of each vertex", 1),
     ("velocities", "Velocities", "Velocity of each vertex", 2),
     ("depth", "Depth", "Depth of each vertex inside a volume", 4),
 )
+_LINE = 36  # letters that fit into the file browser's sidebar
 _NAMED = 3  # files that the message names
-_AT_ONCE_S = 0.2  # of work, before a window is drawn and Esc is looked for
-_PAUSE_S = 0.01
 
 
-class HFX_OT_export(HfxOperator, ExportHelper):
+@dataclass(frozen=True)
+class Written:
+    """Files of the last export of this session, for the panel."""
+
+    text: str
+    count: int
+    folder: Path
+
+
+last_written: list[Written] = []  # one, or none yet
+
+
+def _box_of(flags: str, name: str) -> str:
+    """Name of the check box of an item of a set of flags."""
+    return f"{flags}_{name.replace('-', '_')}"
+
+
+def _check_box(flags: str, name: str, label: str, tip: str) -> BoolProperty:
+    """Check box for an item: a plain click on a set of flags takes all others away."""
+
+    def is_chosen(self: HFX_OT_export) -> bool:
+        return name in getattr(self, flags)
+
+    def choose(self: HFX_OT_export, is_on: bool) -> None:
+        others = getattr(self, flags) - {name}
+        setattr(self, flags, others | {name} if is_on else others)
+
+    options = {"SKIP_SAVE", "HIDDEN"}
+    return BoolProperty(name=label, description=tip, get=is_chosen, set=choose, options=options)
+
+
+class HFX_OT_export(StepwiseExport, ExportHelper):
     """Record the scene's haptic track, and what its devices play, into a folder"""
 
     bl_idname = "hfx.export"
     bl_label = "Export Haptics"
-    bl_options = {"REGISTER"}
 
     filename_ext = ".hfxtrack"
     filter_glob: StringProperty(default="*.hfxtrack", options={"HIDDEN"})
@@ -89,113 +117,70 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         name="Full Precision", description="Weights as 32-bit floats instead of 8 bits"
     )
 
-    # Without annotations, which Blender would take for properties.
-    _is_invoked = False
-    _steps = None
-    _timer = None
-    _share = 0.0
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(effects.effects_of(context.scene), "Add a haptic effect first")
+    __annotations__ |= {
+        _box_of(flags, name): _check_box(flags, name, *rest)
+        for flags, items in (("formats", FORMAT_ITEMS), ("record", _RECORD_ITEMS))
+        for name, *rest, _ in items
+    }
 
     def draw(self, context: bpy.types.Context) -> None:
+        from ..formats.registry import DEVICE_FORMATS
+
         layout = self.layout
-        layout.label(text="Formats")
-        layout.column(align=True).prop(self, "formats")
+        layout.label(text="Devices", icon="OUTLINER_OB_FORCE_FIELD")
+        draw_devices(context, layout)
+        layout.label(text="Formats of the Track", icon="FILE")
+        names = [name for name, *_ in FORMAT_ITEMS]
+        self._draw_formats(context, [name for name in names if name not in DEVICE_FORMATS])
+        layout.label(text="Formats of Devices", icon="EXPORT")
+        self._draw_formats(context, [name for name in names if name in DEVICE_FORMATS])
+        layout.separator()
         layout.prop(self, "per_clip")
-        layout.label(text="Track")
         layout.prop(self, "full_precision")
-        layout.column(align=True).prop(self, "record")
+        layout.label(text="Also Record")
+        column = layout.column(align=True)
+        for name, *_ in _RECORD_ITEMS:
+            column.prop(self, _box_of("record", name))
+
+    def _draw_formats(self, context: bpy.types.Context, names: list[str]) -> None:
+        """Check boxes; below those that nothing can be written in, the reason."""
+        from ..devices.device_facts import facts_of
+        from ..formats.registry import why_nothing
+
+        found = [each for each in context.scene.hfx.devices if each.is_exported]
+        facts = [facts_of(each.name).device for each in found]
+        devices = [device for device in facts if device is not None]
+        reasons = {name: why_nothing(name, devices) for name in names}
+        column = self.layout.column(align=True)
+        for name, reason in reasons.items():
+            row = column.row()
+            row.enabled = not reason
+            row.prop(self, _box_of("formats", name))
+        for reason in dict.fromkeys(filter(None, reasons.values())):
+            for number, line in enumerate(textwrap.wrap(reason, _LINE)):
+                column.label(text=line, icon="BLANK1" if number else "INFO")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._is_invoked = True
         return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Export in one go for a script; in a window step by step, so that Esc can end it."""
-        if not self._is_invoked or bpy.app.background:
-            return super().execute(context)
-        begun = self.reported(lambda: self._begin(context))
-        return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
-
-    def work(self, context: bpy.types.Context) -> str:
-        return self._told(finish(self._steps_of(context)))
-
-    def _begin(self, context: bpy.types.Context) -> str:
-        self._steps = self._steps_of(context)
-        self._share = 0.0
-        window_manager = context.window_manager
-        self._timer = window_manager.event_timer_add(_PAUSE_S, window=context.window)
-        window_manager.modal_handler_add(self)
-        self._show(context)
-        return ""
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Handle events of a running export; other actions are blocked, as the scene must not
-        change.
-        """
-        if event.type == "ESC" and event.value == "PRESS":
-            self.cancel(context)
-            self.report({"WARNING"}, "Export cancelled: nothing was written")
-            return {"CANCELLED"}
-        if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
-        went_on = self.reported(self._go_on)
-        if self._steps is not None and went_on == {"FINISHED"}:
-            self._show(context)
-            return {"RUNNING_MODAL"}
-        self.cancel(context)
-        return went_on
-
-    def _go_on(self) -> str:
-        """Do some more steps; returns the final report at the end."""
-        assert self._steps is not None
-        pause = time.monotonic() + _AT_ONCE_S
-        try:
-            while time.monotonic() < pause:
-                self._share = next(self._steps)
-        except StopIteration as end:
-            self._steps = None
-            return self._told(end.value)
-        return ""
-
-    def _show(self, context: bpy.types.Context) -> None:
-        share = self._share
-
-        def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
-            row = header.layout.row()
-            row.label(text="Exporting Haptics", icon="EXPORT")
-            row.progress(factor=share, text=f"{share:.0%}")
-            row.label(text="Cancel", icon="EVENT_ESC")
-
-        context.workspace.status_text_set(draw)
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """End the export, with a result or without."""
-        if self._steps is not None:
-            self._steps.close()
-            self._steps = None
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
-            context.workspace.status_text_set(None)
-
-    def _steps_of(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
+    def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         from ..export import ExportSettings, SceneExport
         from ..export_devices import formats_without, scene_devices
-        from ..formats.registry import DEVICE_FORMATS
+        from ..formats.registry import DEVICE_FORMATS, why_nothing
 
         scene = context.scene
         devices, missing = scene_devices(scene)
         # In the order of the list, whatever order a set has.
         formats = tuple(name for name, *_ in FORMAT_ITEMS if name in self.formats)
         formats = formats_without(missing, formats, devices)
+        if self._is_invoked:  # what is greyed out is not meant, though it may be ticked
+            formats = tuple(name for name in formats if not why_nothing(name, devices))
         if not devices:
             if self.properties.is_property_set("formats") and set(formats) & set(DEVICE_FORMATS):
                 raise InputError(
-                    f"Scene '{scene.name}' has no devices: add one in its Haptics panel, or choose "
-                    "formats that need no device."
+                    f"Scene '{scene.name}' has no devices to export: add or tick one in the panel "
+                    "Haptic Export, or choose formats that need no device."
                 )
             formats = tuple(name for name in formats if name not in DEVICE_FORMATS)
         if not formats:
@@ -213,12 +198,38 @@ class HFX_OT_export(HfxOperator, ExportHelper):
         )
         return SceneExport(scene, settings).steps(path.parent, path.stem)
 
-    def _told(self, report: ExportReport) -> str:
+    def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
         for warning in report.warnings:
             self.report({"WARNING"}, printable(warning))
+        track = next((each for each in report.files if each.suffix == self.filename_ext), None)
+        if track is not None:  # devices can play it
+            context.scene.hfx.live_track = str(track)
         names = [each.name for each in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        return f"Wrote {', '.join(names[:_NAMED])}{more} to {report.files[0].parent}"
+        text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.files[0].parent
+        last_written[:] = [Written(text, len(names), folder)]
+        if self._is_invoked and not bpy.app.background:
+            context.window_manager.popup_menu(_draw_written, title="Haptic Export", icon="EXPORT")
+        return f"{text} to {folder}"
+
+
+def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+    """Draw a check box for each device of the scene, and the way to add one."""
+    from ..devices.device_facts import facts_of
+
+    column = layout.column(align=True)
+    for device in context.scene.hfx.devices:
+        column.prop(device, "is_exported", text=facts_of(device.name).title)
+    column.operator_menu_enum("hfx.live_add", "name", icon="ADD")
+
+
+def _draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """Draw what the last export wrote, and a button that opens its folder."""
+    layout = menu.layout
+    for written in last_written:
+        layout.label(text=printable(written.text), icon="CHECKMARK")
+        folder = str(written.folder)
+        layout.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
 
 
 register, unregister = bpy.utils.register_classes_factory((HFX_OT_export,))

@@ -11,8 +11,8 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from .. import resources
+from ..devices.live import live_settings
 from ..errors import HfxError, InputError
-from ..playback import live_settings
 from ..playback.live import live
 from .shared import HfxOperator, KeyBindings
 
@@ -48,8 +48,16 @@ _names: list[tuple[str, str, str]] = []  # Blender does not keep the strings of 
 
 def _known(_self: object, _context: object) -> list[tuple[str, str, str]]:
     from ..devices.configuration import list_devices
+    from ..devices.device_facts import ROOM, facts_of
+    from ..engine.body.region_names import GROUPS
 
-    _names[:] = [(name, name, "") for name in list_devices(resources.user_devices())]
+    found = [facts_of(name) for name in list_devices(resources.user_devices())]
+    items: list[tuple[str, str, str]] = []
+    for group in (*GROUPS, ROOM, ""):  # columns, by where devices are worn
+        part = [each for each in found if each.group == group]
+        items += [("", group or "Other", "")] if part else []
+        items += [(each.id, each.label, each.fault or each.summary) for each in part]
+    _names[:] = items
     return _names
 
 
@@ -67,11 +75,14 @@ class HFX_OT_live_add(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def work(self, context: bpy.types.Context) -> str:
+        from ..devices.device_facts import facts_of
+
         devices = context.scene.hfx.devices
         if self.name in devices:
             raise InputError(f"Device '{self.name}' is in this scene already.")
-        devices.add().name = self.name
-        return f"{self.name} added"
+        item = devices.add()
+        item.name, item.is_expanded = self.name, True
+        return f"{facts_of(self.name).title} added"
 
 
 class HFX_OT_live_import(HfxOperator, ImportHelper):

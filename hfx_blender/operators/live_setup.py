@@ -10,8 +10,8 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from .. import resources
+from ..devices.live import live_settings
 from ..errors import HfxError, InputError
-from ..playback import live_settings
 from ..playback.live import live
 from ..printable import printable
 from .shared import HfxOperator

@@ -7,20 +7,13 @@ import json
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
-from bpy_extras.view3d_utils import location_3d_to_region_2d
-from mathutils import Vector
 
 from .. import compat
-from ..authoring import effects, painting
-from ..avatars import avatar_meshes
-from ..engine.body.parts import PARTS
+from ..authoring import effects, painting, saved_areas
+from ..engine.body.region_names import REGIONS
 from ..errors import InputError
-from .shared import HfxOperator, is_in_view_layer, painted_effect, select_only
-
-_IS_HIDDEN = "hfx_hidden_to_paint"
-"""ID property of an avatar's mesh in whose place its perceptual model is painted on."""
-
-_LEAST_PIXELS, _BRUSH_PIXELS, _MOST_PIXELS = 6.0, 30.0, 200.0
+from . import paint_view
+from .shared import HfxOperator, painted_effect, select_only
 
 
 class _PaintedOperator(HfxOperator):
@@ -38,12 +31,14 @@ class HFX_OT_paint_begin(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         effect = painted_effect(context)
         canvas = painting.begin(context, effect)
-        _hide_avatar(context, effect)
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        paint_view.hide_others(context, canvas)
         select_only(context, canvas)
         if not bpy.app.background:
+            paint_view.enter(context, canvas)
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
-            radius = _pixels(context, canvas, painting.brush_radius(canvas, effect))
-            compat.fit_brush(context, 1.0, radius)
+            compat.set_brush_weight(context, 1.0)
             # Where nothing is painted is blue; black, the default, would hide the body's shape.
             context.tool_settings.vertex_group_user = "NONE"
             bpy.ops.hfx.paint_status("INVOKE_DEFAULT")
@@ -58,58 +53,40 @@ class HFX_OT_paint_end(HfxOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        canvas = context.object
-        is_painted = canvas is not None and canvas.get(painting.PAINTED_EFFECT)
-        return cls.needs(is_painted, "Nothing is being painted")
+        return cls.needs(painting.canvas_in(context), "Nothing is being painted")
 
     def work(self, context: bpy.types.Context) -> str:
-        effect = context.object[painting.PAINTED_EFFECT]
+        canvas = painting.canvas_in(context)
+        effect, hidden = canvas[painting.PAINTED_EFFECT], paint_view.hidden_by(canvas)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         count = painting.end(effect)
-        _show_avatar(context, effect)
+        paint_view.show(context, hidden)
+        paint_view.leave()
         select_only(context, effect)
         return f"'{effect.name}' covers {count} vertices"
 
 
-def _pixels(context: bpy.types.Context, canvas: bpy.types.Object, length: float) -> float:
-    """Length in the 3D viewport, pixels, of a length at the middle of a mesh; brushes need it."""
-    area = context.area
-    if area is None or area.type != "VIEW_3D":
-        return _BRUSH_PIXELS
-    region = next(each for each in area.regions if each.type == "WINDOW")
-    view = area.spaces.active.region_3d
-    corners = [canvas.matrix_world @ Vector(corner) for corner in canvas.bound_box]
-    middle = sum(corners, Vector()) / len(corners)
-    across = view.view_rotation @ Vector((1.0, 0.0, 0.0))
-    ends = [
-        location_3d_to_region_2d(region, view, place)
-        for place in (middle, middle + across * length)
-    ]
-    if None in ends:
-        return _BRUSH_PIXELS
-    return float(min(max((ends[1] - ends[0]).length, _LEAST_PIXELS), _MOST_PIXELS))
+_SAVED = "saved:"  # begins an item of the list of parts
+_items: list[tuple[str, str, str]] = []  # Blender does not keep the strings of an enum itself
 
 
-def _hide_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    for mesh in _seen_meshes(context, effect):
-        if not mesh.hide_get():
-            mesh.hide_set(True)
-            if mesh.library is None:
-                mesh[_IS_HIDDEN] = True
-
-
-def _show_avatar(context: bpy.types.Context, effect: bpy.types.Object) -> None:
-    """Show the meshes that were hidden to paint; those that the user had hidden stay so."""
-    for mesh in _seen_meshes(context, effect):
-        if mesh.library is not None or mesh.pop(_IS_HIDDEN, False):
-            mesh.hide_set(False)
-
-
-def _seen_meshes(context: bpy.types.Context, effect: bpy.types.Object) -> list[bpy.types.Object]:
-    body = effect.hfx.body
-    found = avatar_meshes.meshes_of(body) if body is not None else []
-    return [mesh for mesh in found if is_in_view_layer(context, mesh)]
+def _parts(_self: object, _context: object) -> list[tuple[str, str, str]]:
+    """Body parts in columns by groups, and the user's own areas."""
+    found = [("all", "Whole Body", "All of the skin")]
+    for group in dict.fromkeys(region.group for region in REGIONS):
+        found.append(("", group, ""))
+        found += [
+            (region.id, region.label, f"All of it: {region.label.lower()}")
+            for region in REGIONS
+            if region.group == group
+        ]
+    names = saved_areas.names()
+    if names:
+        found.append(("", "My Areas", ""))
+        found += [(_SAVED + name, name, "Saved by you") for name in names]
+    _items[:] = found
+    return _items
 
 
 class HFX_OT_fill_part(_PaintedOperator):
@@ -120,13 +97,8 @@ class HFX_OT_fill_part(_PaintedOperator):
 
     part: EnumProperty(
         name="Part",
-        description="Body part to fill; added to the painted area",
-        items=[("all", "Whole Body", "All of the skin")]
-        + [
-            (part, label, f"All of the {label.lower()}")
-            for part in PARTS
-            for label in [part.replace("_", " ").title()]
-        ],
+        description="Body part, or saved area, to fill; added to the painted area",
+        items=_parts,
     )
     side: EnumProperty(
         name="Side",
@@ -139,9 +111,12 @@ class HFX_OT_fill_part(_PaintedOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        parts = () if self.part == "all" else (self.part,)
         effect = painted_effect(context)
-        count = painting.fill_parts(effect, parts, self.side)
+        if self.part.startswith(_SAVED):
+            count = saved_areas.add(effect, self.part.removeprefix(_SAVED))
+        else:
+            parts = () if self.part == "all" else (self.part,)
+            count = painting.fill_parts(effect, parts, self.side)
         return f"'{effect.name}' covers {count} vertices"
 
 
@@ -165,6 +140,33 @@ class HFX_OT_set_area(_PaintedOperator):
         return f"'{effect.name}' covers {len(found)} vertices"
 
 
+class HFX_OT_save_area(_PaintedOperator):
+    """Keep the painted area under a name of your own: Fill Body Part then lists it in every file
+
+    An empty area takes the name from the list
+    """
+
+    bl_idname = "hfx.save_area"
+    bl_label = "Save Area"
+    bl_options = {"REGISTER"}  # a file of the user's own; nothing of the scene changes
+
+    name: StringProperty(name="Name", description="Name in the list; a known one is replaced")
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self.name = painted_effect(context).name
+        return context.window_manager.invoke_props_dialog(self)
+
+    def work(self, context: bpy.types.Context) -> str:
+        count = saved_areas.save(painted_effect(context), self.name.strip())
+        return f"'{self.name}' saved" if count else f"'{self.name}' is no longer listed"
+
+
 register, unregister = bpy.utils.register_classes_factory(
-    (HFX_OT_paint_begin, HFX_OT_paint_end, HFX_OT_fill_part, HFX_OT_set_area)
+    (
+        HFX_OT_paint_begin,
+        HFX_OT_paint_end,
+        HFX_OT_fill_part,
+        HFX_OT_save_area,
+        HFX_OT_set_area,
+    )
 )

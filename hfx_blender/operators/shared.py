@@ -11,6 +11,7 @@ import bpy
 from ..authoring import effects
 from ..avatars.avatar_meshes import armature_of
 from ..errors import HfxError, InputError
+from ..playback import preview
 from ..printable import printable
 
 _PACKAGES = ("numpy", "scipy", "trimesh", "fast_simplification", "serial")
@@ -56,6 +57,7 @@ class HfxOperator(bpy.types.Operator):
                 f"'{sys.executable} -m pip install {package}'.",
             )
             return {"CANCELLED"}
+        preview.look_soon()
         if message:
             self.report({"INFO"}, printable(message))
         return {"FINISHED"}

@@ -42,7 +42,7 @@ class HFX_OT_add_surface(HfxOperator):
     bl_idname = "hfx.add_surface"
     bl_label = "Haptic Surface"
 
-    source: EnumProperty(name="Source", description="Source of the relief", items=SOURCES[:-1])
+    source: EnumProperty(name="Source", description="Source of the relief", items=SOURCES[:-2])
     procedural: StringProperty(
         name="Library Material",
         description="Material, for the source Library",
@@ -110,7 +110,7 @@ class HFX_OT_load_surface_image(_OfFile):
     bl_label = "Load Image"
 
     kind: EnumProperty(
-        name="Image Holds", description="Meaning of the image's pixels", items=IMAGE_KINDS
+        name="Image Holds", description="Meaning of the image's pixels", items=IMAGE_KINDS[:2]
     )
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})

@@ -6,15 +6,23 @@ from __future__ import annotations
 import time
 
 import bpy
+from mathutils import Quaternion
 
+from . import framing
 from .shared import HfxOperator
 
 NAME = "HFX"
 TAB = "HFX"
 
-_NLA_SHARE = 0.28  # of the viewport's height
+_NLA_SHARE = 0.4  # of the viewport's height: five effects at 1280 x 800, two rows each
+_FROM_THE_FRONT = Quaternion((0.743, 0.646, 0.114, 0.131))  # a little from above and aside
 _AGAIN_S = 0.05
+_DRAWN_S = 0.5
 _PATIENCE_S = 30.0
+
+
+def _has_window(context: bpy.types.Context) -> bool:
+    return context.window is not None and not bpy.app.background
 
 
 class HFX_OT_workspace(HfxOperator):
@@ -27,8 +35,7 @@ timeline. It is made when it is not there yet"""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        has_window = context.window is not None and not bpy.app.background
-        return cls.needs(has_window, "There is no window")
+        return cls.needs(_has_window(context), "There is no window")
 
     def work(self, context: bpy.types.Context) -> str:
         found = bpy.data.workspaces.get(NAME)
@@ -42,6 +49,63 @@ timeline. It is made when it is not there yet"""
         # Blender shows it only after this operator; its areas can be changed from then on.
         _arrange_soon(context.window, made)
         return ""
+
+
+class HFX_OT_new_file(HfxOperator):
+    """Begin a new file for haptics: the built-in avatar in the HFX workspace. What is not saved \
+of the present file is lost"""
+
+    bl_idname = "hfx.new_file"
+    bl_label = "Haptics"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(_has_window(context), "There is no window")
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not bpy.data.is_dirty:
+            return self.execute(context)
+        return context.window_manager.invoke_confirm(
+            self, event, title="New Haptics File", message="Discard what is not saved?"
+        )
+
+    def work(self, context: bpy.types.Context) -> str:
+        # Loading a file ends the operator that asks for it: it is done afterwards.
+        bpy.app.timers.register(_load_empty_file, first_interval=0.0)
+        return ""
+
+
+def _load_empty_file() -> None:
+    manager = bpy.context.window_manager
+    with bpy.context.temp_override(window=manager.windows[0]):
+        bpy.ops.wm.read_homefile(app_template="", use_empty=False)
+    # Blender ends timers when a file is loaded, but those that persist.
+    bpy.app.timers.register(_furnish, first_interval=_AGAIN_S, persistent=True)
+
+
+def _furnish() -> None:
+    """Put the avatar in place of the cube of the file that Blender starts with."""
+    window = bpy.context.window_manager.windows[0]
+    with bpy.context.temp_override(window=window):
+        for obj in [o for o in bpy.context.scene.objects if o.type == "MESH"]:
+            bpy.data.objects.remove(obj)
+        bpy.ops.hfx.workspace()
+        bpy.ops.hfx.add_avatar()
+    bpy.app.timers.register(_frame_avatar, first_interval=2.0 * _AGAIN_S)
+
+
+def _frame_avatar() -> float | None:
+    """Frame the avatar from the front, in the workspace that is shown by then."""
+    window = bpy.context.window_manager.windows[0]
+    if window.workspace.name != NAME:
+        return _AGAIN_S
+    with bpy.context.temp_override(window=window):
+        area = framing.viewport(bpy.context)
+        area.spaces.active.region_3d.view_rotation = _FROM_THE_FRONT
+        framing.frame(bpy.context, bpy.context.selected_objects)
+        bpy.ops.ed.undo_push(message="New Haptics File")
+    return None
 
 
 def _arrange_soon(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> None:
@@ -74,9 +138,25 @@ def _arrange(window: bpy.types.Window) -> None:
                 lower, upper = sorted((area, viewport), key=lambda each: each.y)
                 lower.type, upper.type = "NLA_EDITOR", "VIEW_3D"
                 lower.spaces.active.show_region_ui = False
+                lower.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
+                _frame_clips_soon(window, lower)
     viewport = max((a for a in areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
     viewport.spaces.active.show_region_ui = True
     _show_tab(viewport)
+
+
+def _frame_clips_soon(window: bpy.types.Window, editor: bpy.types.Area) -> None:
+    """Show all clips, once the editor knows how large it is."""
+
+    def frame_clips() -> None:
+        try:
+            region = next(region for region in editor.regions if region.type == "WINDOW")
+            with bpy.context.temp_override(window=window, area=editor, region=region):
+                bpy.ops.nla.view_all()
+        except (ReferenceError, StopIteration, RuntimeError):  # closed meanwhile
+            return
+
+    bpy.app.timers.register(frame_clips, first_interval=_DRAWN_S)
 
 
 def _show_tab(viewport: bpy.types.Area) -> None:
@@ -97,19 +177,25 @@ def _show_tab(viewport: bpy.types.Area) -> None:
     bpy.app.timers.register(show_when_drawn, first_interval=_AGAIN_S)
 
 
+def _new_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.operator(HFX_OT_new_file.bl_idname, icon="VIEW_PAN")  # a hand
+
+
 def _window_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.separator()
     self.layout.operator(HFX_OT_workspace.bl_idname, icon="WORKSPACE")
 
 
-_register, _unregister = bpy.utils.register_classes_factory((HFX_OT_workspace,))
+_register, _unregister = bpy.utils.register_classes_factory((HFX_OT_workspace, HFX_OT_new_file))
 
 
 def register() -> None:
     _register()
     bpy.types.TOPBAR_MT_window.append(_window_menu)
+    bpy.types.TOPBAR_MT_file_new.append(_new_menu)
 
 
 def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_new.remove(_new_menu)
     bpy.types.TOPBAR_MT_window.remove(_window_menu)
     _unregister()

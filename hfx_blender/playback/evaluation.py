@@ -50,11 +50,13 @@ class Evaluation:
 
     def describe(self, context: bpy.types.Context) -> None:
         """Describe the scene anew if it has changed; never from within an update."""
+        from ..engine.tolerance import PREVIEW
         from ..reading.live_scene import LiveScene, signature_of
         from ..reading.scene_tolerance import scene_tolerance
 
         scene, layer = context.scene, context.view_layer
-        settings = scene.hfx.tolerance, scene.hfx.tolerance_custom
+        is_coarse = scene.hfx.live_tolerance == "PREVIEW"
+        settings = is_coarse, scene.hfx.tolerance, scene.hfx.tolerance_custom
         # Another file may have the very same names.
         which = scene.session_uid, scene.as_pointer(), layer.as_pointer()
         key = (*signature_of(scene), layer.name, *settings, *which, self.with_positions)
@@ -64,9 +66,8 @@ class Evaluation:
         self._key = key
         self.before_describing()
         try:
-            self.scene = LiveScene(
-                scene, layer, scene_tolerance(scene), with_positions=self.with_positions
-            )
+            tolerance = PREVIEW if is_coarse else scene_tolerance(scene)
+            self.scene = LiveScene(scene, layer, tolerance, with_positions=self.with_positions)
         except HfxError as error:
             self.fault = str(error)
 

@@ -11,14 +11,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import bpy
 
 from .. import resources
-from . import live_handlers, live_settings, live_targets
+from ..devices.live import live_settings, live_targets
+from . import live_handlers
 from .evaluation import evaluation
+from .slow_frames import SlowFrames
+from .track_source import TrackSource, is_chosen
 
 if TYPE_CHECKING:
     from ..devices.live.client import DeviceState, LiveClient
@@ -47,13 +50,15 @@ class Live:
     def __init__(self) -> None:
         self._client: LiveClient | None = None
         self._devices: dict[str, _Connected] = {}
-        self._generation = -1  # of the evaluation in use for the devices
+        self._generation: object = None  # of what the devices follow: the evaluation, or a track
         self._is_described = False
+        self.tracks = TrackSource()
         self._changed_s = 0.0
         self._time_s = 0.0  # of the scene, at the last message to the devices
         self._muted: set[str] = set()  # then
         self._is_held = False
         self._lookahead: LookaheadScheduler | None = None
+        self.slow_frames = SlowFrames()
         self.fault = ""
         self.unapproved: set[str] = set()  # devices whose scripts are to be approved first
         self.approved: dict[str, str] = {}  # fingerprints of the user's own scripts, by device
@@ -67,6 +72,11 @@ class Live:
     def is_armed(self) -> bool:
         """Test for any device that plays."""
         return any(each.is_armed for each in self.states.values())
+
+    @property
+    def is_frozen(self) -> bool:
+        """Test for a device that stopped because Blender took too long."""
+        return any(each.state == "frozen" for each in self.states.values())
 
     @property
     def lookahead(self) -> LookaheadScheduler:
@@ -105,12 +115,13 @@ class Live:
         DeviceError
             It is not there, or the output process cannot be started.
         """
+        from ..devices.configuration import named_in_blend
         from ..devices.live.approval import is_shipped
         from ..devices.live.client import LiveClient
         from ..devices.live.playhead import latencies_ms
 
         try:
-            device, script = live_targets.named(name)
+            device, script = live_targets.named(named_in_blend(name))
         except live_targets.UnapprovedScriptError:
             self.unapproved.add(name)
             self.approved.pop(name, None)
@@ -118,6 +129,8 @@ class Live:
         self.approved.pop(name, None)
         if script is not None and not is_shipped(script.path):
             self.approved[name] = script.fingerprint
+        if settings.path:
+            settings = replace(settings, path=bpy.path.abspath(settings.path))
         target = live_targets.target_of(device, settings)
         if self._client is None:
             self._client = LiveClient()
@@ -132,9 +145,9 @@ class Live:
         self._devices[name] = _Connected(
             device, script is not None, latencies_ms(device), settings.offset_ms
         )
-        self._generation = -1
+        self._generation = None
         self._set_latencies()
-        evaluation.before_describing = self._pause
+        evaluation.before_describing = self._before_describing
         live_handlers.listen(self)
         live_handlers.request_update()
 
@@ -163,7 +176,7 @@ class Live:
         """Play again, from silence."""
         if self._client is not None:
             self._client.arm()
-            self.fault = ""
+            self.fault, self.slow_frames.newest = "", None
             live_handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
@@ -230,6 +243,7 @@ class Live:
     def forget(self) -> None:
         """Drop everything: the scene may have become another one."""
         evaluation.forget()
+        self.tracks.forget()
         if self._lookahead is not None:
             self._lookahead.forget()
         self._is_described = False
@@ -246,18 +260,39 @@ class Live:
         if self._client is not None:
             self._client.pause()
 
+    def _before_describing(self) -> None:
+        self._pause()
+        if is_chosen(bpy.context.scene):
+            live_handlers.request_update()  # it is the preview's scene: the track plays on
+
+    def _choose_schemes(self, scene: bpy.types.Scene) -> None:
+        from ..export_devices import scheme_of
+
+        for name, state in self.states.items():
+            item = scene.hfx.devices.get(name)
+            state.scheme = "" if item is None else scheme_of(item)
+
+    def follow_other(self) -> None:
+        """Follow what the user has chosen anew, the scene or a track, from silence."""
+        self._pause()
+        self._generation, self.fault = None, ""
+        if self._client is not None:
+            live_handlers.request_update()
+
     def beat(self) -> bool:
         """Send a heartbeat, and take news from the devices; returns True if there are any."""
         if self._client is None:
             return False
         self._client.heartbeat()
+        self.slow_frames.sign()
         news = self._client.events()
         if any(each.event == "armed" for each in news):
             live_handlers.request_update()  # it plays from now on: send it the present samples
-        if evaluation.scene is not None and evaluation.scene.rings:
-            evaluation.touch()  # nothing moved, but responses are still ringing
-            self.update(evaluation.scene.objects.scene)
-        self._read_lookahead()
+        if self._follows_scene:
+            if evaluation.scene is not None and evaluation.scene.rings:
+                evaluation.touch()  # nothing moved, but responses are still ringing
+                self.update(evaluation.scene.objects.scene)
+            self._read_lookahead()
         if not self._is_held and time.monotonic() - self._changed_s > HOLD_S:
             self._is_held = True
             self._fade()
@@ -283,22 +318,49 @@ class Live:
         client, found = self._client, evaluation.scene
         if client is None or found is None or not self._is_described:
             return
-        if evaluation.generation != self._generation:
-            return
         playhead = self.lookahead.playhead(found.objects.scene, live_handlers.is_playing())
         self.lookahead.work(
             playhead, found, lambda body, is_scene: client.send_lookahead(body, is_scene=is_scene)
         )
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Describe the scene anew if it has changed; never from within an update."""
+        """Describe what is played anew if it has changed; never from within an update.
+
+        Raises
+        ------
+        InputError
+            The chosen track cannot be read.
+        """
+        self._choose_schemes(context.scene)
+        if is_chosen(context.scene):
+            self._describe_track(context.scene)
+        else:
+            self._describe_scene(context)
+
+    @property
+    def _follows_scene(self) -> bool:
+        """Test that devices have been told of the scene as it is described now."""
+        return self._generation == evaluation.generation
+
+    def _describe_track(self, scene: bpy.types.Scene) -> None:
+        track = self.tracks.open(scene)
+        generation = "track", self.tracks.generation
+        if self._client is None or generation == self._generation:
+            return
+        self._generation, self.fault = generation, ""
+        self._pause()
+        self.lookahead.forget()
+        self._client.describe(track.header, track.body_id)
+        self._is_described = True
+
+    def _describe_scene(self, context: bpy.types.Context) -> None:
         from ..engine.rendering.moment import moment_header
         from ..engine.rendering.room import needs_positions
 
         configs = [each.device for each in self._devices.values()]
         evaluation.with_positions = needs_positions(configs)
         evaluation.describe(context)
-        if evaluation.generation == self._generation:
+        if self._follows_scene:
             return
         self._generation, self.fault = evaluation.generation, evaluation.fault
         found = evaluation.scene
@@ -315,18 +377,25 @@ class Live:
         Raises
         ------
         InputError
-            Something of the scene cannot be felt any more.
+            Something of the scene cannot be felt any more, or the track is damaged.
         """
-        if self._client is None or not self.is_armed or evaluation.scene is None:
+        if self._client is None or not self.is_armed or not self._is_described:
             return
-        if evaluation.generation != self._generation or not self._is_described:
+        is_track = is_chosen(scene)
+        current = ("track", self.tracks.generation) if is_track else evaluation.generation
+        if current != self._generation:
             return  # described anew just now; devices will get it soon
         from .current_live_frame import current_live_frame
 
         self._changed_s, self._is_held = time.monotonic(), False
         numbers = self._numbers()
         playhead = self.lookahead.playhead(scene, live_handlers.is_playing())
-        moment = current_live_frame(scene, numbers, self.lookahead.edition, playhead)
+        with self.slow_frames.own_work():
+            if is_track:
+                late = self.lookahead.latencies_ms
+                moment = self.tracks.frame(playhead, self._gains(scene), late)
+            else:
+                moment = current_live_frame(scene, numbers, self.lookahead.edition, playhead)
         self._time_s = moment.time_s
         self._muted = {name for name, n in numbers.items() if not moment.gains.get(n, 1.0)}
         self._client.show(moment)

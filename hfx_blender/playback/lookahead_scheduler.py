@@ -47,6 +47,8 @@ class LookaheadScheduler:
     ----------
     edition : int
         Rises with every edit.
+    latencies_ms : tuple of float
+        Latencies to compensate, ascending.
     reason : str
         Why what comes cannot be read; then it is known from the second time on that playback
         comes by. Empty: it can.
@@ -55,7 +57,7 @@ class LookaheadScheduler:
     def __init__(self) -> None:
         self.edition = 0
         self.reason = ""
-        self._latencies_ms: tuple[float, ...] = ()
+        self.latencies_ms: tuple[float, ...] = ()
         self._reader: KeyframeReader | None = None
         self._before: KeyframeReader | None = None
         self._due_s = 0.0
@@ -74,8 +76,8 @@ class LookaheadScheduler:
     def want(self, latencies_ms: Iterable[float]) -> None:
         """Set the latencies to compensate."""
         found = tuple(sorted(set(latencies_ms)))
-        if found != self._latencies_ms:
-            self._latencies_ms = found
+        if found != self.latencies_ms:
+            self.latencies_ms = found
             self.forget()
 
     def forget(self) -> None:
@@ -87,7 +89,7 @@ class LookaheadScheduler:
 
     def edited(self, changed: Iterable[Key]) -> None:
         """Invalidate what was read, after a change of anything but the time."""
-        if not self._latencies_ms:
+        if not self.latencies_ms:
             return
         self.edition += 1
         known = self._reader or self._before
@@ -116,7 +118,7 @@ class LookaheadScheduler:
             Something of the scene was deleted.
         """
         self.has_more = False
-        if not self._latencies_ms or time.monotonic() < self._due_s:
+        if not self.latencies_ms or time.monotonic() < self._due_s:
             return
         try:
             if self._reader is None:
@@ -138,7 +140,7 @@ class LookaheadScheduler:
             tell(to_bytes(self._reader.scene(self.edition)), True)
 
     def _read(self, playhead: Playhead, reader: KeyframeReader, tell: Tell) -> None:
-        parts = parts_between(self._latencies_ms, playhead.fps, playhead.step)
+        parts = parts_between(self.latencies_ms, playhead.fps, playhead.step)
         stretch = playhead.first, playhead.last, parts
         if stretch != self._stretch:
             self._stretch = stretch
@@ -165,11 +167,11 @@ class LookaheadScheduler:
     def _next(self, playhead: Playhead, parts: int) -> np.ndarray:
         """Next frames to read, counted from the first one that is played."""
         total = len(self._is_read)
-        begin = int(playhead.after(self._latencies_ms[0]) // 1) - playhead.first
+        begin = int(playhead.after(self.latencies_ms[0]) // 1) - playhead.first
         numbers = (begin + playhead.step * np.arange(total)) % total
         per_point = self._bytes / self._points if self._points else 0.0
         if total * parts * per_point > MOST_BYTES:
-            numbers = numbers[: ceil((self._latencies_ms[-1] / 1000.0 + _STRETCH_S) * playhead.fps)]
+            numbers = numbers[: ceil((self.latencies_ms[-1] / 1000.0 + _STRETCH_S) * playhead.fps)]
         return numbers[~self._is_read[numbers]][: self._count]
 
 

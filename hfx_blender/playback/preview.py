@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import bpy
@@ -17,7 +18,7 @@ from bpy.app.handlers import persistent
 
 from ..blender_events import add_handlers, call_soon, remove_handlers, remove_timers
 from ..errors import HfxError
-from ..reading import stepping
+from ..reading import stepping, unreported
 
 if TYPE_CHECKING:
     from .drawing import ChartDrawing
@@ -28,17 +29,25 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _is_describing = False
+_is_drawn = False  # what was described last
 _described_s = 0.0
+_compared_for_s = _compared_s = 0.0  # duration and time of the last look for changes
 _cannot_draw = False
 _preview: Preview | None = None
 _updates: Updates | None = None
 _charts: dict[tuple[object, ...], ChartDrawing] = {}  # by what they show and how large
 _draw_handles: list[object] = []
 
+after_looking: list[Callable[[], None]] = []
+"""Functions to be called after each look for changes of the scene."""
+
 _PLAYING_S, _RECORDED_S = 0.25, 1.0
 """Intervals of looking for changes of the scene's description during playback, without and with a
 record, seconds: scripts and drivers change it without notice. A record knows what drivers change.
 """
+
+_SHORT_S, _REST = 0.01, 10.0
+"""Duration of a look for changes after which it rests, seconds, and rest as a multiple of it."""
 
 _PIECE_S = 0.004
 """Duration of one slice of preparing the preview, seconds."""
@@ -68,6 +77,8 @@ def updates() -> Updates:
 
 def touch() -> None:
     """Note that something moved; colours are computed at the next drawing."""
+    global _is_drawn
+    _is_drawn = False
     if _preview is not None:
         _preview.touch()
 
@@ -98,18 +109,24 @@ def on_frame(scene: bpy.types.Scene, *_: object) -> None:
     if since_s < _PLAYING_S or (since_s < _RECORDED_S and _recorded() is not None):
         return
     if _is_on():  # not from here: describing evaluates the view layer, which would call this again
-        call_soon(describe)
+        call_soon(look)
 
 
 @persistent
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    if _is_describing or stepping.is_stepping():
+    if stepping.is_stepping():
+        return
+    if _is_describing:
+        # Reading changes nothing, but has Blender evaluate what was changed just before it.
+        if scene == bpy.context.scene and updates().changes(depsgraph):
+            touch()
+            call_soon(_reread)
         return
     touch()
     updates().notice(depsgraph)
     if not _is_on():
         return
-    call_soon(describe)
+    call_soon(look)
     if updates().wants_time:
         call_soon(_record)
 
@@ -118,8 +135,55 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 def _on_load(*_: object) -> None:
     forget()
     if _is_on():
-        call_soon(describe)
+        call_soon(look)
         call_soon(_record)
+
+
+def look_soon() -> None:
+    """Look for changes as soon as Blender is idle: after each drawing and each operator of ours.
+
+    Whatever changes what is felt is noticed this way, also what Blender reports to nobody.
+    """
+    if not stepping.is_stepping():
+        call_soon(look)
+
+
+def look() -> None:
+    """Have Blender evaluate what changed without its notice, and describe the scene anew if its
+    description changed.
+    """
+    global _compared_for_s, _compared_s
+    if getattr(bpy.context, "scene", None) is None:  # at this moment
+        return
+    begun = time.perf_counter()
+    unreported.tag(bpy.context.scene, bpy.context.view_layer)  # Blender evaluates it next
+    _compared_s = time.perf_counter()
+    _compared_for_s = _compared_s - begun
+    for function in after_looking:
+        function()
+    if _is_on():
+        describe()
+
+
+def _look_after_drawing() -> None:
+    """Look for changes, in scenes of very many effects for a tenth of the time at most."""
+    rest_s = _REST * _compared_for_s if _compared_for_s > _SHORT_S else 0.0
+    left_s = _compared_s + rest_s - time.perf_counter()
+    if left_s > 0.0:
+        call_soon(_look_later, left_s)
+    else:
+        look_soon()
+
+
+def _look_later() -> None:
+    look_soon()
+
+
+def _reread() -> None:
+    """Note a change that was evaluated while the scene was read."""
+    updates().changed()
+    look_soon()
+    redraw()
 
 
 def describe() -> None:
@@ -127,10 +191,12 @@ def describe() -> None:
     global _is_describing, _described_s
     _is_describing = True
     try:
-        before = preview().fault
+        before, known = preview().fault, preview().key
         preview().describe(bpy.context)
         if preview().fault and preview().fault != before:
             _log.info("preview: %s", preview().fault)
+        if preview().key != known:
+            touch()
         updates().look(bpy.context.scene)
         if updates().wants_time:
             call_soon(_record)
@@ -139,7 +205,8 @@ def describe() -> None:
     finally:
         _is_describing = False
         _described_s = time.monotonic()
-    _redraw()
+    if not _is_drawn:
+        redraw()
 
 
 def _record() -> float | None:
@@ -162,7 +229,7 @@ def _record() -> float | None:
     if updates().wants_time:
         return pause
     touch()
-    _redraw()
+    redraw()
     call_soon(_prepare)
     return None
 
@@ -183,20 +250,21 @@ def _prepare() -> float | None:
     return 0.02 + 2.0 * (time.perf_counter() - begun)
 
 
-def _redraw() -> None:
+def redraw() -> None:
+    """Have all 3D viewports drawn again, their sidebars too, and the clips in timelines."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
+            if area.type in ("VIEW_3D", "DOPESHEET_EDITOR"):
                 area.tag_redraw()
 
 
 def _switched(_self: object, _context: bpy.types.Context) -> None:
     touch()
     if _is_on():
-        call_soon(describe)
+        call_soon(look)
         call_soon(_record)
         call_soon(_prepare)
-    _redraw()
+    redraw()
 
 
 def _recorded() -> TimelineRecord | None:
@@ -205,7 +273,10 @@ def _recorded() -> TimelineRecord | None:
 
 
 def _draw() -> None:
-    global _cannot_draw
+    global _cannot_draw, _is_drawn
+    if not bpy.context.screen.is_animation_playing:  # which looks at intervals
+        _look_after_drawing()
+    _is_drawn = True
     space = bpy.context.space_data
     if space is None or not space.overlay.show_overlays or _cannot_draw:
         return
@@ -304,7 +375,7 @@ def unregister() -> None:
         bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
     _draw_handles.clear()
     remove_handlers(_HANDLERS)
-    remove_timers(describe, _record, _prepare)
+    remove_timers(look, _look_later, _reread, _record, _prepare)
     del bpy.types.WindowManager.hfx_show_values
     del bpy.types.WindowManager.hfx_show_actuators
     del bpy.types.WindowManager.hfx_preview

@@ -29,7 +29,7 @@ class Preview:
     def __init__(self) -> None:
         self._scene: LiveScene | None = None
         self._glow: ActuatorGlow | None = None
-        self._key: tuple[object, ...] = ()
+        self.key: tuple[object, ...] = ()  # another one after each description
         self._spreads: dict[tuple[str, str], Spread] = {}
         self._meshes: dict[str, ColouredMesh] = {}
         self._kept = PreviewFrameCache()
@@ -37,6 +37,7 @@ class Preview:
         self._contact: frozenset[str] = frozenset()
         self._layers: list[Layer] | None = None
         self._discs: list[Discs] | None = None
+        self._colours: tuple[object, ...] = ()  # of what was computed last
         self.fault = ""
         self.notes: list[str] = []  # differences of the glow from the real output
 
@@ -54,12 +55,12 @@ class Preview:
     def describe(self, context: bpy.types.Context) -> None:
         """Describe the scene anew if it has changed; never while Blender draws."""
         scene = context.scene
-        devices = tuple(device.name for device in scene.hfx.devices)
+        devices = tuple((device.name, device.scheme) for device in scene.hfx.devices)
         evaluation.describe(context)
         key = (evaluation.generation, devices)
-        if key == self._key:
+        if key == self.key:
             return
-        self._key, self._scene, self._glow = key, evaluation.scene, None
+        self.key, self._scene, self._glow = key, evaluation.scene, None
         self.fault, self.notes = evaluation.fault, []
         self._layers = self._discs = None
         self._spreads, self._meshes = {}, {}
@@ -87,6 +88,7 @@ class Preview:
         frame : float
             The scene's present frame.
         """
+        self._take_colours(palette)
         if self._layers is None:
             self._layers = []
             if self._scene is not None:
@@ -111,6 +113,7 @@ class Preview:
         self, palette: str, recorded: TimelineRecord | None = None, frame: float = 0.0
     ) -> list[Discs]:
         """Actuators to be drawn now; parameters as for :meth:`layers`."""
+        self._take_colours(palette)
         if self._scene is None or self._glow is None:
             return []
         try:
@@ -126,6 +129,12 @@ class Preview:
         except (HfxError, ReferenceError) as error:
             self.fault, self._glow = str(error), None
             return []
+
+    def _take_colours(self, palette: str) -> None:
+        """Discard what was computed if a palette, which may be the user's own, is another now."""
+        colours = tuple(PALETTES[palette].items())
+        if colours != self._colours:
+            self._colours, self._layers, self._discs = colours, None, None
 
     def _runs(self, live: LiveScene) -> list[SampleRun]:
         # Live devices may have described another scene just now.

@@ -14,7 +14,6 @@ from fractions import Fraction
 import bpy
 import numpy as np
 
-from ..devices.configuration import load_device, named_in_blend
 from ..engine.arrays import F64
 from ..engine.body.model import load_model
 from ..engine.evaluate import Engine
@@ -27,6 +26,7 @@ from ..engine.scene import EffectDescription, SceneDescription, TimeBase
 from ..engine.tolerance import PREVIEW
 from ..engine.track.header import TrackHeader
 from ..errors import HfxError, InputError
+from ..export_devices import load_scene_device
 from ..reading.scene_reader import SceneReader, time_base
 
 MOST_SAMPLES = 20_000
@@ -182,7 +182,7 @@ def devices_of(scene: bpy.types.Scene, faults: list[str]) -> list[DeviceConfig]:
     found = []
     for item in scene.hfx.devices:
         try:
-            found.append(load_device(named_in_blend(item.name)))
+            found.append(load_scene_device(item))
         except HfxError as error:
             faults.append(str(error))
     return found

@@ -65,12 +65,13 @@ class Updates:
 
     def notice(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Check the changes that Blender reports."""
-        if self._is_working:
-            return
-        for update in depsgraph.updates:
-            if type(update.id).__name__ not in _CHANGES_NOTHING:
-                self.changed()
-                return
+        if not self._is_working and self.changes(depsgraph):
+            self.changed()
+
+    @staticmethod
+    def changes(depsgraph: bpy.types.Depsgraph) -> bool:
+        """Test for reported changes that may be felt."""
+        return any(type(update.id).__name__ not in _CHANGES_NOTHING for update in depsgraph.updates)
 
     def look(self, scene: bpy.types.Scene) -> None:
         """Notice changes of the scene's own settings."""
@@ -160,7 +161,7 @@ def _key_of(scene: bpy.types.Scene) -> tuple[object, ...]:
         scene.hfx.rate,
         unit.system,
         unit.scale_length,
-        tuple(device.name for device in scene.hfx.devices),
+        tuple((device.name, device.scheme) for device in scene.hfx.devices),
     )
 
 

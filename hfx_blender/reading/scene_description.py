@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from .. import __version__, compat
+from .. import __version__
 from ..authoring import effect_values, effects, model_migration
 from ..authoring.effect_values import Shapes
 from ..avatars import avatar_meshes, body_binding
@@ -42,6 +42,7 @@ from . import (
     skin_areas,
     soundness,
     surface_reading,
+    unreported,
     visibility,
 )
 from .animation_time import animation_frames, played_frame
@@ -50,8 +51,6 @@ from .simulation import Simulation, to_bake
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects that the skin meets in the scene, so that its pose is needed."""
-
-_ON_A_BODY = ("PAINTED", "SPOT", "ACTUATORS")
 
 
 @dataclass(frozen=True)
@@ -96,16 +95,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     """
     # Evaluated copies may hold datablocks that were removed since; reading those would crash.
     layer.update()
-    # Blender does not notice by itself that a script has set a property of ``hfx``. Nothing
-    # else is tagged: that would empty the caches of simulations.
-    changed = [
-        obj
-        for obj in (*effects.effects_of(scene), *effects.bodies_of(scene))
-        if compat.properties(obj) != compat.properties(obj.evaluated_get(layer.depsgraph))
-    ]
-    for obj in changed:
-        obj.update_tag()
-    if changed:
+    if unreported.tag(scene, layer):
         layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(layer.layer_collection)
@@ -223,9 +213,9 @@ def _without_bodiless(
         effect
         for effect in found
         if (effect.library or effect.override_library)
-        and effect.hfx.kind in _ON_A_BODY
+        and effect.hfx.kind in effects.ON_A_BODY
         and effect.hfx.body is not None
-        and _here(effect.hfx.body, bodies) is None
+        and effects.present(effect.hfx.body, bodies) is None
     ]
     if not gone:
         return found, ()
@@ -237,14 +227,6 @@ def _without_bodiless(
         f"left out ({names})"
     )
     return [effect for effect in found if effect not in gone], (text,)
-
-
-def _here(body: bpy.types.Object, bodies: list[bpy.types.Object]) -> bpy.types.Object | None:
-    """Body in the scene: itself, or the only override of a linked one."""
-    if body in bodies:
-        return body
-    ours = [o for o in bodies if o.override_library and o.override_library.reference == body]
-    return ours[0] if len(ours) == 1 else None
 
 
 def describe(
@@ -387,7 +369,7 @@ def _body_of(effect: bpy.types.Object, found: HapticObjects) -> bpy.types.Object
     bodies = found.bodies
     is_only = len(effects.bodies_of(found.scene)) == 1
     body = effect.hfx.body or (bodies[0] if is_only else None)
-    body = None if body is None else _here(body, bodies)
+    body = None if body is None else effects.present(body, bodies)
     if body is None:
         raise InputError(
             f"Effect '{effect.name}' is painted on no body of scene '{found.scene.name}'; "

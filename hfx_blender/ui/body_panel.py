@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ..authoring import effects
 from ..avatars import avatar_meshes
 from ..errors import InputError
 from ..operators.shared import active_armature
@@ -33,9 +34,9 @@ class HFX_UL_bones(bpy.types.UIList):
         _active_property: str,
     ) -> None:
         armature = hfx.id_data
-        split = layout.split(factor=0.45)
+        split = layout.split(factor=0.55)  # a field to choose in would leave no room for names
         split.label(text=label_of(row.name), icon=icon_of(row, armature))
-        split.prop_search(row, "bone", armature.data, "bones", text="", icon="BONE_DATA")
+        split.label(text=row.bone)
 
     def filter_items(
         self, _context: bpy.types.Context, hfx: bpy.types.PropertyGroup, name: str
@@ -91,6 +92,15 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
             layout.label(text=f"'{body.name}' is not a haptic body yet", icon="ARMATURE_DATA")
             layout.operator("hfx.mark_body", icon="ADD")
             return
+        elsewhere = [
+            each
+            for each in effects.effects_of(context.scene)
+            if each.hfx.kind in effects.ON_A_BODY and each.hfx.body not in (None, body)
+        ]
+        if elsewhere:
+            text = f"Take {len(elsewhere)} Effects of Other Bodies"
+            take = layout.operator("hfx.move_to_body", text=text, icon="FORWARD")
+            take.which, take.body = "ALL", body.name
         layout.label(text=body.name, icon="ARMATURE_DATA")
         for mesh in avatar_meshes.meshes_of(body):
             layout.label(text=mesh.name, icon="MESH_DATA")
@@ -144,6 +154,7 @@ class HFX_PT_bones(HfxPanel, bpy.types.Panel):
         layout.template_list("HFX_UL_bones", "", hfx, "bone_map", hfx, "bone_map_active", rows=8)
         if 0 <= hfx.bone_map_active < len(hfx.bone_map):
             chosen = hfx.bone_map[hfx.bone_map_active]
+            layout.prop_search(chosen, "bone", armature.data, "bones", text="", icon="BONE_DATA")
             draw_text(context, layout, sentence_of(chosen, armature), icon_of(chosen, armature))
         if retargeting.is_fitted(armature):
             layout.operator("hfx.fit_body", text="Fit with These Bones", icon="FILE_REFRESH")

@@ -7,17 +7,34 @@ import bpy
 
 from ..authoring import clips, effects
 from ..operators.shared import active_armature, active_effect
+from . import effect_list, next_step
 from .sidebar import HfxPanel, draw_text
-
-ICONS = {
-    "vibration": "FORCE_HARMONIC",
-    "pressure": "FULLSCREEN_EXIT",
-    "temperature": "LIGHT_SUN",
-    "wind": "FORCE_WIND",
-}
 
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
 _NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
+
+
+def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: str) -> None:
+    """Draw that the body of effects is gone, and the button that moves them to another.
+
+    Parameters
+    ----------
+    which : str
+        Effects to move, as ``hfx.move_to_body`` names them.
+    """
+    column = layout.column()
+    column.alert = True
+    count = len(effects.without_body(context.scene))
+    gone = "The body of this effect is" if which == "ACTIVE" else f"The body of {count} effects is"
+    draw_text(context, column, f"{gone} not in this scene: not felt", "ERROR")
+    bodies = effects.bodies_of(context.scene)
+    if len(bodies) > 1:
+        layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD").which = which
+    elif bodies:
+        move = layout.operator(
+            "hfx.move_to_body", text=f"Move to Body '{bodies[0].name}'", icon="FORWARD"
+        )
+        move.which, move.body = which, bodies[0].name
 
 
 class HFX_PT_effects(HfxPanel, bpy.types.Panel):
@@ -37,18 +54,18 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row.prop(context.window_manager, "hfx_show_values", text="", icon="FCURVE")
         row.prop(context.scene.hfx, "palette", text="", icon="COLOR", icon_only=True)
         found = effects.effects_of(context.scene)
-        column = layout.column(align=True)
-        for effect in found:
-            self._draw_row(column.row(align=True), effect, effect == context.object)
+        if found:
+            effect_list.draw(context, layout)
+        if effects.without_body(context.scene):
+            draw_moving(context, layout, "GONE")
         has_body = bool(effects.bodies_of(context.scene))
         if not has_body and active_armature(context) is None:
-            # With an armature active the panel of the body offers it.
             draw_text(context, layout, _NO_BODY, "INFO")
-            layout.operator(
-                "hfx.add_avatar", text="Add Built-In Avatar", icon="OUTLINER_OB_ARMATURE"
-            )
         elif has_body and not found:
             draw_text(context, layout, _NO_EFFECT, "INFO")
+        row = layout.row()
+        row.scale_y = 1.3
+        next_step.draw_first(context, row)
         row = layout.row(align=True)
         row.menu("HFX_MT_add", text="Add", icon="ADD")
         if found:
@@ -61,16 +78,6 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
                 ("hfx.modulate", "Modulation"),
             ):
                 row.operator(name, text=label)
-
-    @staticmethod
-    def _draw_row(row: bpy.types.UILayout, effect: bpy.types.Object, is_active: bool) -> None:
-        hfx = effect.hfx
-        select = row.operator(
-            "hfx.select_effect", text=effect.name, icon=ICONS[hfx.modality], depress=is_active
-        )
-        select.name = effect.name
-        row.prop(hfx, "is_solo", text="", icon="SOLO_ON" if hfx.is_solo else "SOLO_OFF")
-        row.prop(hfx, "is_muted", text="", icon="MUTE_IPO_ON" if hfx.is_muted else "MUTE_IPO_OFF")
 
 
 class HFX_PT_clips(HfxPanel, bpy.types.Panel):
@@ -91,27 +98,34 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         found = clips.strips_of(context.object)
         if found:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
-        for _, strip in found:
-            self._draw_clip(layout.box(), strip)
+            layout.row().prop(context.scene.hfx, "time_unit", expand=True)
+        # Rows are made after a clip is added or another effect selected, just before this is drawn
+        # again.
+        for (_, strip), times in zip(found, context.window_manager.hfx_clips, strict=False):
+            self._draw_clip(layout.box(), strip, times)
         if not found:
             layout.label(text="No clips: on for the whole timeline", icon="INFO")
 
     @staticmethod
-    def _draw_clip(box: bpy.types.UILayout, strip: bpy.types.NlaStrip) -> None:
+    def _draw_clip(
+        box: bpy.types.UILayout,
+        strip: bpy.types.NlaStrip,
+        times: bpy.types.PropertyGroup,
+    ) -> None:
         row = box.row(align=True)
         row.prop(strip, "name", text="")
         row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
         row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
         row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
         row = box.row(align=True)
-        row.prop(strip, "frame_start_ui", text="Start")
-        row.prop(strip, "frame_end_ui", text="End")
+        row.prop(times, "start", text="Start")
+        row.prop(times, "end", text="End")
         column = box.column(align=True)
         if strip.use_animated_influence:
             column.prop(strip, "use_animated_influence", text="Fades Drawn as a Curve")
         else:
-            column.prop(strip, "blend_in", text="Fade In (frames)")
-            column.prop(strip, "blend_out", text="Fade Out (frames)")
+            column.prop(times, "fade_in")
+            column.prop(times, "fade_out")
         column.prop(strip, "repeat", text="Repeat")
 
 

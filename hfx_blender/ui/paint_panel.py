@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring.painting import PAINTED_EFFECT, painted_mesh
+from ..authoring.painting import painted_mesh
 from ..operators.shared import painted_effect
 from .sidebar import HfxPanel
 
@@ -54,24 +54,9 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
         column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")
         column.operator("hfx.area_from_image", icon="IMAGE_DATA")
         column = layout.column(align=True)
+        column.operator("hfx.save_area", icon="FILE_TICK")
         column.operator("hfx.area_copy", icon="COPYDOWN")
         column.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
 
 
-def _header(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw the end of painting in the header: visible with any tab of the sidebar."""
-    if context.object is not None and context.object.get(PAINTED_EFFECT):
-        self.layout.operator("hfx.paint_end", icon="CHECKMARK")
-
-
-_register, _unregister = bpy.utils.register_classes_factory((HFX_PT_area, HFX_PT_area_transfer))
-
-
-def register() -> None:
-    _register()
-    bpy.types.VIEW3D_HT_header.append(_header)
-
-
-def unregister() -> None:
-    bpy.types.VIEW3D_HT_header.remove(_header)
-    _unregister()
+register, unregister = bpy.utils.register_classes_factory((HFX_PT_area, HFX_PT_area_transfer))

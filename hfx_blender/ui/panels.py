@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import bpy
 
-from ..authoring import surfaces
+from ..authoring import effects, surfaces
 from ..authoring.painting import PAINTED_EFFECT
+from ..operators.export import draw_devices, last_written
+from .effects_panel import draw_moving
 from .sidebar import HfxPanel
 
 _PARAMETERS = {
@@ -61,6 +63,8 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             self._draw_volume(layout, hfx)
         else:
             layout.prop(hfx, "body")
+            if effects.body_in(context.scene, obj) is None:
+                draw_moving(context, layout, "ACTIVE")
 
     @staticmethod
     def _draw_parameter(
@@ -94,9 +98,15 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        for device in context.scene.hfx.devices:
-            layout.label(text=device.name, icon="OUTLINER_OB_FORCE_FIELD")
+        draw_devices(context, layout)
         layout.operator("hfx.export", icon="EXPORT")
+        for written in last_written:
+            row = layout.row(align=True)
+            files = "1 file" if written.count == 1 else f"{written.count} files"
+            row.label(text=f"Wrote {files}", icon="CHECKMARK")
+            row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = str(
+                written.folder
+            )
 
 
 class HFX_PT_sampling(HfxPanel, bpy.types.Panel):

@@ -15,6 +15,7 @@ _SOURCE_FIELDS = {
     "SCAN": ("scan_path", "scan_unit_mm", "resolution"),
     "PROCEDURAL": ("procedural", "seed", "resolution"),
     "MAP": (),
+    "GENERATED": (),
 }
 _LAYERS = (
     ("relief_image", "Relief"),
@@ -46,6 +47,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
         obj = active_surface(context)
         if obj is None:
             layout.operator_menu_enum("hfx.add_surface", "source", text="Feel It", icon="VIEW_PAN")
+            layout.operator("hfx.estimate_relief", icon="IMAGE_RGB")
             return
         settings = obj.hfx.surface
         row = layout.row(align=True)
@@ -59,6 +61,8 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
         row.operator("hfx.bake_surface", icon="RENDER_STILL")
         row.operator("hfx.stroke_pad", icon="GREASEPENCIL")
         row.operator("hfx.export_stroke", text="", icon="EXPORT")
+        if settings.source in ("MATERIAL", "IMAGE"):
+            layout.operator("hfx.estimate_relief", icon="IMAGE_RGB")
         if settings.note:
             icon = "ERROR" if settings.is_faulty else "INFO"
             draw_text(context, layout, settings.note, icon)

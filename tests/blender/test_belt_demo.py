@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from hfx_blender import file_limits, sound
 from hfx_blender.authoring import effects
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.render import Renderer
-from hfx_blender.engine.spatial_sound.layouts import LAYOUTS
+from hfx_blender.engine.spatial_sound.layouts import LAYOUTS, parse
 from hfx_blender.engine.track import TrackHeader
-from hfx_blender.errors import UsageError
+from hfx_blender.errors import InputError, UsageError
 from hfx_blender.formats import sound_wav
 from hfx_blender.maintenance.demo import belt, belt_chart
 from hfx_blender.reading.scene_reader import SceneReader
-from hfx_blender.sound import SoundRecorder, SoundSettings
+from hfx_blender.sound import SoundRecorder, SoundSettings, write_sound
 
 
 def test_the_scene_holds_a_walker_with_a_belt_and_a_swarm(registered: Any) -> None:
@@ -115,6 +116,20 @@ def test_sources_are_as_loud_as_they_are_felt(standing: Any) -> None:
     assert ((distances > 0.1) & (distances < 0.6)).all()
 
 
+def test_sound_that_no_file_holds_is_refused_before_it_is_made(
+    standing: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    standing.frame_end = standing.frame_start + 24 * 9000  # 64 channels of 9000 s: 77 GiB
+    monkeypatch.setattr(Engine, "evaluate", lambda *block: pytest.fail("evaluated"))
+    settings = SoundSettings(layout=parse(",".join(map(str, range(64)))))
+    with pytest.raises(InputError, match=r"64 channels of .*4 GiB at most"):
+        write_sound(standing, tmp_path / "x.sound.wav", settings)
+    monkeypatch.setattr(sound, "MEMORY", file_limits.Limit(1e6, "bytes"))
+    with pytest.raises(file_limits.TooLargeError, match=r"1 sources at .* would take"):
+        write_sound(standing, tmp_path / "x.sound.wav", SoundSettings())
+    assert not list(tmp_path.iterdir())
+
+
 def test_options_of_the_sound_that_make_no_sense_are_wrong_usage() -> None:
     from hfx_blender.cli import build_parser
     from hfx_blender.commands.sound import settings_of
@@ -124,6 +139,10 @@ def test_options_of_the_sound_that_make_no_sense_are_wrong_usage() -> None:
         ["--loudspeakers", "sixty"],
         ["--reference", "0"],
         ["--audible", "nan"],
+        ["--reference", "1e-300"],
+        ["--audible", "1e300"],
+        ["--air", "1e300"],
+        ["--loudspeakers", ",".join(map(str, range(65)))],
         ["--loudspeakers", "cube8", "--panning", "ring"],
     ):
         with pytest.raises(UsageError):

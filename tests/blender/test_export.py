@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from hfx_scenes import names_in
 
+from hfx_blender import cli
+from hfx_blender.batch import journal
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.samples import Sample
 from hfx_blender.engine.tolerance import parse as parse_tolerance
@@ -169,8 +171,22 @@ def test_each_body_has_files_of_its_own(small: Any, tmp_path: Path) -> None:
     second = bpy.context.object
     second.name, second.location = "../no folder", (5, 0, 0)
     report = export(small, tmp_path, formats=("csv",), devices=(load_device("back_pad"),))
-    expected = {"x.Avatar.back_pad.csv", "x...%2Fno folder.back_pad.csv", "x.report.json"}
-    assert set(names_in(tmp_path)) == expected
+    second_name = "%2E.%2Fno folder"
+    files = {
+        "x/Avatar/back_pad/x.Avatar.back_pad.csv",
+        f"x/{second_name}/back_pad/x.{second_name}.back_pad.csv",
+    }
+    found = {
+        path.relative_to(tmp_path).as_posix() for path in tmp_path.glob("**/*.*") if path.is_file()
+    }
+    assert found == {*files, "x.report.json"} and names_in(tmp_path) == ["x", "x.report.json"]
+    stored = json.loads((tmp_path / "x.report.json").read_text())
+    assert {each["name"] for each in stored["files"]} == files
+    assert cli.run(["validate", str(tmp_path / "x.report.json")]) == 0
+    assert journal.has_files(stored, tmp_path)
+    (tmp_path / min(files)).write_bytes(b"other")
+    assert not journal.has_files(stored, tmp_path)
+    assert cli.run(["validate", str(tmp_path / "x.report.json")]) == 3
     felt = {(each["effect"], each["body"]): each["seconds"] for each in report.felt}
     assert felt["Ball", "Avatar"] == 0.4 and felt["Ball", "../no folder"] == 0.0
     assert ("Touch", "../no folder") not in felt  # painted on the other one

@@ -22,7 +22,7 @@ import hfx_blender
 from hfx_blender import compat, resources
 from hfx_blender.authoring import clips
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live import discovery
+from hfx_blender.devices.live import discovery, live_settings, live_targets
 from hfx_blender.devices.live.discovery import FoundPort
 from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.rendering.moment import MomentRenderer
@@ -31,7 +31,7 @@ from hfx_blender.errors import DeviceError
 from hfx_blender.export import ExportSettings, export_scene
 from hfx_blender.operators import live_setup
 from hfx_blender.playback import live as live_module
-from hfx_blender.playback import live_handlers, live_settings, live_targets, lookahead_scheduler
+from hfx_blender.playback import live_handlers, lookahead_scheduler
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live
 from hfx_blender.playback.preview_layers import Preview
@@ -570,12 +570,12 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
     source = (
         "import sys, time, bpy, patient_host\n"
         "from hfx_blender import blender_session\n"
-        "from hfx_blender.playback import live_settings\n"
+        "from hfx_blender.devices.live import live_settings\n"
         "blender_session.start()\n"
         "patient_host.use()\n"
         "from hfx_blender.playback.live import live\n"
         "from hfx_blender.playback.live_handlers import _beat\n"
-        "from hfx_blender.playback.live_targets import neutral_of\n"
+        "from hfx_blender.devices.live.live_targets import neutral_of\n"
         "live.connect('back_pad', live_settings.LiveSettings(path=sys.argv[1]))\n"
         "values = neutral_of(live.device('back_pad')); values[0] = 5.0\n"
         "for _ in range(3000):\n"

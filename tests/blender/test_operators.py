@@ -10,8 +10,10 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 
 from hfx_blender.authoring import clips, effects, painting
+from hfx_blender.avatars import bodies
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.modality import MODALITIES
@@ -245,7 +247,7 @@ def test_muted_clips_mean_off(empty: Any) -> None:
 def test_a_heartbeat_beats_in_time_within_one_envelope(empty: Any) -> None:
     effect = volume()
     bpy.ops.hfx.add_heartbeat(
-        start=60.0, duration=2.0, beats_per_second=2.0, fade_in=0.5, fade_out=0.5
+        start=60.0, duration=2.0, beats_per_minute=120.0, fade_in=0.5, fade_out=0.5
     )
     # Four beats of 30 frames from frame 60 on; in each, pulses of 1 at 0.08 and 0.6 at 0.38 of
     # the beat, nothing from half of it on. The fades are 30 frames at both ends of the whole.
@@ -289,9 +291,9 @@ def test_a_clip_that_cannot_be_is_refused(
 def test_more_beats_than_blender_repeats_are_refused(empty: Any) -> None:
     effect = volume()
     with pytest.raises(RuntimeError, match=r"'Ball'.*1200 repetitions"):
-        bpy.ops.hfx.add_heartbeat(start=0.0, duration=60.0, beats_per_second=20.0)
+        bpy.ops.hfx.add_heartbeat(start=0.0, duration=60.0, beats_per_minute=1200.0)
     assert clips.strips_of(effect) == []
-    bpy.ops.hfx.add_heartbeat(start=0.0, duration=50.0, beats_per_second=20.0)
+    bpy.ops.hfx.add_heartbeat(start=0.0, duration=50.0, beats_per_minute=1200.0)
     [(_, strip)] = clips.strips_of(effect)
     assert (strip.repeat, strip.scale) == pytest.approx((1000.0, 1.0))
 
@@ -373,11 +375,12 @@ def test_painting_shows_the_area_and_takes_it_over(body: Any) -> None:
 
 def test_the_canvas_stands_where_the_body_does(body: Any) -> None:
     painted()
-    bpy.ops.hfx.paint_begin()
-    canvas = bpy.context.object
-    body.location = (5, 0, 0)
     bone = body.pose.bones[0]
     bone.location = (0.1, 0.2, 0.3)
+    bpy.ops.hfx.paint_begin()
+    canvas = bpy.context.object
+    assert [group.name for group in canvas.vertex_groups] == [painting.GROUP]
+    body.location = (5, 0, 0)
     graph = bpy.context.evaluated_depsgraph_get()
     shown = canvas.evaluated_get(graph)
     points = np.array([shown.matrix_world @ v.co for v in shown.data.vertices])
@@ -421,11 +424,53 @@ def test_an_area_means_nothing_on_another_model(body: Any) -> None:
         group.weight(int(torso[0]))
 
 
-def test_painting_without_a_body_says_so(body: Any) -> None:
-    effect = painted()
-    effect.hfx.body = None
-    with pytest.raises(RuntimeError, match="'Touch' has no body"):
+def test_an_avatar_stands_beside_what_is_there_in_the_active_collection(empty: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(size=2.0)  # as in the scene that Blender starts with
+    mine = bpy.data.collections.new("Mine")
+    bpy.context.scene.collection.children.link(mine)
+    layer = bpy.context.view_layer
+    layer.active_layer_collection = layer.layer_collection.children["Mine"]
+    bpy.ops.hfx.add_avatar(stands_free=True)
+    body = bpy.context.object
+    layer.update()
+    skin = body.hfx.avatar
+    across = [(skin.matrix_world @ Vector(corner)).x for corner in skin.bound_box]
+    assert min(across) > 0.95 and min(across) < 1.5, "beside the cube, and near it"
+    assert {o.name for o in mine.objects} == {body.name, skin.name}
+
+
+def delete(body: Any) -> None:
+    """As *X* does: the effects on a body keep it in the file, but not in the scene."""
+    with bpy.context.temp_override(selected_objects=[body]):
+        bpy.ops.object.delete()
+
+
+def test_painting_never_starts_on_a_deleted_body(body: Any) -> None:
+    painted()
+    delete(body)
+    with pytest.raises(RuntimeError, match="not in this scene: press Move to Body"):
         bpy.ops.hfx.paint_begin()
+
+
+def test_effects_of_a_deleted_body_move_to_another_at_their_places(body: Any) -> None:
+    effect, other = painted(), painted(name="Other")
+    bpy.ops.hfx.fill_part(part="head")
+    area = effects.area(other)
+    delete(body)
+    assert effects.without_body(bpy.context.scene) == [other, effect]
+    new, _ = bodies.add_avatar(bpy.context)
+    bpy.ops.hfx.move_to_body(which="GONE", body=new.name)
+    assert effects.without_body(bpy.context.scene) == []
+    assert (effect.hfx.body, other.hfx.body) == (new, new)
+    assert effects.area(other) == area
+
+
+def test_the_avatar_that_replaces_a_deleted_one_takes_its_effects_along(body: Any) -> None:
+    effect = painted()
+    delete(body)
+    new, _ = bodies.add_avatar(bpy.context)
+    bpy.ops.hfx.mark_body()
+    assert effect.hfx.body == new
 
 
 def test_which_of_two_bodies_is_painted_on(body: Any) -> None:

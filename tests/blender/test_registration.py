@@ -14,7 +14,15 @@ import pytest
 
 import hfx_blender
 from hfx_blender import own_processes
-from hfx_blender.ui import blender_command, effects_panel, menus, paint_panel, panels
+from hfx_blender.ui import (
+    blender_command,
+    clip_rows,
+    effects_panel,
+    menus,
+    next_step,
+    paint_panel,
+    panels,
+)
 
 
 @pytest.fixture
@@ -149,6 +157,12 @@ class Layout:
         assert hasattr(bpy.types, idname)
         self._show(idname, icon)
 
+    def template_list(self, kind: str, _name: str, *places: Any, **_options: int) -> None:
+        owner, listed, active, index = places
+        assert hasattr(bpy.types, kind)
+        assert listed in owner.bl_rna.properties and index in active.bl_rna.properties
+        self.shown.append(listed)
+
     def row(self, **_options: bool) -> Layout:
         return self
 
@@ -189,7 +203,6 @@ def drawn(draw: Callable[..., None], context: Any) -> list[str]:
     class Self:
         _draw_volume = staticmethod(panels.HFX_PT_effect._draw_volume)
         _draw_parameter = staticmethod(panels.HFX_PT_effect._draw_parameter)
-        _draw_row = staticmethod(effects_panel.HFX_PT_effects._draw_row)
         _draw_clip = staticmethod(effects_panel.HFX_PT_clips._draw_clip)
 
     owner = Self()
@@ -205,7 +218,8 @@ def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
     assert shown[-2:] == ["hfx.add_avatar", "HFX_MT_add"]
     bpy.ops.hfx.add_avatar()
     shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
-    assert "Then add an effect" in " ".join(shown) and shown[-1] == "HFX_MT_add"
+    assert "Then add an effect" in " ".join(shown)
+    assert shown[-2:] == ["hfx.add_painted", "HFX_MT_add"]
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
     shown = " ".join(drawn(effects_panel.HFX_PT_effects.draw, bpy.context))
     assert "First" not in shown and "Next" not in shown
@@ -254,25 +268,28 @@ def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> No
     assert drawn(panels.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
     area = drawn(paint_panel.HFX_PT_area.draw, bpy.context)
     assert "hfx.paint_end" in area and "hfx.paint_begin" not in area
-    assert drawn(paint_panel._header, bpy.context) == ["hfx.paint_end"]
+    assert drawn(next_step._header, bpy.context) == ["hfx.paint_end"]
 
 
 def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None:
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Gust")
     rows = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
-    assert {"hfx_preview", "palette", "hfx.select_effect", "is_solo", "is_muted"} <= set(rows)
+    assert {"hfx_preview", "palette", "hfx_rows"} <= set(rows)
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
     assert "No clips: on for the whole timeline" in shown
     bpy.ops.hfx.add_clip()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
-    assert {"frame_start_ui", "blend_in", "blend_out", "repeat", "hfx.remove_clip"} <= set(shown)
+    assert "time_unit" in shown and "repeat" not in shown
+    clip_rows.refresh()
+    shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
+    assert {"start", "end", "fade_in", "fade_out", "repeat", "hfx.remove_clip"} <= set(shown)
 
 
 def test_the_export_panel_and_the_menus(scene: Any) -> None:
     bpy.context.scene.hfx.devices.add().name = "back_pad"
     shown = drawn(panels.HFX_PT_export.draw, bpy.context)
-    assert shown == ["back_pad", "hfx.export"]
+    assert shown[:3] == ["is_exported", "hfx.live_add", "hfx.export"]
     assert drawn(panels.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
     assert drawn(menus._add_menu, bpy.context) == ["HFX_MT_add"]

@@ -13,7 +13,7 @@ import pytest
 
 from hfx_blender.engine.tolerance import EXACT
 from hfx_blender.export import ExportSettings, export_scene
-from hfx_blender.formats import glb
+from hfx_blender.formats import glb_rules
 
 bpy = pytest.importorskip("bpy")
 oracle = pytest.importorskip("oracle")
@@ -77,11 +77,11 @@ def test_what_a_file_names_is_there_and_volumes_have_what_a_collider_needs(
 ) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     folder, _ = exported
-    scene = glb.read_json((folder / "x.scene.glb").read_bytes(), "x")
+    scene = glb_rules.read_json((folder / "x.scene.glb").read_bytes(), "x")
     hjif = json.loads((folder / "x.hjif").read_text())
     files = ["x.scene.glb", *(avatar["mesh"] for avatar in hjif["avatars"])]
     for name in files:
-        found = glb.read_json((folder / name).read_bytes(), name)
+        found = glb_rules.read_json((folder / name).read_bytes(), name)
         (media,) = found["extensions"]["MPEG_media"]["media"]
         (alternative,) = media["alternatives"]
         assert alternative == {"mimeType": "haptics/hjif", "uri": "x.hjif"}

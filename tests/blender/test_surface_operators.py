@@ -125,6 +125,25 @@ def test_an_8_bit_photograph_is_taken_in_linear_light(plane: Any) -> None:
     assert surfaces.field_of(plane).heights_m == pytest.approx(0.000215, abs=3e-6)
 
 
+def test_what_an_image_holds_stays_while_its_numbers_are_read(tmp_path: Path) -> None:
+    from hfx_blender.authoring import image_values
+
+    path = tmp_path / "heights.exr"
+    made = bpy.data.images.new("Made", 8, 8, float_buffer=True, is_data=True)
+    made.pixels.foreach_set(np.linspace(0.0, 2.0, 256, dtype=np.float32))
+    made.filepath_raw, made.file_format = str(path), "OPEN_EXR"
+    made.save()
+    user = bpy.data.images.load(str(path))
+    user.colorspace_settings.name = "ACEScg"
+    before = image_values.pixels_of(user)
+    stored = np.linspace(0.0, 2.0, 256)[::4].reshape(8, 8)
+    np.testing.assert_allclose(image_values.data_of(user), stored, atol=1e-6)
+    path.unlink()
+    with pytest.raises(InputError, match=r"Image 'heights\.exr'.*missing"):
+        image_values.data_of(user)
+    np.testing.assert_array_equal(image_values.pixels_of(user), before)
+
+
 def test_nan_heights_are_holes_that_are_filled_or_refused(plane: Any) -> None:
     image = bpy.data.images.new("Holes", 16, 16, float_buffer=True, is_data=True)
     pixels = np.ones((16, 16, 4), np.float32)

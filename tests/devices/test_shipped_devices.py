@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hfx_blender import resources
 from hfx_blender.devices.configuration import list_devices, load_device
 from hfx_blender.devices.configuration_reader import MAX_TEMPERATURE_C
 from hfx_blender.devices.live.opening import kind_of
@@ -206,5 +207,5 @@ def test_each_device_says_on_its_page_what_drives_it(name):
     played = "sound card" if "sound card" in route else kinds[kind_of(device)]
     assert played in route
     assert played != "sound card" or any(a.type.takes_waveform for a in device.actuators)
-    assert f"pictures/devices/{stem}.png" in picture
-    assert (Path(__file__).parents[2] / "docs" / f"pictures/devices/{stem}.png").stat().st_size > 0
+    assert f"device_configs/pictures/{stem}.png" in picture
+    assert (resources.device_configs() / "pictures" / f"{stem}.png").stat().st_size > 0

@@ -11,12 +11,12 @@ import pytest
 from hfx_blender import own_processes, resources
 from hfx_blender.atomic_files import amend_json
 from hfx_blender.devices import surface_calibration
+from hfx_blender.devices.live import live_settings
 from hfx_blender.maintenance import processes
-from hfx_blender.playback import live_settings
 
 COUNT = 30
 STORES = {
-    "connections": "playback.live_settings import LiveSettings, store as _store\n"
+    "connections": "devices.live.live_settings import LiveSettings, store as _store\n"
     "store = lambda name: _store(name, LiveSettings(port=name))",
     "calibration": "devices.surface_calibration import store as _store\n"
     "store = lambda name: _store(7.0, name)",

@@ -87,7 +87,10 @@ def test_two_devices_of_one_id_are_refused_and_one_that_is_named_twice_is_not():
 
 def test_what_some_of_the_devices_cannot_play_is_told(tmp_path):
     pad, heater = load_device("back_pad"), load_device("fan_heater")
-    played = [(".a", pad, raster_for(pad)), (".b", heater, raster_for(heater))]
+    played = [
+        (tmp_path / "x.a", pad, raster_for(pad)),
+        (tmp_path / "x.b", heater, raster_for(heater)),
+    ]
     with track_of(tmp_path, "pressure", "painted", BEAT) as track:
         written = registry.write_all(["ahap", "csv"], played, track, [pad, heater], tmp_path / "x")
     assert "'fan_heater' has no vibration actuators" in written.left_out[0]

@@ -143,7 +143,7 @@ def test_what_plays_in_the_table_plays_in_every_format_or_is_told(name, tmp_path
             control = next(c for c in kinds[column.actuator].controls if c.name == column.parameter)
             raster.values[:, k] = 0.5 * (control.lowest + control.highest)
     formats = tuple(registry.DEVICE_FORMATS)
-    played = [("", device, raster)]
+    played = [(tmp_path / "x", device, raster)]
     written = registry.write_all(formats, played, None, (device,), tmp_path / "x")
     with (tmp_path / "x.csv").open(newline="") as file:
         header, *rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")]

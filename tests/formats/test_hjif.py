@@ -28,7 +28,7 @@ from hfx_blender.engine.track import (
     TrackWriter,
 )
 from hfx_blender.errors import InputError
-from hfx_blender.formats import glb
+from hfx_blender.formats import glb_rules
 from hfx_blender.formats.checking import encoded
 from hfx_blender.formats.hjif import (
     envelopes,
@@ -567,7 +567,7 @@ def test_what_was_felt_is_in_the_file(tmp_path, modality, kind):
     assert perception.description.startswith("Zoë")
     mesh = document.avatars[0].mesh
     assert mesh == f"scene%20%C3%A4.hfx-{'pressure' if modality == 'wind' else modality}-1.glb"
-    assert glb.validate(written.files[1].read_bytes(), "x") == []
+    assert glb_rules.validate(written.files[1].read_bytes(), "x") == []
     full = {"vibration": 10.0, "pressure": 5.0, "temperature": 10.0, "wind": 4.0}[modality]
     sign = -1.0 if modality == "temperature" else 1.0  # 14 degC is ten below neutral
     times = np.arange(len(levels)) / 24.0

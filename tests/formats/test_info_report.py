@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``hfx info`` of an export's report, and of JSON that is nothing of ours."""
+"""``hfx info`` and ``hfx validate`` of reports, effects and paths; JSON that is nothing of ours."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from hfx_blender import cli, export_report
+from hfx_blender import cli, export_report, resources
 
 REPORT = {
     "scene": "Garage",
@@ -102,3 +102,28 @@ def test_validate_tells_a_file_that_a_report_names_and_that_is_gone(tmp_path, ca
     (tmp_path / "x.csv").unlink()
     assert cli.run(["validate", str(path)]) == 3
     assert "REPORT-FILE files[0]: 'x.csv' is missing" in capsys.readouterr().out
+
+
+def test_shipped_effects_and_paths_are_valid_and_told(capsys):
+    library = resources.effect_library()
+    files = [*sorted(library.glob("*.hfxeffect")), *sorted(library.glob("paths/*.hfxpath"))]
+    assert {path.suffix for path in files} == {".hfxeffect", ".hfxpath"}
+    assert cli.run(["validate", *map(str, files)]) == 0
+    capsys.readouterr()
+    code, out, _ = info(capsys, files[0], "--json")
+    facts = json.loads(out)
+    named = json.loads(files[0].read_text())["effects"]
+    assert code == 0 and [each["effect"] for each in facts["effects"]] == [e["name"] for e in named]
+    assert all(each["where"] in of for each, of in zip(facts["effects"], named, strict=True))
+    code, out, _ = info(capsys, files[-1], "--json")
+    assert json.loads(out)["points"] == len(json.loads(files[-1].read_text())["points_m"])
+
+
+@pytest.mark.parametrize("suffix", [".hfxeffect", ".hfxpath"])
+def test_a_damaged_effect_or_path_is_not_valid(tmp_path, capsys, suffix):
+    path = tmp_path / f"x{suffix.upper()}"
+    path.write_text('{"schema": "hfx-path", "version": 1, "name": 3}')
+    assert cli.run(["validate", str(path), "--json"]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert not found["is_valid"] and str(path) in found["error"]
+    assert info(capsys, path)[0] == 3

@@ -234,7 +234,7 @@ def test_a_broken_rule_is_found_by_its_code(place, value, code):
 
 def test_a_device_without_motors_costs_no_other(tmp_path):
     vest, soles = (load_device(name) for name in ("back_pad", "insoles"))
-    played = [(f".{each.id}", each, raster_for(each)) for each in (vest, soles)]
+    played = [(tmp_path / f"x.{each.id}", each, raster_for(each)) for each in (vest, soles)]
     made = registry.write_all(("tact",), played, None, (vest, soles), tmp_path / "x")
     assert [path.name for path in made.files] == ["x.back_pad.tact"]
     (sentence,) = made.left_out
@@ -249,7 +249,7 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
     wild = raster_for(pad)
     wild.values[:, 2::2] = 12.0 * (np.arange(200)[:, None] // 2 % 2)
     calm = raster_for(phone)
-    played = [(".pad", pad, wild), (".phone", phone, calm)]
+    played = [(tmp_path / "x.pad", pad, wild), (tmp_path / "x.phone", phone, calm)]
     made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
     names = {path.name for path in made.files}
     assert {"x.pad.csv", "x.phone.csv", "x.phone.phone.v1.he"} <= names
@@ -260,7 +260,7 @@ def test_a_format_that_cannot_hold_a_device_costs_nothing_else(tmp_path):
     }
     assert all("16 events" in each for each in made.left_out) and len(made.left_out) == 19
     wild.values[:, 0] = wild.values[:, 4]
-    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "y")
-    assert "y.phone.phone.v1.he" in {path.name for path in made.files}
+    made = registry.write_all(("he1", "csv"), played, None, (pad, phone), tmp_path / "x")
+    assert "x.phone.phone.v1.he" in {path.name for path in made.files}
     (sentence,) = made.left_out
     assert "'back_pad'" in sentence and "16 events" in sentence

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import struct
@@ -26,7 +27,7 @@ from hfx_blender.engine.track import (
     TrackWriter,
 )
 from hfx_blender.errors import InputError
-from hfx_blender.formats import glb, jsonl_samples
+from hfx_blender.formats import glb, glb_rules, jsonl_samples
 from hfx_blender.formats.checking import encoded
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "formats" / "samples.schema.json"
@@ -218,7 +219,7 @@ def test_a_model_is_the_same_mesh_in_gltfs_space(tmp_path, id):
     path = tmp_path / "x.glb"
     glb.write_model(model, path)
     data = path.read_bytes()
-    assert glb.validate(data, "x") == []
+    assert glb_rules.validate(data, "x") == []
     loaded = trimesh.load(io.BytesIO(data), file_type="glb", process=False)
     (mesh,) = loaded.geometry.values()
     x, y, z = model.vertices.T
@@ -234,7 +235,7 @@ def test_a_broken_container_is_found(tmp_path, place):
     glb.write_model(load_model("hfx-temperature-1"), path)
     data = bytearray(path.read_bytes())
     struct.pack_into("<I", data, place, 77)
-    assert glb.validate(bytes(data), "x")
+    assert glb_rules.validate(bytes(data), "x")
 
 
 @pytest.mark.parametrize(
@@ -268,12 +269,90 @@ def test_a_broken_reference_is_found(kind, index, member, value, code):
         document.append("nodes", node)
     document.append("scenes", {"nodes": [1]})
     document.append("animations", {})
-    assert glb.validate(document.encoded(), "x") == []
+    assert glb_rules.validate(document.encoded(), "x") == []
     document.json[kind][index] = {**document.json[kind][index], member: value}
-    text = json.dumps(document.json).encode()
+    data = glb_of(document.json, bytes(document._bytes))
+    assert code in [each.code for each in glb_rules.validate(data, "x")]
+
+
+@pytest.mark.parametrize("where", ["binary chunk", "data URI", "file beside", "sparse"])
+@pytest.mark.parametrize("corner", [2, 3])
+def test_corners_of_triangles_are_looked_at_wherever_they_lie(tmp_path, where, corner):
+    numbers = struct.pack("<3H", 0, 1, corner) + bytes(2)
+    places = np.zeros((3, 3), "<f4").tobytes()
+    found = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 36}, {"byteLength": 8}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 36},
+            {"buffer": 1, "byteLength": 8},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"},
+        ],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+    }
+    binary = places
+    if where == "data URI":
+        text = base64.b64encode(numbers).decode()
+        found["buffers"][1]["uri"] = f"data:application/octet-stream;base64,{text}"
+    elif where == "file beside":
+        (tmp_path / "its corners.bin").write_bytes(numbers)
+        found["buffers"][1]["uri"] = "its%20corners.bin"
+    else:
+        binary = places + numbers
+        found["buffers"] = [{"byteLength": 44}]
+        found["bufferViews"][1] = {"buffer": 0, "byteOffset": 36, "byteLength": 8}
+    if where == "sparse":  # zeros, of which the last two are others
+        found["bufferViews"].append({"buffer": 0, "byteOffset": 38, "byteLength": 4})
+        indices = {"bufferView": 2, "componentType": 5121}
+        (found["accessors"][1]).pop("bufferView")
+        found["accessors"][1]["sparse"] = {
+            "count": 2,
+            "indices": {**indices, "byteOffset": 0},
+            "values": {"bufferView": 1, "byteOffset": 2},
+        }
+    findings = glb_rules.validate(glb_of(found, binary), str(tmp_path / "x.glb"))
+    assert [each.code for each in findings] == ([] if corner == 2 else ["GLB-INDEX"])
+
+
+@pytest.mark.parametrize(
+    ("uri", "code"),
+    [
+        ("none.bin", "GLB-BUFFER"),
+        ("short.bin", "GLB-BUFFER"),
+        ("data:;base64,!!!!", "GLB-BUFFER"),
+        ("../short.bin", "GLB-BUFFER-OUTSIDE"),
+        ("file:///etc/hostname", "GLB-BUFFER-OUTSIDE"),
+        ("/etc/hostname", "GLB-BUFFER-OUTSIDE"),
+        ("nul%00.bin", "GLB-BUFFER"),
+    ],
+)
+def test_a_buffer_is_whole_and_beside_its_file(tmp_path, uri, code):
+    (tmp_path / "short.bin").write_bytes(b"1234")
+    found = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": 9, "uri": uri}]}
+    findings = glb_rules.validate(glb_of(found, b""), str(tmp_path / "x.glb"))
+    assert [each.code for each in findings] == [code]
+
+
+@pytest.mark.parametrize("is_compact", [False, True])
+@pytest.mark.parametrize(("key", "broken"), [("effects", [{}]), ("bodies", [7]), ("models", 1)])
+def test_lines_below_a_damaged_header_are_not_looked_at(tmp_path, is_compact, key, broken):
+    path = tmp_path / "x.samples.jsonl"
+    with track_of(tmp_path, "vibration", "painted", BEAT) as track:
+        jsonl_samples.write(track, path, is_compact=is_compact)
+    header, *lines = path.read_bytes().splitlines(keepends=True)
+    damaged = encoded({**json.loads(header), key: broken})
+    findings = jsonl_samples.validate(b"".join([damaged, *lines]), "x")
+    assert findings and all(each.place.startswith("line 1") for each in findings)
+
+
+def glb_of(document, binary):
+    text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
-    binary = bytes(document._bytes) + bytes(-len(document._bytes) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
-    chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
-    data = struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
-    assert code in [each.code for each in glb.validate(data, "x")]
+    if binary:
+        binary += bytes(-len(binary) % 4)
+        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

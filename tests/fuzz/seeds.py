@@ -186,13 +186,13 @@ def _of_signals(found: dict[str, list[bytes]], folder: Path) -> None:
 
 def _of_track(found: dict[str, list[bytes]], folder: Path) -> None:
     with track_of(folder, "vibration", "painted", BEAT) as track:
-        for name in ("hjif", "jsonl"):
+        for name in ("hjif", "jsonl", "jsonl-compact"):
             written = registry.TRACK_FORMATS[name].write(
                 track, (), folder / "c", registry.DEFAULT_TOLERANCE
             )
             for path in written.files:
                 if path.suffix != glb.SUFFIX:
-                    found[name].append(path.read_bytes())
+                    found[name.removesuffix("-compact")].append(path.read_bytes())
         device = load_device("oculus_touch")
         played = [(d, r.raster()) for d, r in renderers_given(track, [device])]
         (path,) = (
@@ -207,7 +207,24 @@ def _glbs() -> list[bytes]:
     small = glb.Document()
     small.accessor(np.zeros((3, 3)))
     small.append("nodes", {"children": []})
-    return [scene.encoded(), small.encoded()]
+    views = [{"buffer": k, "byteLength": 6} for k in range(2)]
+    corners = {"bufferView": 0, "componentType": 5123, "count": 3, "type": "SCALAR"}
+    others = {"bufferView": 1, "byteOffset": 4, "componentType": 5121}
+    sparse = {"count": 1, "indices": others, "values": {"bufferView": 1}}
+    elsewhere = {
+        "asset": {"version": "2.0"},
+        "buffers": [
+            {"byteLength": 6, "uri": "data:;base64,AAABAAIA"},
+            {"byteLength": 6, "uri": "beside.bin"},
+        ],
+        "bufferViews": views,
+        "accessors": [corners, {**corners, "sparse": sparse}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+    }
+    text = json.dumps(elsewhere).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), glb.JSON_CHUNK)
+    return [scene.encoded(), small.encoded(), head + text]
 
 
 def _wav() -> bytes:

@@ -123,7 +123,9 @@ class LiveClient:
         forgotten.
         """
         worn = tuple(
-            RenderedDevice(each.number, each.configuration, each.folder, each.has_script)
+            RenderedDevice(
+                each.number, each.configuration, each.folder, each.has_script, each.scheme
+            )
             for each in self.devices.values()
         )
         body = scene_to(SceneMessage(header, body_id, worn))

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 class Event:
     """Event from the output process."""
 
-    event: str  # ready connected armed stopped silent fault lost closed levels log gone
+    event: str  # ready prepared connected armed stopped frozen silent fault lost closed levels
+    # log gone
     device: int
     text: str = ""
     levels: tuple[float, ...] = ()
@@ -23,10 +24,11 @@ class DeviceState:
 
     number: int
     name: str
-    state: str = "connecting"  # connected armed stopped fault lost closed
+    state: str = "connecting"  # connected armed stopped frozen fault lost closed
     configuration: str = ""
     folder: str | None = None
     has_script: bool = False
+    scheme: str = ""  # rendering scheme of the next description, in place of its own
     text: str = ""
     levels: tuple[float, ...] = field(default_factory=tuple)
 

@@ -262,7 +262,7 @@ class DeviceThread:
         with self._wake:
             is_armed = self._is_armed
         if is_armed:
-            self.stop(reason)
+            self.stop(reason, "frozen")
 
     def fault(self, text: str) -> None:
         """Stop after a fault."""

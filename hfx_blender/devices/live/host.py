@@ -103,7 +103,9 @@ class Host:
         self._is_frozen = False
         self._accounts = KeptAccounts(resources.time_on(), clock)
         threading.Thread(target=self._accounts.keep_on, name="time on", daemon=True).start()
-        self._rendering = RenderProcess(self._rendered, self._cannot_render, clock)
+        self._rendering = RenderProcess(
+            self._rendered, self._cannot_render, clock, lambda: report("prepared")
+        )
 
     def read(self, stream: BinaryIO) -> None:
         """Read messages to the end of the stream, then end the process's work."""

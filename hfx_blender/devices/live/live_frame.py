@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -44,6 +45,9 @@ class LiveFrame:
         Rises with every edit: what was known of other frames is void.
     playhead : Playhead, optional
         Which frame it is, and which come next.
+    later : mapping
+        Latencies of actuators, ms, to the samples that these are to begin now, where they are
+        known: of a track.
     """
 
     time_s: float
@@ -52,6 +56,7 @@ class LiveFrame:
     play_space: F64 | None = None
     edition: int = 0
     playhead: Playhead | None = None
+    later: Mapping[float, Sequence[SampleRun]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,7 @@ class RenderedDevice:
     configuration: str
     folder: str | None
     has_script: bool
+    scheme: str = ""  # rendering scheme in place of its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +82,8 @@ class SceneMessage:
 def scene_to(scene: SceneMessage) -> bytes:
     """A scene as a body."""
     devices = [
-        [each.number, each.configuration, each.folder, each.has_script] for each in scene.devices
+        [each.number, each.configuration, each.folder, each.has_script, each.scheme]
+        for each in scene.devices
     ]
     header = to_json(scene.header, {}).decode()
     return json_to({"header": header, "body": scene.body_id, "devices": devices})
@@ -107,11 +114,16 @@ def live_frame_to(moment: LiveFrame, places: Mapping[Stream, int]) -> bytes:
         "gains": [[number, gain] for number, gain in moment.gains.items()],
         "edition": moment.edition,
         "playhead": None if moment.playhead is None else list(astuple(moment.playhead)),
-        "drives": _add_runs(moment.runs, places, arrays),
+        "later": [[ms, _felt_count(runs)] for ms, runs in moment.later.items()],
+        "drives": _add_runs([*moment.runs, *chain(*moment.later.values())], places, arrays),
     }
     if moment.play_space is not None:
         arrays["play_space"] = np.asarray(moment.play_space, np.float64)
     return pack(content, arrays)
+
+
+def _felt_count(runs: Iterable[SampleRun]) -> int:
+    return sum(len(run) > 0 for run in runs)
 
 
 def _add_runs(
@@ -160,13 +172,19 @@ def live_frame_from(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
     content, arrays = unpack(body)
     try:
         playhead = content["playhead"]
+        runs = _runs(content["drives"], float(content["time_s"]), streams, arrays)
+        later: dict[float, Sequence[SampleRun]] = {}
+        for ms, count in reversed(content["later"]):
+            place = len(runs) - int(count)
+            later[float(ms)], runs = runs[place:], runs[:place]
         return LiveFrame(
             float(content["time_s"]),
-            _runs(content["drives"], float(content["time_s"]), streams, arrays),
+            runs,
             {int(number): float(gain) for number, gain in content["gains"]},
             arrays.get("play_space"),
             int(content["edition"]),
             None if playhead is None else Playhead(*playhead),
+            later,
         )
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise MessageError(f"not a moment: {error}") from None

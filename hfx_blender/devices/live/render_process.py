@@ -39,7 +39,9 @@ class RenderProcess:
     answer : callable
         Takes a message for one device, ANSWER, HAPTICS or FAULT, and the questions it answers.
     fault : callable
-        Takes one sentence, which concerns all devices. Both are called from a thread.
+        Takes one sentence, which concerns all devices.
+    prepared : callable
+        Called when a scene can be rendered. All three are called from a thread.
     """
 
     def __init__(
@@ -47,8 +49,11 @@ class RenderProcess:
         answer: Callable[[Message, Questions], None],
         fault: Callable[[str], None],
         clock: Clock = SYSTEM,
+        prepared: Callable[[], None] = lambda: None,
     ) -> None:
         self._answer, self._fault, self._clock = answer, fault, clock
+        self._prepared = prepared
+        self._is_preparing = False
         self._wake = threading.Condition(threading.RLock())
         self._process: subprocess.Popen[bytes] | None = None
         self._known: bytes | None = None  # the newest scene
@@ -144,6 +149,7 @@ class RenderProcess:
                 if self._deadline_s is None and self._scene is not None:
                     body, self._scene, self._questions = self._scene, None, {}
                     self._deadline_s = self._clock.now() + SCENE_S
+                    self._is_preparing = True
                     return message(MessageKind.SCENE, body=body)
                 if self._deadline_s is None and self._moment is not None:
                     (body, self._questions), self._moment = self._moment, None
@@ -170,6 +176,9 @@ class RenderProcess:
                             return
                         if found.kind is MessageKind.READY:
                             self._deadline_s = None
+                            if self._is_preparing:
+                                self._is_preparing = False
+                                self._prepared()
                             self._wake.notify()
                         else:
                             self._answer(found, self._questions)

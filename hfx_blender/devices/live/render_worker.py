@@ -95,7 +95,7 @@ class Renderers:
         for worn in scene.devices:
             try:
                 folder = None if worn.folder is None else Path(worn.folder)
-                device = load_device(worn.configuration, folder)
+                device = load_device(worn.configuration, folder).rendered_by(worn.scheme)
                 renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
                 renderer.prepare()
             except Exception as error:  # one device's fault is not another's
@@ -119,7 +119,7 @@ class Renderers:
         with self.lookahead.answering(moment) as later:
             for number, each in self._rendered.items():
                 try:
-                    found.append(each.answer(moment, later))
+                    found.append(each.answer(moment, moment.later or later))
                 except Exception as error:
                     found.append(_fault(number, error))
         return found

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 from ..modality import MODALITIES
 from .device_output import OutputConfig
@@ -199,6 +199,12 @@ class DeviceConfig:
     output: OutputConfig | None = None  # how it is driven live; None: not at all
     surface_drive_per_m: float | None = None  # c_v that the user set for it; None: the common one
     script: ScriptFiles | None = None  # beside its configuration; None: it has none
+
+    def rendered_by(self, scheme: str) -> DeviceConfig:
+        """Same device with another rendering scheme, of default options; empty: its own."""
+        if not scheme or scheme == self.scheme.name:
+            return self
+        return replace(self, scheme=Scheme(cast(SchemeName, scheme)))
 
     @property
     def modalities(self) -> tuple[str, ...]:

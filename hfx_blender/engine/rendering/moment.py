@@ -30,7 +30,12 @@ _ONE_ROW = TimeBase(Fraction(1), Fraction(1), scene_start=0, frame_first=0, fram
 def moment_header(scene: SceneDescription, models: ModelLoader = load_model) -> TrackHeader:
     """Track header of a scene's moments, as plain data."""
     used = {effect.model_id: models(effect.model_id) for effect in scene.effects}
-    return replace(TrackHeader.of(scene, used, settings={}, tools={}), time=_ONE_ROW)
+    return of_one_moment(TrackHeader.of(scene, used, settings={}, tools={}))
+
+
+def of_one_moment(header: TrackHeader) -> TrackHeader:
+    """Header of a recording's single moments."""
+    return replace(header, time=_ONE_ROW)
 
 
 class MomentRenderer:

@@ -73,6 +73,12 @@ class PlaySpace:
         if np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-12:
             self._indices, self._inverses = np.zeros(1, np.int64), np.linalg.inv(matrix)[None]
 
+    def pose(self, index: int) -> F64:
+        """Play space to world at a sample, (4, 4)."""
+        place = int(np.searchsorted(self._indices, index, side="right")) - 1
+        found: F64 = np.linalg.inv(self._inverses[max(place, 0)])
+        return found
+
     def local(self, run: SampleRun) -> F64:
         """Positions of a run's entries in the play space, (total, 3)."""
         assert run.positions is not None

@@ -11,6 +11,8 @@ import numpy as np
 from ..arrays import F64
 
 _FADE: Final = 0.1  # of the audible radius, over which a source fades in
+_FARTHEST_M: Final = 1000.0
+_THICKEST: Final = 1e6  # as a multiple of air: silences all but the lowest at once
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,13 @@ class Hearing:
 
     def __post_init__(self) -> None:
         for name in ("reference_m", "audible_m", "spread_m"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name}: expected more than 0, got {getattr(self, name)}")
-        if not 0.0 <= self.air < np.inf:
-            raise ValueError(f"air: expected 0 or more, got {self.air}")
+            if not 1.0 / _FARTHEST_M <= getattr(self, name) <= _FARTHEST_M:
+                raise ValueError(
+                    f"{name}: expected {1.0 / _FARTHEST_M:g} to {_FARTHEST_M:g}, "
+                    f"got {getattr(self, name):g}"
+                )
+        if not 0.0 <= self.air <= _THICKEST:
+            raise ValueError(f"air: expected 0 to {_THICKEST:g}, got {self.air:g}")
 
     def gains(self, distances_m: F64) -> tuple[F64, F64]:
         """Gains (n,) of the dry and the wet part; the sum of their squares is 1 where audible."""

@@ -15,6 +15,7 @@ from ...errors import UsageError
 from ..arrays import F64
 
 MAX_LOUDSPEAKERS: Final = 64
+_SHOWN: Final = 60  # characters of a layout that a message repeats
 
 
 @dataclass(frozen=True)
@@ -76,23 +77,27 @@ def parse(text: str) -> Layout:
     if text in LAYOUTS:
         return LAYOUTS[text]
     allowed = f"{', '.join(LAYOUTS)}, or angles such as 30,-30,110:20,-110:20"
+    parts = text.split(",")
+    if len(parts) > MAX_LOUDSPEAKERS:  # before anything is made of them
+        raise UsageError(f"{len(parts)} loudspeakers: expected 2 to {MAX_LOUDSPEAKERS} of them")
+    shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
     azimuths, elevations = [], []
-    for part in text.split(","):
+    for part in parts:
         azimuth, _, elevation = part.partition(":")
         try:
             turn, rise = float(azimuth), float(elevation or 0.0)
         except ValueError:
-            raise UsageError(f"loudspeakers '{text}': expected {allowed}") from None
+            raise UsageError(f"loudspeakers '{shown}': expected {allowed}") from None
         if not (-360.0 <= turn <= 360.0 and -90.0 <= rise <= 90.0):
             raise UsageError(
-                f"loudspeakers '{text}': {part} is out of range; expected an azimuth of -360 to "
-                "360 and an elevation of -90 to 90 degrees"
+                f"loudspeakers '{shown}': {part[:_SHOWN]} is out of range; expected an azimuth "
+                "of -360 to 360 and an elevation of -90 to 90 degrees"
             )
         azimuths.append(turn)
         elevations.append(rise)
     layout = Layout(text, tuple(azimuths), tuple(elevations))
-    if not 2 <= len(layout) <= MAX_LOUDSPEAKERS:
-        raise UsageError(f"loudspeakers '{text}': expected 2 to {MAX_LOUDSPEAKERS} of them")
+    if len(layout) < 2:
+        raise UsageError(f"loudspeakers '{shown}': expected 2 to {MAX_LOUDSPEAKERS} of them")
     if not np.ptp(layout.directions, axis=0).any():
-        raise UsageError(f"loudspeakers '{text}': all of them are at one place")
+        raise UsageError(f"loudspeakers '{shown}': all of them are at one place")
     return layout

@@ -16,6 +16,13 @@ def srgb_to_linear(codes: npt.ArrayLike) -> F64:
     return np.where(values <= 0.04045, toe, ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4)
 
 
+def linear_to_srgb(light: npt.ArrayLike) -> F64:
+    """sRGB values 0..1 of linear light 0..1 (IEC 61966-2-1)."""
+    values = np.asarray(light, np.float64)
+    curve = 1.055 * np.maximum(values, 0.0) ** (1.0 / 2.4) - 0.055
+    return np.where(values <= 0.0031308, 12.92 * values, curve)
+
+
 def luminance(linear_rgb: npt.ArrayLike) -> F64:
     """Luminance (...) of linear RGB (..., 3 or more), the weights of ITU-R BT.709."""
     values = np.asarray(linear_rgb, np.float64)

@@ -53,7 +53,10 @@ class MapSettings:
 
 
 def make_map(
-    field: HeightField, roughness: npt.ArrayLike | None = None, settings: MapSettings | None = None
+    field: HeightField,
+    roughness: npt.ArrayLike | None = None,
+    settings: MapSettings | None = None,
+    slope: F32 | None = None,
 ) -> HapticMap:
     """The haptic map of a surface.
 
@@ -62,6 +65,9 @@ def make_map(
     roughness : (h, w) float, optional
         0 smooth to 1 rough, linear, bottom row first; covers the same rectangle and may have
         another resolution. None: ``settings.default_roughness`` everywhere.
+    slope : (H, W) float32, optional
+        Slope that was estimated by itself, after a blur of one texel; it is blurred to the
+        setting. None: the slope of the heights.
 
     Raises
     ------
@@ -69,7 +75,10 @@ def make_map(
         The roughness is not a picture of finite numbers.
     """
     settings = settings or MapSettings()
-    slope = blurred_slope(field, settings.blur_m)
+    if slope is None:
+        slope = blurred_slope(field, settings.blur_m)
+    else:
+        slope = _evened(slope, field, settings.blur_m)
     slope *= np.float32(1.0 / settings.full_slope)
     intensity = np.minimum(slope, np.float32(1.0), out=slope)
     sharpness = _sharpness(field, roughness, settings.default_roughness)
@@ -128,6 +137,15 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
         squared = slope if squared is None else np.add(squared, slope, out=squared)
     assert squared is not None
     return np.ascontiguousarray(np.sqrt(squared, out=squared))
+
+
+def _evened(slope: F32, field: HeightField, blur_m: float) -> F32:
+    """Copy of a slope after a blur of one texel, blurred to ``blur_m`` where that is more."""
+    from scipy import ndimage
+
+    more = [np.sqrt(max((blur_m / texel) ** 2 - 1.0, 0.0)) for texel in field.texel_m[::-1]]
+    mode = "grid-wrap" if field.tiles else "nearest"
+    return np.asarray(ndimage.gaussian_filter(slope, more, mode=mode, truncate=TRUNCATE))
 
 
 def _transfers(

@@ -151,7 +151,21 @@ class TrackReader:
         InputError
             The file is damaged.
         """
-        index = math.floor(self._position(time_s) + _TIME_TOLERANCE)
+        return [sample for run in self.runs_at(time_s) for sample in run]
+
+    def index_at(self, time_s: float) -> int:
+        """Index of the sample in effect at a time; -1 before the first."""
+        return math.floor(self._position(time_s) + _TIME_TOLERANCE)
+
+    def runs_at(self, time_s: float) -> list[SampleRun]:
+        """Samples of :meth:`samples_at` as runs of one sample each.
+
+        Raises
+        ------
+        InputError
+            The file is damaged.
+        """
+        index = self.index_at(time_s)
         chunk = index // self.samples_per_chunk
         if chunk not in self._chunk_set:
             return []
@@ -159,7 +173,7 @@ class TrackReader:
             self._cached = (chunk, self._read_chunk(chunk))
         low = chunk * self.samples_per_chunk
         found = (self._run(each, low, index, index + 1) for each in self._cached[1])
-        return [sample for run in found for sample in run]
+        return [run for run in found if len(run)]
 
     def summary(self) -> list[StreamSummary]:
         """Summaries of all streams, in the order of ``header.streams``, from the index alone."""

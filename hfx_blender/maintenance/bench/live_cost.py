@@ -257,10 +257,10 @@ def _in_blender(
     """
     bpy = blender_session.start()
 
+    from ...devices.live.live_settings import LiveSettings
     from ...playback import live_handlers, lookahead_scheduler
     from ...playback.evaluation import evaluation
     from ...playback.live import Live
-    from ...playback.live_settings import LiveSettings
     from ..demo import garage
     from . import scenes
 

@@ -57,8 +57,8 @@ class _Mutes(Rounds):
         live.send_vibration(10.0, 100.0)
 
     def round(self) -> float:
+        from ...devices.live.live_settings import LiveSettings
         from ...playback.live import live
-        from ...playback.live_settings import LiveSettings
 
         if not live.states:
             self._count += 1

@@ -139,7 +139,7 @@ class _Several(WithClient):
     def _silences(self, since_s: dict[str, float]) -> list[float]:
         found = []
         for name, log in self._logs.items():
-            if self._client.devices[name].state == "stopped":
+            if self._client.devices[name].state in ("stopped", "frozen"):
                 raise NotPlayedError("this process did not come to its heartbeat")
             silent_s = log.silence_after(since_s[name], by_values=True)
             if silent_s is None:

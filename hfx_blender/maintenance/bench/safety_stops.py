@@ -311,12 +311,12 @@ class WithClient(Rounds):
         """Feed; play again if this process did not come to its heartbeat, on a busy machine."""
         feed()
         for name, state in self._client.devices.items():
-            if state.state == "stopped" and "did not answer" in state.text:
+            if state.state == "frozen":
                 self._client.arm(name)
 
     def is_stopped(self) -> bool:
         state = self._client.devices.get(self.name)
-        return state is None or state.state in ("stopped", "fault", "lost", "closed")
+        return state is None or state.state in ("stopped", "frozen", "fault", "lost", "closed")
 
 
 class OfBand(WithClient):
@@ -430,7 +430,7 @@ def gaps(folder: Path, seconds: float) -> Trials:
         client.send("band", playing())
         for name, wish in wishes.items():
             state = client.devices.get(name)
-            if state is None or state.state in ("fault", "stopped"):
+            if state is None or state.state in ("fault", "frozen", "stopped"):
                 client.disconnect(name)
                 connect_scripted(client, folder, name, folder / f"log {name}", wish)
             client.send_haptics(name, packed(1.0, [], np.array(playing())))

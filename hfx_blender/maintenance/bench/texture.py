@@ -14,6 +14,7 @@ from ...engine.arrays import F64
 from ...engine.texture import mcha, procedural, stroke, weave
 from ...engine.texture.contact_path import ContactFollower, SurfaceMesh
 from ...engine.texture.contact_rendering import ContactRenderer
+from ...engine.texture.haptic_map import HapticMap
 from ...engine.texture.height_field import HeightField
 from ...engine.texture.signal import Signal
 from ...engine.texture.stroke_rendering import render_stroke
@@ -49,7 +50,7 @@ def measure(short: bool, progress: Callable[[float], None]) -> dict[str, Any]:
 
 def identification(train: int, test: int, texels: int = 384) -> dict[str, Any]:
     """Classify materials on maps, directions and speeds outside of the training set."""
-    learnt = _examples(range(train), (0.0, 0.4, 0.8, 1.2, 1.57), (0.02, 0.04, 0.08), texels)
+    learnt = library_strokes(train, texels)
     judge = classify.NearestNeighbour.of(learnt)
     asked = _examples(range(100, 100 + test), (0.2, 1.0, 2.2), (0.03, 0.06, 0.1), texels)
     truth = [kind for kind, _ in asked]
@@ -63,20 +64,35 @@ def identification(train: int, test: int, texels: int = 384) -> dict[str, Any]:
     }
 
 
+def library_strokes(seeds: int, texels: int) -> list[tuple[str, Signal]]:
+    """Strokes over all materials of the library, for a judge to learn."""
+    return _examples(range(seeds), (0.0, 0.4, 0.8, 1.2, 1.57), (0.02, 0.04, 0.08), texels)
+
+
 def _examples(
     seeds: range, directions: tuple[float, ...], speeds: tuple[float, ...], texels: int
 ) -> list[tuple[str, Signal]]:
     found = []
     for material in procedural.MATERIALS.values():
         for seed in seeds:
-            texture = SurfaceTexture(map=mcha.make_map(*material.make(texels, seed)))
-            rng = np.random.default_rng([seed, 5])
-            for direction in directions:
-                for speed in speeds:
-                    start = (float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05)))
-                    way = stroke.line(start, direction, 0.6 * speed, speed)
-                    signal = render_stroke(texture, way, step_s=2e-3, waveform_rate_hz=1000.0)
-                    found.append((material.kind, signal))
+            map_ = mcha.make_map(*material.make(texels, seed))
+            signals = strokes_over(map_, directions, speeds, seed)
+            found += [(material.kind, signal) for signal in signals]
+    return found
+
+
+def strokes_over(
+    map_: HapticMap, directions: tuple[float, ...], speeds: tuple[float, ...], seed: int
+) -> list[Signal]:
+    """Strokes of 0.6 s over a map from places by chance; radians and m/s."""
+    texture = SurfaceTexture(map=map_)
+    rng = np.random.default_rng([seed, 5])
+    found = []
+    for direction in directions:
+        for speed in speeds:
+            start = (float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05)))
+            way = stroke.line(start, direction, 0.6 * speed, speed)
+            found.append(render_stroke(texture, way, step_s=2e-3, waveform_rate_hz=1000.0))
     return found
 
 
@@ -236,6 +252,14 @@ def _sheet(count: int) -> tuple[F64, npt.NDArray[np.int32]]:
     return vertices, triangles.astype(np.int32)
 
 
+def confusion_lines(told: dict[str, Any]) -> list[str]:
+    """Confusion matrix with its names, for a terminal."""
+    lines = [f"  {'':8}" + "".join(f"{name:>8}" for name in told["names"])]
+    for name, row in zip(told["names"], told["confusion"], strict=True):
+        lines.append(f"  {name:8}" + "".join(f"{n:8}" for n in row))
+    return lines
+
+
 def as_text(result: dict[str, Any]) -> str:
     """The measurement for a terminal."""
     told = result["identification"]
@@ -243,10 +267,8 @@ def as_text(result: dict[str, Any]) -> str:
     lines += [
         f"Nearest neighbour of {told['learnt']} strokes, unseen maps, directions and speeds: "
         f"{100 * told['share']:.1f} % right; rows are, columns were found:",
-        f"  {'':8}" + "".join(f"{name:>8}" for name in told["names"]),
+        *confusion_lines(told),
     ]
-    for name, row in zip(told["names"], told["confusion"], strict=True):
-        lines.append(f"  {name:8}" + "".join(f"{n:8}" for n in row))
     lines.append("Strokes too fast for a device (50 ms a collision): strength kept, of the best")
     lines.append(f"  {'material':18} {'cm/s':>5} {'hits':>5} {'salient':>8} {'first come':>11}")
     lines += [

@@ -79,7 +79,8 @@ for _ in range(3):  # the first time loads models and modules
             mine = [d for d in devices if chosen and set(chosen.modalities) <= set(d.modalities)]
             mine = mine[:1] or list(devices[:1])
             start = time.process_time()
-            played = [(f".{d.id}", d, r) for d, r in render_devices(track, mine)] if chosen else []
+            output = render_devices(track, mine) if chosen else []
+            played = [(folder / f"x.{device.id}", device, raster) for device, raster in output]
             rendered = time.process_time()
             try:
                 registry.write_all((name,), played, track, mine, folder / "x")

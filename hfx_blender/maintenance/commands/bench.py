@@ -14,7 +14,7 @@ from ...console import Console
 from ...errors import UsageError
 from ...staging import make_folder
 
-NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture")
+NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture", "relief", "words")
 
 _DESCRIPTION = """\
 Measure on this machine. Every measurement names the machine, versions and sizes.
@@ -26,6 +26,8 @@ Measure on this machine. Every measurement names the machine, versions and sizes
   naive     what a user would write today, side by side
   batch     two workers against one, writing against evaluating, memory over scenes and frames
   texture   haptic surfaces: roughness, identification, maps, contacts
+  relief    relief that is estimated from pictures against the true one
+  words     surfaces from words: kinds recognised, comparatives, strokes told apart
   safety    how long until a device is silent, whoever fails; 1,000 times each, about an hour
   live      what devices cost Blender each frame, and how soon a frame is at the port
   preview   what the viewport's colours and actuators cost a frame that plays
@@ -192,11 +194,25 @@ def _batch(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     return result, throughput.as_text(result)
 
 
+def _words(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
+    from ..bench import words
+
+    result = words.measure(short=options.short, progress=progress)
+    return result, words.as_text(result)
+
+
 def _texture(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
     from ..bench import texture
 
     result = texture.measure(short=options.short, progress=progress)
     return result, texture.as_text(result)
+
+
+def _relief(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
+    from ..bench import relief
+
+    result = relief.measure(short=options.short, progress=progress)
+    return result, relief.as_text(result)
 
 
 def _safety(options: argparse.Namespace, progress: _Progress) -> tuple[Any, str]:
@@ -237,6 +253,8 @@ _MEASURES: dict[str, Callable[[argparse.Namespace, _Progress], tuple[Any, str]]]
     "naive": _naive,
     "batch": _batch,
     "texture": _texture,
+    "relief": _relief,
+    "words": _words,
     "safety": _safety,
     "live": _live,
     "preview": _preview,

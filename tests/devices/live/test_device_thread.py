@@ -253,7 +253,7 @@ def test_a_blender_that_was_slow_while_a_device_was_opened_does_not_keep_it_from
     opening.lane.freeze("Blender did not answer")
     opening.opens.set()
     opening.until("armed")
-    assert "stopped" not in opening.events
+    assert "frozen" not in opening.events
 
 
 def test_a_stop_while_a_device_is_opened_keeps_it_silent(played: Playing) -> None:
@@ -287,7 +287,7 @@ def test_a_freeze_stops_what_plays(played: Playing) -> None:
     played.play()
     played.lane.freeze("Blender did not answer for 250 ms")
     played.until(lambda: played.output.ends_in_stops())
-    assert ("stopped", "Blender did not answer for 250 ms") in played.reports
+    assert ("frozen", "Blender did not answer for 250 ms") in played.reports
 
 
 def test_a_lane_that_was_closed_leaves_no_thread_behind() -> None:

@@ -208,9 +208,9 @@ def test_a_port_that_stalls_stops_its_device_only(
             assert time.monotonic() < end, told
             for number in (1, 2):
                 os.write(writing, message(MessageKind.VALUES, number, values_to(playing())))
-            if any(event == "stopped" and number == 1 for event, number, _ in told):
+            if any(event == "frozen" and number == 1 for event, number, _ in told):
                 os.write(writing, message(MessageKind.ARM, 1))  # this process was late itself
-                told[:] = [each for each in told if each[0] != "stopped"]
+                told[:] = [each for each in told if each[0] != "frozen"]
             time.sleep(0.005)
 
     try:

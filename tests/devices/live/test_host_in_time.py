@@ -178,7 +178,7 @@ def test_without_signs_of_life_devices_stop_until_the_operator_plays() -> None:
     asked_s = session.clock.now_s
     session.pass_time(0.5)
     assert session.played.port.last_loud_s() <= asked_s + HEARTBEAT_S + 2 * WATCH_S
-    assert session.played.reports[-1] == ("stopped", "Blender did not answer for 250 ms")
+    assert session.played.reports[-1] == ("frozen", "Blender did not answer for 250 ms")
     session.stream(0.2)
     assert not session.played.port.is_loud()
     session.hear(MessageKind.ARM)

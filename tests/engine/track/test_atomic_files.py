@@ -3,13 +3,16 @@
 
 import errno
 import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from track_synthetic import header, run
 
+from hfx_blender import result_files
 from hfx_blender.atomic_files import atomic_file, move, passing
-from hfx_blender.engine.track import TrackReader, TrackWriter
+from hfx_blender.engine.track import TrackBody, TrackReader, TrackWriter
 from hfx_blender.errors import OutputError
 from hfx_blender.staging import place
 
@@ -224,3 +227,42 @@ def test_nothing_is_moved_before_all_is_on_the_disk(tmp_path, monkeypatch):
         with pytest.raises(OutputError, match=r"a: cannot be written \(No space"):
             move([stage / "a"], folder)
     assert names(folder) == [] and names(stage) == ["a"]
+
+
+def test_two_sets_that_come_into_one_folder_at_once_do_not_mix(tmp_path, monkeypatch):
+    replace = Path.replace
+
+    def slow(self, target):
+        time.sleep(0.002)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", slow)
+    sets = []
+    for number in range(3):
+        (stage := tmp_path / f"stage{number}").mkdir()
+        sets.append([stage / f"{k}.csv" for k in range(15)])
+        for path in sets[-1]:
+            path.write_text(str(number))
+    (folder := tmp_path / "out").mkdir()
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(lambda files: move(files, folder), sets))
+    assert len({path.read_text() for path in folder.iterdir()}) == 1
+
+
+@pytest.mark.parametrize(
+    "name", ["../a", "/a", "a/../../b", "a//b", "./a", "", ".", "a\\b", "C:/a", "a\n", 7, None]
+)
+def test_a_report_names_nothing_outside_its_folder(tmp_path, name):
+    assert result_files.listed(tmp_path, name) is None
+
+
+def test_names_of_folders_are_distinct_and_stay_inside():
+    names = ["..", ".", "Anna", "anna", "Anna ", "a/b", "", "é" * 60, "%2E."]
+    bodies = [TrackBody(f"id{k}", name) for k, name in enumerate(names)]
+    parts = list(result_files.body_parts(bodies).values())
+    assert len({part.casefold() for part in parts}) == len(names)
+    for part in parts:
+        assert Path(part).name == part and part[-1] not in ". " and len(part) <= 110
+        stem = Path("out/x")
+        assert result_files.device_stem(stem, stem, part, "vest").parents[2] == stem
+    assert set(result_files.body_parts(bodies[:1]).values()) == {""}

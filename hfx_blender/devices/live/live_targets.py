@@ -6,15 +6,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import bpy
-
-from .. import resources
-from ..errors import DeviceError, InputError
+from ... import resources
+from ...errors import DeviceError, InputError
 from .live_settings import LiveSettings
 
 if TYPE_CHECKING:
-    from ..devices.live.approval import DeviceScript
-    from ..engine.rendering.device import DeviceConfig
+    from ...engine.rendering.device import DeviceConfig
+    from .approval import DeviceScript
 
 
 class UnapprovedScriptError(InputError):
@@ -22,7 +20,7 @@ class UnapprovedScriptError(InputError):
 
 
 def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
-    """A device by its name in the user's own registry, and the script that it brings.
+    """Device by its name in the user's own registry, or by its file, and the script it brings.
 
     Raises
     ------
@@ -31,11 +29,11 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
     UnapprovedScriptError
         Its script is to be read first.
     """
-    from ..devices.configuration import load_device, named_in_blend
-    from ..devices.live import approval
+    from ..configuration import load_device
+    from . import approval
 
     folder = resources.user_devices()
-    device = load_device(named_in_blend(name), folder)
+    device = load_device(name, folder)
     script = approval.script_of(name, folder)
     if script is not None and not script.is_approved:
         raise UnapprovedScriptError(
@@ -52,16 +50,15 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
     DeviceError
         Nothing drives this device live, or it is not there.
     """
-    from ..devices.live import opening
-    from ..devices.live.discovery import port_of, serial_ports
+    from . import opening
+    from .discovery import port_of, serial_ports
 
     if settings.kind == "SIMULATOR":
-        path = bpy.path.abspath(settings.path)
-        return {"kind": "simulator", **({"path": path} if path else {})}
+        return {"kind": "simulator", **({"path": settings.path} if settings.path else {})}
     if settings.kind == "CSV":
         if not settings.path:
             raise DeviceError(f"Device '{device.id}': choose a file for the log.")
-        return {"kind": "csv", "path": str(Path(bpy.path.abspath(settings.path)))}
+        return {"kind": "csv", "path": str(Path(settings.path))}
     if settings.kind == "AUDIO":
         return {"kind": "audio", "interface": settings.port}
     kind = opening.kind_of(device)

@@ -11,8 +11,8 @@ import math
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from .. import resources
-from ..atomic_files import amend_json
+from ... import resources
+from ...atomic_files import amend_json
 
 MAX_OFFSET_MS = 1000.0
 
@@ -58,7 +58,7 @@ def store(name: str, settings: LiveSettings) -> None:
 
 
 def _one(found: dict[str, Any]) -> LiveSettings:
-    taken = {}
+    taken: dict[str, Any] = {}
     for field in fields(LiveSettings):
         value = found.get(field.name, field.default)
         if isinstance(field.default, str):

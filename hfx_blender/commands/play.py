@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx play``: plays a track on devices, as it is felt in Blender."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ..console import Console
+from ..errors import DeviceError, UsageError
+
+if TYPE_CHECKING:
+    from ..devices.live.client import LiveClient
+    from ..devices.live.live_settings import LiveSettings
+    from ..engine.rendering.device import DeviceConfig
+
+_KINDS: Final = {"device": "DEVICE", "sound-card": "AUDIO", "simulator": "SIMULATOR", "log": "CSV"}
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser(
+        "play",
+        help="play a track on devices",
+        description="Play a track once on devices, in real time, with their limits and stops. It "
+        "ends in silence: at the end of the track, after Ctrl-C, and after a fault.",
+    )
+    parser.add_argument("track", type=Path, metavar="TRACK")
+    parser.add_argument(
+        "--device",
+        action="append",
+        required=True,
+        metavar="NAME",
+        help="device by name or file ('hfx device list'); repeat it for more",
+    )
+    parser.add_argument(
+        "--to",
+        choices=tuple(_KINDS),
+        default="device",
+        help="the device itself, or what stands for it (default: device)",
+    )
+    parser.add_argument(
+        "--port",
+        help="serial or network port, or part of a sound card's name (default: as last connected "
+        "in Blender, else as found by its USB ids or as configured)",
+    )
+    parser.add_argument("--host", help="host of a network device (default: likewise)")
+    parser.add_argument(
+        "--path", type=Path, metavar="FILE", help="file that a log or a simulator writes"
+    )
+    parser.add_argument("--body", metavar="NAME", help="who wears the devices (default: the first)")
+    parser.add_argument(
+        "--from", dest="begin", type=float, metavar="S", help="begin at this time, seconds"
+    )
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Play, and report devices that failed."""
+    from ..devices.live import live_targets
+    from ..devices.live.client import LiveClient
+    from ..devices.live.played_track import PlayedTrack
+    from ..devices.live.playhead import latencies_ms
+    from ..devices.live.track_playback import fault_of, play
+
+    names = list(dict.fromkeys(options.device))
+    one_each = [option for option in ("port", "host", "path") if getattr(options, option)]
+    if len(names) > 1 and one_each:
+        raise UsageError(f"--{one_each[0]} is of one device; give one --device")
+    with PlayedTrack(options.track, options.body) as track:
+        _check_begin(options.begin, track.start_s, track.end_s)
+        client = LiveClient()
+        try:
+            late: set[float] = set()
+            offset_ms = 0.0
+            for name in names:
+                device, script = live_targets.named(name)
+                settings = _settings(name, options)
+                _connect(client, name, device, settings, script)
+                late |= set(latencies_ms(device))
+                offset_ms = max(offset_ms, settings.offset_ms)
+            failed = play(
+                track,
+                client,
+                latencies_ms=late,
+                from_s=options.begin,
+                offset_s=offset_ms / 1000.0,
+                progress=console.progress(options.track.name),
+            )
+        finally:
+            client.close()
+        length_s = track.end_s - (track.start_s if options.begin is None else options.begin)
+    if failed:
+        raise DeviceError(" ".join(map(fault_of, failed)))
+    console.say(f"{options.track}: played {length_s:.2f} s on {', '.join(names)}")
+    console.result({"track": str(options.track), "devices": names, "seconds": round(length_s, 3)})
+    return 0
+
+
+def _connect(
+    client: LiveClient, name: str, device: DeviceConfig, settings: LiveSettings, script: Any
+) -> None:
+    from .. import resources
+    from ..devices.configuration import is_file
+    from ..devices.live import live_targets
+
+    client.connect(
+        name,
+        Path(name).absolute() if is_file(name) else name,
+        live_targets.target_of(device, settings),
+        folder=resources.user_devices(),
+        script=None if script is None else script.as_wish(),
+        offset_ms=settings.offset_ms,
+    )
+
+
+def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
+    """Connection of a device: as asked, else as it was last connected in Blender."""
+    from ..devices.live import live_settings
+
+    known = live_settings.load().get(name, live_settings.LiveSettings())
+    kind = _KINDS[options.to]
+    if known.kind != kind:
+        known = live_settings.LiveSettings(offset_ms=known.offset_ms)
+    return replace(
+        known,
+        kind=kind,
+        port=options.port or known.port,
+        host=options.host or known.host,
+        path=str(options.path or ""),
+    )
+
+
+def _check_begin(begin: float | None, start_s: float, end_s: float) -> None:
+    """Refuse a time outside the track.
+
+    Raises
+    ------
+    UsageError
+        It is.
+    """
+    if begin is not None and not start_s <= begin < end_s:  # NaN, too
+        raise UsageError(f"--from {begin:g}: expected {start_s:g} to below {end_s:g} s")

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx texture generate``: a felt surface from words, or from pictures of other generators."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from .. import __version__
+from ..console import Console
+from ..errors import UsageError
+from . import texture_diffusers, texture_folder, texture_source
+
+if TYPE_CHECKING:
+    from ..formats.written import Written
+    from ..generation.generated import Generated
+
+BACK_ENDS: Final = ("library", "folder", "diffusers")
+_MOST_VARIATIONS: Final = 64
+
+_DESCRIPTION: Final = """\
+Make a colour picture, a relief, a haptic map in two layers, a .blend with the material and its
+surface, and a record of the making (NAME.generated.json).
+
+  library   searches the library's materials and steers the nearest one by kind, size, depth, wear,
+            weave, direction and colour; it does not paint. Offline, at once. The default.
+  folder    takes each picture that comes into a folder from any other generator (--watch), or one
+            (--picture), with the words that AUTOMATIC1111 or ComfyUI wrote into it.
+  diffusers runs a diffusion model of your own (--model), offline; needs the extra 'generate'.
+"""
+
+
+def add_parser(actions: Any) -> None:
+    """Add the action."""
+    parser = actions.add_parser(
+        "generate",
+        help="make a surface from words",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("words", nargs="?", default="", metavar="WORDS")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder")
+    parser.add_argument("--back-end", choices=BACK_ENDS, default=BACK_ENDS[0], help="(library)")
+    parser.add_argument("--negative", default="", metavar="WORDS", help="what it shall not be")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="another sample (0)")
+    parser.add_argument(
+        "--variations", type=int, default=1, metavar="N", help="with this seed and the next ones"
+    )
+    parser.add_argument(
+        "--resolution", type=int, default=512, metavar="N", help="texels along an edge (512)"
+    )
+    parser.add_argument(
+        "--steps", action="store_true", help="round to noticeable steps of 0.2 g and 40 Hz"
+    )
+    pictures = parser.add_argument_group("pictures of other generators")
+    pictures.add_argument("--watch", type=Path, metavar="DIR", help="until Ctrl-C")
+    pictures.add_argument("--once", action="store_true", help="end when all there are is made")
+    pictures.add_argument("--picture", type=Path, metavar="FILE", help="only this one")
+    pictures.add_argument(
+        "--from",
+        dest="way",
+        choices=("relief", "sobel"),
+        default="relief",
+        help="relief: a network's estimate (default); sobel: bright is high",
+    )
+    pictures.add_argument(
+        "--size",
+        type=texture_source.pair,
+        metavar="MM,MM",
+        help="width and height of what a picture shows (default: 100 mm along the longer edge)",
+    )
+    pictures.add_argument(
+        "--height", type=float, default=0.2, metavar="MM", help="of white over black (0.2)"
+    )
+    pictures.add_argument("--tiles", action="store_true", help="opposite edges match")
+    texture_diffusers.add_arguments(parser)
+    parser.add_argument("--no-blend", action="store_true", help="write no .blend")
+    parser.add_argument("--json", action="store_true", help="the result as JSON")
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace, console: Console) -> int:
+    if not 1 <= options.variations <= _MOST_VARIATIONS:
+        raise UsageError(f"--variations {options.variations}: expected 1 to {_MOST_VARIATIONS}")
+    if options.resolution < 16:
+        raise UsageError(f"--resolution {options.resolution}: expected 16 to 4096")
+    texture_source.check_numbers(options)
+    has_pictures = options.watch is not None or options.picture is not None
+    if (options.back_end == "folder") != has_pictures:
+        raise UsageError("--back-end folder takes --watch DIR or --picture FILE, and only it does")
+    if has_pictures:
+        return texture_folder.run(options, console, keep)
+    if options.back_end == "diffusers":
+        return _make_all(texture_diffusers.maker(options, console), options, console)
+    return _library(options, console)
+
+
+def _library(options: argparse.Namespace, console: Console) -> int:
+    from ..generation import library_search
+
+    if not options.words.strip():
+        raise UsageError('give the words, as in: hfx texture generate "coarse grey gravel" -o DIR')
+
+    def make(seed: int) -> Generated:
+        return library_search.generate(
+            options.words,
+            negative=options.negative,
+            seed=seed,
+            texels=options.resolution,
+            steps=texture_folder.steps_of(options),
+        )
+
+    return _make_all(make, options, console)
+
+
+def _make_all(
+    make: Callable[[int], Generated], options: argparse.Namespace, console: Console
+) -> int:
+    """Make and write all variations."""
+    progress = console.progress("Generating")
+    made: list[dict[str, Any]] = []
+    for number in range(options.variations):
+        progress(number / options.variations)
+        surface = make(options.seed + number)
+        made.append(keep(surface, options, console))
+    console.result({"made": made})
+    return 0
+
+
+def keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
+    """Write a surface into the folder of the options; returns plain data on it."""
+    from ..generation import generated
+
+    written = generated.write(surface, options.output, __version__)
+    files = [*written.files, *_blend(written, options)]
+    for path in files:
+        console.say(f"wrote {path}")
+    for note in surface.notes:
+        console.warn(f"note: {note}")
+    return {
+        "name": surface.name,
+        "record": str(written.files[-1]),
+        "files": [str(path) for path in files],
+        "notes": list(surface.notes),
+        "unknown_words": list(surface.record.get("unknown_words", ())),
+        "kind": surface.record.get("kind"),
+    }
+
+
+def _blend(written: Written, options: argparse.Namespace) -> tuple[Path, ...]:
+    if options.no_blend:
+        return ()
+    from .. import blender_session
+
+    blender_session.start()
+    from ..authoring import generated_surfaces
+
+    return (generated_surfaces.write_blend(written.files[-1]),)

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Generated surface: colour picture, relief, haptic map and the record of its making, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from .. import file_suffixes, staging
+from ..devices.strict_json import Node
+from ..devices.strict_json import read as read_json
+from ..engine.arrays import F32, F64, U8
+from ..engine.texture.haptic_map import HapticMap
+from ..engine.texture.height_field import HeightField, from_image
+from ..errors import InputError
+from ..file_hash import sha256_of
+from ..formats import png, texture_map
+from ..formats.written import Written, write_json
+from .word_forms import tokens
+
+RECORD: Final = file_suffixes.GENERATED
+FORMAT: Final = "hfx-generated-texture"
+VERSION: Final = 1
+_LONGEST_NAME: Final = 48
+_FULL: Final = 65535
+_MOST_BYTES: Final = 8 << 20  # of a record: a ComfyUI workflow may be in it
+
+
+@dataclass(frozen=True, eq=False)
+class Generated:
+    """Surface from a back end.
+
+    Parameters
+    ----------
+    name : str
+        Begin of its files' names.
+    colour : (H, W, 3) uint8
+        sRGB, bottom row first.
+    height : HeightField
+    roughness : (H, W) float64
+        0 smooth to 1 rough.
+    map : HapticMap
+        Of this height and roughness.
+    record : mapping
+        How it was made, in JSON's types: words, seed, back end and what else makes it again.
+    is_metal : bool
+        For the material's look.
+    """
+
+    name: str
+    colour: U8
+    height: HeightField
+    roughness: F64
+    map: HapticMap
+    record: Mapping[str, Any]
+    is_metal: bool = False
+    notes: tuple[str, ...] = ()
+    slope: F32 | None = None  # estimated by itself, on the heights' grid
+
+
+@dataclass(frozen=True, eq=False)
+class GeneratedFiles:
+    """Files of a generated surface, read again, and its record."""
+
+    path: Path  # of the record
+    name: str
+    height: HeightField
+    roughness: F64
+    map: HapticMap
+    is_metal: bool
+    words: str
+    notes: tuple[str, ...] = ()
+    slope: F32 | None = None
+
+    @property
+    def colour_path(self) -> Path:
+        """Path of the colour picture."""
+        return self.path.with_name(f"{self.name}.colour.png")
+
+
+def name_of(words: str, mark: str) -> str:
+    """File name of a wish or a picture: its words and a mark, in letters that any system allows."""
+    parts = [each for each in tokens(words) if each.isalnum()]
+    name = "-".join(parts)[:_LONGEST_NAME].strip("-") or "texture"
+    return f"{name}-{mark}"
+
+
+def write(made: Generated, folder: Path, version: str) -> Written:
+    """Write all files of a surface into a folder; the record, with their hashes, comes last.
+
+    ``version`` is that of this package.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written; nothing is left of the others then.
+    """
+    heights = made.height.heights_m
+    low, high = float(heights.min()), float(heights.max())
+    share = (heights - low) / (high - low) if high > low else np.zeros_like(heights)
+    with staging.staging(folder, made.name) as stage:
+        stem = stage / made.name
+        pictures = {
+            "colour": made.colour[::-1],
+            "height": _codes(share),
+            "roughness": _codes(np.clip(made.roughness, 0.0, 1.0)),
+        }
+        full_slope = 0.0 if made.slope is None else max(float(made.slope.max()), 1e-9)
+        if made.slope is not None:
+            pictures["slope"] = _codes(made.slope / full_slope)
+        paths = [stem.with_name(f"{stem.name}.{part}.png") for part in pictures]
+        for path, values in zip(paths, pictures.values(), strict=True):
+            png.write(values, path)
+        written = texture_map.write(made.map, stem, name=made.name)
+        files = [*paths, *written.files]
+        record = stem.with_name(stem.name + RECORD)
+        document = {
+            "format": FORMAT,
+            "version": VERSION,
+            "name": made.name,
+            **made.record,
+            "size_mm": [1e3 * length for length in made.height.size_m],
+            "height_mm": 1e3 * (high - low),
+            "full_slope": full_slope or None,
+            "tiles": made.height.tiles,
+            "is_metal": made.is_metal,
+            "notes": list(made.notes),
+            "versions": {"hfx": version, "numpy": np.__version__, **made.record["versions"]},
+            "files": {path.name: sha256_of(path) for path in files},
+        }
+        write_json(document, record)
+        placed = staging.place([*files, record], folder)
+    return Written(placed, notes=made.notes)
+
+
+def read(path: Path) -> GeneratedFiles:
+    """Read a generated surface by its record.
+
+    Raises
+    ------
+    InputError
+        A file is missing or damaged, or is no longer the one that the record names.
+    """
+    entries = read_json(path, _MOST_BYTES).entries(allowed="an object")
+    for key in ("format", "version", "name", "size_mm", "height_mm", "tiles", "files"):
+        if key not in entries:
+            raise InputError(f"{path}: '{key}' is missing.")
+    entries["format"].choice((FORMAT,))
+    entries["version"].integer(VERSION, VERSION)
+    name = entries["name"].text(r"[^/\\:\x00-\x1f]{1,200}")
+    files = entries["files"].entries(allowed="files with their SHA-256")
+    for part in ("colour", "height", "roughness"):
+        _check(path, f"{name}.{part}.png", files)
+    width, height = (each.number(1e-3, 1e6) for each in entries["size_mm"].items(least=2, most=2))
+    depth_mm = entries["height_mm"].number(0.0, 1e5)
+    share, rough = (
+        _share(path.with_name(f"{name}.{part}.png")) for part in ("height", "roughness")
+    )
+    tiles = entries["tiles"].boolean()
+    slope = None
+    if "full_slope" in entries and entries["full_slope"].value is not None:
+        _check(path, f"{name}.slope.png", files)
+        full = entries["full_slope"].number(0.0, 1e6)
+        slope = (full * _share(path.with_name(f"{name}.slope.png"))).astype(np.float32)
+    notes = entries["notes"].items(least=0, most=1000) if "notes" in entries else []
+    return GeneratedFiles(
+        path,
+        name,
+        from_image(share, 1e-3 * depth_mm, (1e-3 * width, 1e-3 * height), tiles=tiles),
+        rough,
+        texture_map.read(path.with_name(name + texture_map.SUFFIX)),
+        "is_metal" in entries and entries["is_metal"].boolean(),
+        str(entries["words"].value) if "words" in entries else "",
+        tuple(str(each.value) for each in notes),
+        slope,
+    )
+
+
+def _check(record: Path, name: str, files: Mapping[str, Node]) -> None:
+    """Refuse a picture that is not the one that the record names: :class:`InputError`."""
+    path = record.with_name(name)
+    if name not in files:
+        raise InputError(f"{record}: files: '{name}' is missing.")
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file.")
+    if sha256_of(path) != files[name].value:
+        raise InputError(f"{path}: is not the picture that {record.name} names; its hash differs.")
+
+
+def _codes(share: F64) -> png.Grey:
+    return np.rint(share[::-1] * _FULL).astype(np.uint16)
+
+
+def _share(path: Path) -> F64:
+    codes, _ = png.read(path)
+    return np.asarray(codes[::-1].astype(np.float64) / np.iinfo(codes.dtype).max)

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""List of all effects of a scene; what belongs together (rain, a sensation) is a row that opens.
+
+Its rows are made anew whenever the scene was looked at and its effects are others than before. They
+are kept with the window manager: no file stores them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
+
+from ..authoring import effects
+from ..operators.shared import select_only
+from ..playback import preview
+
+ICONS = {
+    "vibration": "FORCE_HARMONIC",
+    "pressure": "FULLSCREEN_EXIT",
+    "temperature": "LIGHT_SUN",
+    "wind": "FORCE_WIND",
+}
+_LEAST_ROWS, _MOST_ROWS = 3, 10
+
+_open: set[str] = set()
+"""Groups that are open."""
+
+
+def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
+    """Rows of the list, as (effect, group): a group's own row has no effect, its effects follow."""
+    found: list[tuple[str, str]] = []
+    known: dict[str, list[str]] = {}
+    for effect in effects.effects_of(scene):
+        group = effects.group_of(effect)
+        if group not in known:
+            known[group] = []
+            if group:
+                found.append(("", group))
+        known[group].append(effect.name)
+        if not group:
+            found.append((effect.name, ""))
+    return [
+        row
+        for name, group in found
+        for row in [(name, group), *((e, group) for e in known[group] if not name)]
+    ]
+
+
+def refresh() -> None:
+    """Make the rows anew if the scene's effects are others than before; never from a drawing."""
+    rows, wanted = bpy.context.window_manager.hfx_rows, rows_of(bpy.context.scene)
+    if [(row.effect, row.group) for row in rows] == wanted:
+        return
+    rows.clear()
+    for effect, group in wanted:
+        row = rows.add()
+        row.name, row.effect, row.group = effect or group, effect, group
+    preview.redraw()
+
+
+def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:
+    scene = bpy.context.scene
+    if row.effect:
+        found = [scene.objects.get(row.effect)]
+        return [effect for effect in found if effect is not None and effect.hfx.role == "EFFECT"]
+    return [each for each in effects.effects_of(scene) if effects.group_of(each) == row.group]
+
+
+def _has(name: str) -> Callable[[HfxEffectRow], bool]:
+    return lambda row: all(getattr(each.hfx, name) for each in _effects_of_row(row))
+
+
+def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
+    def set_all(row: HfxEffectRow, value: bool) -> None:
+        for effect in _effects_of_row(row):
+            setattr(effect.hfx, name, value)
+        preview.look_soon()
+
+    return set_all
+
+
+def _is_open(row: HfxEffectRow) -> bool:
+    return row.group in _open
+
+
+def _set_open(row: HfxEffectRow, value: bool) -> None:
+    (_open.add if value else _open.discard)(row.group)
+
+
+class HfxEffectRow(bpy.types.PropertyGroup):
+    """Row of the list: an effect, or a group of effects."""
+
+    effect: StringProperty(name="Effect", description="The effect's name; empty: a group")
+    group: StringProperty(name="Group", description="Group of the effect")
+    is_open: BoolProperty(
+        name="Open",
+        description="Show the effects of the group",
+        get=_is_open,
+        set=_set_open,
+    )
+    is_muted: BoolProperty(
+        name="Mute",
+        description="Neither felt nor exported",
+        get=_has("is_muted"),
+        set=_set("is_muted"),
+    )
+    is_solo: BoolProperty(
+        name="Solo",
+        description="Only effects that are solo are felt and exported",
+        get=_has("is_solo"),
+        set=_set("is_solo"),
+    )
+
+
+class HFX_UL_effects(bpy.types.UIList):
+    """Effects and groups of effects"""
+
+    def draw_item(
+        self,
+        context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        _data: object,
+        row: HfxEffectRow,
+        _icon: int,
+        _active_data: object,
+        _active_property: str,
+    ) -> None:
+        found = _effects_of_row(row)
+        if not found:  # deleted or renamed just now
+            layout.label(text=row.name)
+            return
+        line = layout.row(align=True)
+        title = line.row(align=True)
+        title.alert = any(effects.needs_body(context.scene, each) for each in found)
+        if row.effect:
+            if row.group:
+                title.label(text="", icon="BLANK1")
+            icon = "ERROR" if title.alert else ICONS[found[0].hfx.modality]
+            title.prop(found[0], "name", text="", icon=icon, emboss=False)
+        else:
+            icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"
+            title.prop(row, "is_open", text="", icon=icon, emboss=False)
+            title.label(text=f"{row.group} ({len(found)})")
+        for name, on, off in (
+            ("is_solo", "SOLO_ON", "SOLO_OFF"),
+            ("is_muted", "MUTE_IPO_ON", "MUTE_IPO_OFF"),
+        ):
+            icon = on if getattr(row, name) else off
+            line.prop(row, name, text="", icon=icon, emboss=False)
+
+    def filter_items(
+        self, _context: bpy.types.Context, manager: bpy.types.WindowManager, name: str
+    ) -> tuple[list[int], list[int]]:
+        wanted = self.filter_name.lower()
+        shown = [
+            wanted in f"{row.effect} {row.group}".lower()
+            if wanted  # a search goes through closed groups, too
+            else not (row.effect and row.group) or row.is_open
+            for row in getattr(manager, name)
+        ]
+        return [self.bitflag_filter_item if each else 0 for each in shown], []
+
+
+def _active_row(manager: bpy.types.WindowManager) -> int:
+    active = bpy.context.object
+    if active is None:
+        return -1
+    shown = active.get("hfx_painted_effect") or active
+    group = effects.group_of(shown)
+    for index, row in enumerate(manager.hfx_rows):
+        if row.effect == shown.name or (not row.effect and row.group == group and group):
+            if row.effect or group not in _open:
+                return index
+    return -1
+
+
+def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
+    context = bpy.context
+    if context.object is not None and context.object.mode != "OBJECT":
+        return  # painting goes on
+    if 0 <= index < len(manager.hfx_rows):
+        found = _effects_of_row(manager.hfx_rows[index])
+        for effect in reversed(found[:1]):
+            select_only(context, effect)
+        for effect in found[1:]:
+            if effect.name in context.view_layer.objects:
+                effect.select_set(True)
+
+
+def draw(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
+    """Draw the list, as high as it needs to be, up to a limit."""
+    manager = context.window_manager
+    shown = sum(1 for row in manager.hfx_rows if not (row.effect and row.group) or row.is_open)
+    rows = min(max(shown, _LEAST_ROWS), _MOST_ROWS)
+    layout.template_list(
+        "HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row", rows=rows, maxrows=rows
+    )
+
+
+_register, _unregister = bpy.utils.register_classes_factory((HfxEffectRow, HFX_UL_effects))
+
+
+def register() -> None:
+    _register()
+    bpy.types.WindowManager.hfx_rows = CollectionProperty(type=HfxEffectRow)
+    bpy.types.WindowManager.hfx_row = IntProperty(
+        name="Effect", description="Select the effect", get=_active_row, set=_select_row
+    )
+    preview.after_looking.append(refresh)
+
+
+def unregister() -> None:
+    preview.after_looking.remove(refresh)
+    del bpy.types.WindowManager.hfx_row
+    del bpy.types.WindowManager.hfx_rows
+    _unregister()

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: MIT
+@tool
+class_name HapticClip
+extends Resource
+## A clip made by HFX (.hfxclip): what each actuator of each device plays over time.
+##
+## Reads the baked part of docs/formats/clip.md. Bytes are checked as a whole once, when they are
+## imported or given to [method from_bytes].
+
+const MAGIC := "48465843 4c49500a"
+const VERSION := 1
+const SIZES := {
+	"TEXT": 1, "TIME": 24, "DEVC": 32, "ACTR": 88, "COLM": 40, "ROWS": 4, "VALU": 2, "CLIP": 24,
+}
+const MODALITIES: PackedStringArray = ["vibration", "pressure", "temperature", "wind"]
+const SIDES: PackedStringArray = ["", "left", "right"]
+
+## The file as it is.
+@export_storage var bytes := PackedByteArray():
+	set(value):
+		bytes = value
+		_is_read = false
+
+var _is_read := false
+var _parts := {}  # name: [offset, number of records]
+var _rate_hz := 0.0
+var _row_count := 0
+var _devices: Array[Dictionary] = []
+var _actuators: Array[Dictionary] = []
+var _columns: Array[Dictionary] = []
+var _named_clips := {}
+
+
+## A clip of bytes of any origin; null, with an error in the log, if they are none.
+static func from_bytes(file: PackedByteArray) -> HapticClip:
+	var clip := HapticClip.new()
+	clip.bytes = file
+	var error := clip.fault()
+	if error != "":
+		push_error(error)
+		return null
+	return clip
+
+
+## One sentence about what is wrong with the bytes; empty: nothing.
+func fault() -> String:
+	var error := _read()
+	if error != "":
+		return error
+	if bytes.decode_u32(16) != _crc32(bytes, 20):
+		return "The haptic clip is damaged: its checksum is not that of its content."
+	return ""
+
+
+## Length, seconds.
+func get_length() -> float:
+	_read()
+	return _row_count / _rate_hz if _rate_hz > 0.0 else 0.0
+
+
+## Rows a second.
+func get_rate_hz() -> float:
+	_read()
+	return _rate_hz
+
+
+## Number of rows.
+func get_row_count() -> int:
+	_read()
+	return _row_count
+
+
+## For each device: id, name, body, first_actuator, actuators, dead_man_ms.
+func get_devices() -> Array[Dictionary]:
+	_read()
+	return _devices
+
+
+## For each actuator: id, modality, first_column, columns, side, parts, bone, human_bone,
+## update_interval_ms, slew_per_s, maximum_on_s, rest_s.
+func get_actuators() -> Array[Dictionary]:
+	_read()
+	return _actuators
+
+
+## For each column: parameter, unit, lowest, highest, neutral.
+func get_columns() -> Array[Dictionary]:
+	_read()
+	return _columns
+
+
+## Named clips of the scene: name to [start in seconds, end in seconds, whether it loops].
+func get_named_clips() -> Dictionary:
+	_read()
+	return _named_clips
+
+
+## What each column gives while nothing is felt.
+func get_neutral_values() -> PackedFloat32Array:
+	_read()
+	var values := PackedFloat32Array()
+	for column in _columns:
+		values.append(column.neutral)
+	return values
+
+
+func _read() -> String:
+	if _is_read:
+		return ""
+	_parts = {}
+	_rate_hz = 0.0
+	_row_count = 0
+	_devices.clear()
+	_actuators.clear()
+	_columns.clear()
+	_named_clips.clear()
+	var error := _find_parts()
+	if error == "":
+		error = _read_tables()
+	_is_read = error == ""
+	if not _is_read:
+		_actuators.clear()
+		_columns.clear()
+		_rate_hz = 0.0
+	return error
+
+
+func _find_parts() -> String:
+	if bytes.size() < 24 or bytes.slice(0, 8).hex_encode() != MAGIC.replace(" ", ""):
+		return "This is no haptic clip."
+	if bytes.decode_u32(8) > VERSION:
+		return (
+			"The haptic clip is of version %d; this add-on reads up to %d."
+			% [bytes.decode_u32(8), VERSION]
+		)
+	var sections := bytes.decode_u32(20)
+	if bytes.decode_u32(12) != bytes.size() or sections > 64 or 24 + 16 * sections > bytes.size():
+		return "The haptic clip is cut off."
+	for k in sections:
+		var at := 24 + 16 * k
+		var name := bytes.slice(at, at + 4).get_string_from_ascii()
+		if not SIZES.has(name):
+			continue
+		var offset := bytes.decode_u32(at + 4)
+		var size := bytes.decode_u32(at + 8)
+		if offset % 8 != 0 or offset + size > bytes.size() or size % int(SIZES[name]) != 0:
+			return "Section %s of the haptic clip does not fit into it." % name
+		if _parts.has(name):
+			return "Section %s stands twice in the haptic clip." % name
+		_parts[name] = [offset, size / int(SIZES[name])]
+	for name in ["TEXT", "TIME"]:
+		if not _parts.has(name):
+			return "The haptic clip has no section %s." % name
+	return ""
+
+
+func _read_tables() -> String:
+	if _count("TIME") != 1:
+		return "The haptic clip says nothing, or too much, about its time."
+	var time := _at("TIME", 0)
+	_rate_hz = bytes.decode_double(time)
+	_row_count = bytes.decode_u32(time + 16)
+	if not (_rate_hz > 0.0 and _rate_hz <= 1e6):
+		return "The haptic clip has %s rows a second." % _rate_hz
+	for k in _count("COLM"):
+		_columns.append(_column(_at("COLM", k)))
+	for k in _count("ACTR"):
+		var actuator := _actuator(_at("ACTR", k))
+		if not _fits(actuator):
+			return "Actuator %d of the haptic clip breaks a rule of the format." % k
+		_actuators.append(actuator)
+	for k in _count("DEVC"):
+		_devices.append(_device(_at("DEVC", k)))
+	for k in _count("CLIP"):
+		var at := _at("CLIP", k)
+		var is_looping := bytes.decode_u32(at + 4) == 1
+		_named_clips[_text(at)] = [
+			bytes.decode_double(at + 8), bytes.decode_double(at + 16), is_looping
+		]
+	return ""
+
+
+func _column(at: int) -> Dictionary:
+	return {
+		"parameter": _text(at),
+		"unit": _text(at + 4),
+		"neutral_number": bytes.decode_u32(at + 12),
+		"lowest": bytes.decode_double(at + 16),
+		"highest": bytes.decode_double(at + 24),
+		"neutral": bytes.decode_double(at + 32),
+	}
+
+
+func _actuator(at: int) -> Dictionary:
+	var rows := bytes.decode_u32(at + 16)
+	var count := bytes.decode_u32(at + 20)
+	var first := _part_offset("ROWS") + 4 * rows
+	return {
+		"id": _text(at),
+		"modality": MODALITIES[mini(bytes.decode_u32(at + 4), 3)],
+		"first_column": bytes.decode_u32(at + 8),
+		"columns": bytes.decode_u32(at + 12),
+		"rows": bytes.slice(first, first + 4 * count).to_int32_array(),
+		"row_count": count,
+		"values": _part_offset("VALU") + 2 * bytes.decode_u32(at + 24),
+		"last_value": bytes.decode_u32(at + 24) + count * bytes.decode_u32(at + 12),
+		"side": SIDES[mini(bytes.decode_u32(at + 32), 2)],
+		"parts": _text(at + 36),
+		"bone": _text(at + 40),
+		"human_bone": _text(at + 44),
+		"update_interval_ms": bytes.decode_float(at + 68),
+		"slew_per_s": bytes.decode_float(at + 72),
+		"maximum_on_s": bytes.decode_float(at + 76),
+		"rest_s": bytes.decode_float(at + 80),
+	}
+
+
+func _fits(actuator: Dictionary) -> bool:
+	var rows: PackedInt32Array = actuator.rows
+	return (
+		actuator.columns >= 1
+		and actuator.columns <= 8
+		and actuator.first_column + actuator.columns <= _columns.size()
+		and actuator.row_count >= 1
+		and rows.size() == actuator.row_count
+		and rows[0] == 0
+		and actuator.last_value <= _count("VALU")
+	)
+
+
+func _device(at: int) -> Dictionary:
+	return {
+		"id": _text(at),
+		"name": _text(at + 4),
+		"body": _text(at + 8),
+		"first_actuator": bytes.decode_u32(at + 12),
+		"actuators": bytes.decode_u32(at + 16),
+		"dead_man_ms": bytes.decode_u32(at + 28),
+	}
+
+
+func _count(name: String) -> int:
+	return _parts[name][1] if _parts.has(name) else 0
+
+
+func _part_offset(name: String) -> int:
+	return _parts[name][0] if _parts.has(name) else 0
+
+
+func _at(name: String, index: int) -> int:
+	return _part_offset(name) + int(SIZES[name]) * index
+
+
+func _text(at: int) -> String:
+	var begin := _part_offset("TEXT") + bytes.decode_u32(at)
+	var end := bytes.find(0, begin) if begin < bytes.size() else -1
+	return bytes.slice(begin, end).get_string_from_utf8() if end >= begin else ""
+
+
+static func _crc32(data: PackedByteArray, from: int) -> int:
+	var table := PackedInt64Array()
+	for number in 256:
+		var value := number
+		for bit in 8:
+			value = (value >> 1) ^ 0xEDB88320 if value & 1 else value >> 1
+		table.append(value)
+	var crc := 0xFFFFFFFF
+	for k in range(from, data.size()):
+		crc = (crc >> 8) ^ table[(crc ^ data[k]) & 0xFF]
+	return crc ^ 0xFFFFFFFF

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: MIT
+@icon("haptic_player.svg")
+class_name HapticPlayer
+extends Node
+## Plays a [HapticClip] in step with the game: each frame, of each actuator, the strongest row
+## since the last frame.
+##
+## An output (say [HapticControllers]) takes the values from [signal values_changed]. While
+## nothing plays, while the game is paused, and when the window or the headset loses its focus, all
+## values are neutral.
+
+## All columns of the clip, in their units; sent each frame in which something plays, and once more
+## when it ends.
+signal values_changed(values: PackedFloat32Array)
+## The clip came to its end by itself.
+signal finished
+
+const _EARLY := 1e-6  # of a row: times of frames are sums, and rounded
+
+## What is played.
+@export var clip: HapticClip:
+	set(value):
+		stop()
+		clip = value
+## Plays as soon as the node is in the scene.
+@export var autoplay := false
+## Begins again at the end.
+@export var loop := false
+## Scales how far all strengths are from neutral.
+@export_range(0.0, 4.0, 0.01) var gain := 1.0
+## Silent while the window or the headset is in the background.
+@export var silent_without_focus := true
+
+var _playing := false
+var _paused := false
+var _has_focus := true
+var _position := 0.0
+var _start := 0.0
+var _end := 0.0
+var _shown_row := -1
+var _factors := {}
+
+
+func _ready() -> void:
+	var headset := XRServer.find_interface("OpenXR")
+	if headset != null and headset.is_initialized():
+		headset.session_focussed.connect(_set_focus.bind(true))
+		headset.session_visible.connect(_set_focus.bind(false))
+		headset.session_stopping.connect(_set_focus.bind(false))
+	if autoplay:
+		play()
+
+
+func _process(delta: float) -> void:
+	if not _playing or _paused or not _has_focus:
+		return
+	values_changed.emit(advance(delta))
+
+
+func _notification(what: int) -> void:
+	match what:
+		NOTIFICATION_APPLICATION_FOCUS_OUT, NOTIFICATION_APPLICATION_PAUSED:
+			if not get_viewport().use_xr:  # a headset has a focus of its own
+				_set_focus(false)
+		NOTIFICATION_APPLICATION_FOCUS_IN, NOTIFICATION_APPLICATION_RESUMED:
+			_set_focus(true)
+		NOTIFICATION_PAUSED, NOTIFICATION_DISABLED:
+			_silence()
+		NOTIFICATION_EXIT_TREE:
+			stop()
+
+
+## Begins at the beginning, or with a named clip of the scene.
+func play(named_clip := "") -> void:
+	if clip == null:
+		push_error("HapticPlayer '%s' has no clip." % name)
+		return
+	_start = 0.0
+	_end = clip.get_length()
+	if named_clip != "":
+		if not clip.get_named_clips().has(named_clip):
+			push_error(
+				"The clip has no '%s'; it has: %s." % [named_clip, ", ".join(clip.get_named_clips().keys())]
+			)
+			return
+		var found: Array = clip.get_named_clips()[named_clip]
+		_start = found[0]
+		_end = found[1]
+		loop = found[2]
+	_playing = _end > _start
+	_paused = false
+	seek(_start)
+
+
+## Stands still, in silence, until it is called with false.
+func pause(is_paused := true) -> void:
+	_paused = is_paused
+	if is_paused:
+		_silence()
+
+
+## Ends in silence.
+func stop() -> void:
+	var was_playing := _playing
+	_playing = false
+	_position = _start
+	if was_playing:
+		_silence()
+
+
+## Jumps, seconds from the beginning of the clip; what lies between is not felt.
+func seek(seconds: float) -> void:
+	if clip == null:
+		return
+	_position = clampf(seconds if seconds > 0.0 else 0.0, _start, _end)
+	_shown_row = _row_of(_position) - 1
+
+
+## Scales one parameter (amplitude_m_s2, frequency_hz, pressure_kpa, temperature_c, speed_m_s): its
+## deviation from neutral, a frequency itself.
+func set_parameter(parameter: String, factor: float) -> void:
+	_factors[parameter] = factor if factor > 0.0 else 0.0
+
+
+func is_playing() -> bool:
+	return _playing
+
+
+## Seconds from the beginning of the clip.
+func get_playback_position() -> float:
+	return _position
+
+
+## Goes on by seconds and gives all columns. [method _process] calls it; a game that has a clock of
+## its own may do so instead, with the node's processing off.
+func advance(seconds: float) -> PackedFloat32Array:
+	if clip == null:
+		return PackedFloat32Array()
+	if not _playing or _paused:
+		return clip.get_neutral_values()
+	_position += seconds if seconds > 0.0 else 0.0
+	var now := _row_of(_position)
+	var spans := [Vector2i(_shown_row + 1, now)]
+	if _position < _end:
+		spans[0].x = mini(spans[0].x, now)
+	elif loop:
+		var past := _position - _end
+		var length := _end - _start
+		_position = _start + fmod(past, length)
+		now = _row_of(_position)
+		spans.append(Vector2i(_row_of(_start), now if past < length else _row_of(_end)))
+	else:
+		_playing = false
+		_position = _start
+		finished.emit.call_deferred()
+		_silence.call_deferred()
+		if spans[0].x > now:  # all of it has been felt
+			return clip.get_neutral_values()
+	_shown_row = now
+	return _strongest(spans)
+
+
+func _set_focus(has_focus: bool) -> void:
+	_has_focus = has_focus or not silent_without_focus
+	if not _has_focus:
+		_silence()
+
+
+func _silence() -> void:
+	if clip != null:
+		values_changed.emit(clip.get_neutral_values())
+
+
+func _row_of(seconds: float) -> int:
+	var rate := clip.get_rate_hz()
+	var last := ceilf(_end * rate - _EARLY) - 1.0
+	var first := clampf(floorf(_start * rate + _EARLY), 0.0, maxf(last, 0.0))
+	return int(clampf(floorf(seconds * rate + _EARLY), first, maxf(last, first)))
+
+
+func _strongest(spans: Array) -> PackedFloat32Array:
+	var columns := clip.get_columns()
+	var bytes := clip.bytes
+	var out := PackedFloat32Array()
+	out.resize(columns.size())
+	for actuator in clip.get_actuators():
+		var rows: PackedInt32Array = actuator.rows
+		var size: int = 2 * actuator.columns
+		var neutral: int = columns[actuator.first_column].neutral_number
+		var strongest: int = actuator.values
+		var farthest := 0
+		for span in spans:
+			if span.x > span.y:
+				continue
+			for entry in range(_entry_at(rows, span.x), _entry_at(rows, span.y) + 1):
+				var at: int = actuator.values + size * entry
+				var away := absi(bytes.decode_u16(at) - neutral)
+				if away >= farthest:
+					farthest = away
+					strongest = at
+		for k in actuator.columns:
+			var column: int = actuator.first_column + k
+			out[column] = _value(columns[column], bytes.decode_u16(strongest + 2 * k), k == 0)
+	return out
+
+
+## The entry of an actuator that holds at a row.
+static func _entry_at(rows: PackedInt32Array, row: int) -> int:
+	return maxi(rows.bsearch(row, false) - 1, 0)
+
+
+func _value(column: Dictionary, number: int, is_strength: bool) -> float:
+	var value: float = column.neutral
+	if number != column.neutral_number:
+		value = column.lowest + (column.highest - column.lowest) * number / 65535.0
+	var neutral: float = column.neutral if is_strength else 0.0
+	var factor: float = _factors.get(column.parameter, 1.0) * (gain if is_strength else 1.0)
+	if factor == 1.0:
+		return value
+	return clampf(neutral + factor * (value - neutral), column.lowest, column.highest)

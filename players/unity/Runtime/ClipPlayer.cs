@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: MIT
+using System;
+
+namespace Hfx.Haptics
+{
+    /// <summary>
+    /// Plays a clip: of each actuator the strongest row since the last call. Rows hold, nothing is
+    /// interpolated. Needs nothing of Unity and makes no garbage.
+    /// </summary>
+    public sealed class ClipPlayer
+    {
+        const double Early = 1e-6; // of a row: times of frames are sums, and rounded
+
+        readonly double[] factors; // of each column
+        double start, end;
+        int shownRow;
+
+        public HapticClip Clip { get; private set; }
+        public bool IsPlaying { get; private set; }
+        /// <summary>Stands still, in silence.</summary>
+        public bool IsPaused { get; set; }
+        /// <summary>Begins again at the end.</summary>
+        public bool Loops { get; set; }
+        /// <summary>Scales how far all strengths are from neutral.</summary>
+        public double Gain { get; set; }
+        /// <summary>Seconds from the beginning of the clip.</summary>
+        public double Position { get; private set; }
+
+        public ClipPlayer(HapticClip clip)
+        {
+            Clip = clip;
+            factors = new double[clip.Columns.Length];
+            end = clip.Seconds;
+            Reset();
+        }
+
+        /// <summary>Begins at the beginning, with gain 1 and as the clip was made.</summary>
+        public void Play() { Begin(0.0, Clip.Seconds, false); }
+
+        /// <summary>Begins with a named clip, which loops if it is meant to; false: there is none.</summary>
+        public bool Play(string name)
+        {
+            foreach (NamedClip each in Clip.NamedClips)
+            {
+                if (each.Name != name) continue;
+                Begin(each.StartSeconds, each.EndSeconds, each.Loops);
+                return true;
+            }
+            return false;
+        }
+
+        public void Stop()
+        {
+            IsPlaying = false;
+            Seek(start);
+        }
+
+        /// <summary>Jumps; what lies between is not felt.</summary>
+        public void Seek(double seconds)
+        {
+            Position = Math.Min(Math.Max(Positive(seconds), start), end);
+            shownRow = RowOf(Position) - 1;
+        }
+
+        /// <summary>
+        /// Scales one parameter (amplitude_m_s2, frequency_hz, pressure_kpa, temperature_c, speed_m_s):
+        /// its deviation from neutral, a frequency itself; false: no column has it.
+        /// </summary>
+        public bool SetParameter(string parameter, double factor)
+        {
+            bool found = false;
+            for (int k = 0; k < factors.Length; k++)
+            {
+                if (Clip.Columns[k].Parameter != parameter) continue;
+                factors[k] = Positive(factor);
+                found = true;
+            }
+            return found;
+        }
+
+        /// <summary>Goes on by the seconds since the last call.</summary>
+        /// <param name="values">One value for each column, in its unit.</param>
+        public void Advance(double seconds, float[] values)
+        {
+            if (!IsPlaying || IsPaused)
+            {
+                Neutral(values);
+                return;
+            }
+            Position += Positive(seconds);
+            int first = shownRow + 1, now = RowOf(Position), again = 0, last = -1;
+            int until = now;
+            if (Position < end)
+            {
+                first = Math.Min(first, now);
+            }
+            else if (Loops)
+            {
+                double past = Position - end, length = end - start;
+                Position = start + past % length;
+                now = RowOf(Position);
+                again = RowOf(start);
+                last = past < length ? now : RowOf(end);
+            }
+            else
+            {
+                Stop();
+                Position = end;
+                if (first > now) // all of it has been felt
+                {
+                    Neutral(values);
+                    return;
+                }
+            }
+            shownRow = now;
+            foreach (Actuator actuator in Clip.Actuators) Strongest(actuator, first, until, again, last, values);
+        }
+
+        /// <summary>What each column gives while nothing is felt.</summary>
+        public void Neutral(float[] values)
+        {
+            for (int k = 0; k < Clip.Columns.Length; k++) values[k] = (float)Clip.Columns[k].Neutral;
+        }
+
+        void Begin(double from, double to, bool loops)
+        {
+            Reset();
+            start = from;
+            end = to;
+            Loops = loops;
+            IsPaused = false;
+            IsPlaying = end > start;
+            Seek(start);
+        }
+
+        void Reset()
+        {
+            Gain = 1.0;
+            for (int k = 0; k < factors.Length; k++) factors[k] = 1.0;
+        }
+
+        int RowOf(double seconds)
+        {
+            double last = Math.Max(Math.Ceiling(end * Clip.RateHz - Early) - 1.0, 0.0);
+            double first = Math.Min(Math.Max(Math.Floor(start * Clip.RateHz + Early), 0.0), last);
+            return (int)Math.Min(Math.Max(Math.Floor(seconds * Clip.RateHz + Early), first), last);
+        }
+
+        /// <summary>Of the rows of two spans, both ends included; a span that ends before it begins is none.</summary>
+        void Strongest(Actuator actuator, int first, int until, int again, int last, float[] values)
+        {
+            int neutral = Clip.Columns[actuator.FirstColumn].NeutralNumber;
+            int strongest = actuator.FirstValue, farthest = 0;
+            for (int span = 0; span < 2; span++)
+            {
+                int from = span == 0 ? first : again, to = span == 0 ? until : last;
+                if (from > to) continue;
+                int end = Clip.EntryAt(actuator, to);
+                for (int entry = Clip.EntryAt(actuator, from); entry <= end; entry++)
+                {
+                    int value = actuator.FirstValue + entry * actuator.Columns;
+                    int away = Math.Abs(Clip.NumberAt(value) - neutral);
+                    if (away < farthest) continue;
+                    farthest = away;
+                    strongest = value;
+                }
+            }
+            for (int k = 0; k < actuator.Columns; k++)
+                values[actuator.FirstColumn + k] = Scaled(actuator.FirstColumn + k, Clip.NumberAt(strongest + k), k == 0);
+        }
+
+        float Scaled(int index, int number, bool isStrength)
+        {
+            Column column = Clip.Columns[index];
+            double value = number == column.NeutralNumber
+                ? column.Neutral
+                : column.Lowest + (column.Highest - column.Lowest) * number / 65535.0;
+            double neutral = isStrength ? column.Neutral : 0.0;
+            double scale = isStrength ? Positive(Gain) * factors[index] : factors[index];
+            if (scale == 1.0) return (float)value;
+            return (float)Math.Min(Math.Max(neutral + scale * (value - neutral), column.Lowest), column.Highest);
+        }
+
+        static double Positive(double value) { return value > 0.0 ? Math.Min(value, float.MaxValue) : 0.0; }
+    }
+}

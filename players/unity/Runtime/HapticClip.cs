@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: MIT
+using System;
+using System.Collections.Generic;
+using System.Text;
+
+namespace Hfx.Haptics
+{
+    public enum Modality { Vibration, Pressure, Temperature, Wind }
+
+    public enum Side { Any, Left, Right }
+
+    /// <summary>A device of a clip and the body that wears it.</summary>
+    public sealed class Device
+    {
+        public string Id, Name, Body;
+        public int FirstActuator, Actuators;
+        /// <summary>Seconds without a new value after which an output falls silent by itself.</summary>
+        public double DeadManSeconds;
+    }
+
+    /// <summary>An actuator of a device; its first column is its strength.</summary>
+    public sealed class Actuator
+    {
+        public string Id, Parts, Bone, HumanBone;
+        public Modality Modality;
+        public Side Side;
+        public int FirstColumn, Columns;
+        public float UpdateIntervalMs, SlewPerSecond, MaximumOnSeconds, RestSeconds;
+        internal int FirstRow, Rows, FirstValue;
+    }
+
+    /// <summary>One number that an actuator is told: a strength, a frequency, ...</summary>
+    public sealed class Column
+    {
+        public string Parameter, Unit;
+        public double Lowest, Highest, Neutral;
+        internal int NeutralNumber;
+    }
+
+    /// <summary>A named part of a clip.</summary>
+    public sealed class NamedClip
+    {
+        public string Name;
+        public double StartSeconds, EndSeconds;
+        public bool Loops;
+    }
+
+    /// <summary>
+    /// The baked part of a clip (.hfxclip), as docs/formats/clip.md describes it: what each
+    /// actuator of each device plays over time. Needs nothing of Unity.
+    /// </summary>
+    public sealed class HapticClip
+    {
+        const int Version = 1;
+        static readonly byte[] Magic = { 0x48, 0x46, 0x58, 0x43, 0x4C, 0x49, 0x50, 0x0A };
+        static readonly Dictionary<string, int> RecordSizes = new Dictionary<string, int>
+        {
+            { "TEXT", 1 }, { "TIME", 24 }, { "DEVC", 32 }, { "ACTR", 88 }, { "COLM", 40 },
+            { "ROWS", 4 }, { "VALU", 2 }, { "CLIP", 24 },
+        };
+
+        readonly byte[] bytes;
+        readonly Dictionary<string, Part> parts = new Dictionary<string, Part>();
+
+        struct Part
+        {
+            public int Offset, Count;
+        }
+
+        public double RateHz { get; private set; }
+        public int RowCount { get; private set; }
+        public double Seconds { get { return RowCount / RateHz; } }
+        public Device[] Devices { get; private set; }
+        public Actuator[] Actuators { get; private set; }
+        public Column[] Columns { get; private set; }
+        public NamedClip[] NamedClips { get; private set; }
+
+        /// <exception cref="FormatException">The bytes are no clip, damaged, or of a newer version.</exception>
+        public HapticClip(byte[] bytes)
+        {
+            this.bytes = bytes;
+            FindParts();
+            ReadTables();
+        }
+
+        internal int NumberAt(int value)
+        {
+            int at = parts["VALU"].Offset + 2 * value;
+            return bytes[at] | bytes[at + 1] << 8;
+        }
+
+        /// <summary>The entry of an actuator that holds at a row.</summary>
+        internal int EntryAt(Actuator actuator, int row)
+        {
+            int low = 0, high = actuator.Rows;
+            while (high - low > 1)
+            {
+                int middle = low + (high - low) / 2;
+                if (RowAt(actuator.FirstRow + middle) <= row) low = middle;
+                else high = middle;
+            }
+            return low;
+        }
+
+        void FindParts()
+        {
+            Demand(bytes != null && bytes.Length >= 24, "it is too short");
+            for (int k = 0; k < Magic.Length; k++) Demand(bytes[k] == Magic[k], "it is no clip");
+            Demand(U32(8) <= Version, "it is of version " + U32(8) + "; versions up to " + Version + " are read");
+            long sections = U32(20);
+            Demand(U32(12) == bytes.Length && sections <= 64 && 24 + 16 * sections <= bytes.Length, "it is cut off");
+            Demand(U32(16) == Crc32(20), "its checksum is not that of its content");
+            for (int k = 0; k < sections; k++)
+            {
+                int at = 24 + 16 * k;
+                string name = Encoding.ASCII.GetString(bytes, at, 4);
+                int size;
+                if (!RecordSizes.TryGetValue(name, out size)) continue;
+                long offset = U32(at + 4), length = U32(at + 8);
+                Demand(offset % 8 == 0 && offset + length <= bytes.Length && length % size == 0, name + " does not fit");
+                Demand(!parts.ContainsKey(name), name + " stands twice");
+                parts[name] = new Part { Offset = (int)offset, Count = (int)(length / size) };
+            }
+            foreach (string name in RecordSizes.Keys)
+                if (!parts.ContainsKey(name)) parts[name] = new Part();
+            Demand(parts["TIME"].Count == 1 && parts["TEXT"].Count > 0, "TIME or TEXT is missing");
+            Part text = parts["TEXT"];
+            Demand(bytes[text.Offset + text.Count - 1] == 0, "TEXT does not end");
+        }
+
+        void ReadTables()
+        {
+            int time = parts["TIME"].Offset;
+            RateHz = F64(time);
+            Demand(RateHz > 0.0 && RateHz <= 1e6, "it has " + RateHz + " rows a second");
+            long rows = U32(time + 16);
+            Demand(rows <= int.MaxValue, "it has " + rows + " rows");
+            RowCount = (int)rows;
+            Columns = Records("COLM", ReadColumn);
+            Actuators = Records("ACTR", ReadActuator);
+            Devices = Records("DEVC", ReadDevice);
+            NamedClips = Records("CLIP", ReadNamedClip);
+        }
+
+        T[] Records<T>(string name, Func<int, T> read)
+        {
+            T[] found = new T[parts[name].Count];
+            for (int k = 0; k < found.Length; k++) found[k] = read(parts[name].Offset + RecordSizes[name] * k);
+            return found;
+        }
+
+        Column ReadColumn(int at)
+        {
+            Column column = new Column
+            {
+                Parameter = Text(at), Unit = Text(at + 4), NeutralNumber = Index(at + 12, 65536, "neutral"),
+                Lowest = F64(at + 16), Highest = F64(at + 24), Neutral = F64(at + 32),
+            };
+            Demand(column.Lowest <= column.Neutral && column.Neutral <= column.Highest, "a column's limits are wrong");
+            return column;
+        }
+
+        Actuator ReadActuator(int at)
+        {
+            Actuator found = new Actuator
+            {
+                Id = Text(at), Modality = (Modality)Index(at + 4, 4, "modality"),
+                FirstColumn = Index(at + 8, Columns.Length, "column"), Columns = Index(at + 12, 9, "columns"),
+                FirstRow = Index(at + 16, parts["ROWS"].Count, "row"), Rows = Index(at + 20, int.MaxValue, "rows"),
+                FirstValue = Index(at + 24, parts["VALU"].Count, "value"), Side = (Side)Index(at + 32, 3, "side"),
+                Parts = Text(at + 36), Bone = Text(at + 40), HumanBone = Text(at + 44),
+                UpdateIntervalMs = F32(at + 68), SlewPerSecond = F32(at + 72),
+                MaximumOnSeconds = F32(at + 76), RestSeconds = F32(at + 80),
+            };
+            Demand(found.Columns > 0 && found.FirstColumn + found.Columns <= Columns.Length, "an actuator's columns are not there");
+            Demand(found.Rows > 0 && (long)found.FirstRow + found.Rows <= parts["ROWS"].Count, "an actuator's rows are not there");
+            Demand(found.FirstValue + (long)found.Rows * found.Columns <= parts["VALU"].Count, "an actuator's values are not there");
+            long before = -1;
+            for (int k = 0; k < found.Rows; k++)
+            {
+                long row = RowAt(found.FirstRow + k);
+                Demand(row > before && row < RowCount && (k > 0 || row == 0), "an actuator's rows are not in order");
+                before = row;
+            }
+            return found;
+        }
+
+        Device ReadDevice(int at)
+        {
+            Device device = new Device
+            {
+                Id = Text(at), Name = Text(at + 4), Body = Text(at + 8),
+                FirstActuator = Index(at + 12, Actuators.Length + 1, "actuator"),
+                Actuators = Index(at + 16, Actuators.Length + 1, "actuators"), DeadManSeconds = U32(at + 28) / 1000.0,
+            };
+            Demand(device.FirstActuator + device.Actuators <= Actuators.Length, "a device's actuators are not there");
+            return device;
+        }
+
+        NamedClip ReadNamedClip(int at)
+        {
+            return new NamedClip
+            {
+                Name = Text(at), Loops = U32(at + 4) == 1, StartSeconds = F64(at + 8), EndSeconds = F64(at + 16),
+            };
+        }
+
+        long RowAt(int index) { return U32(parts["ROWS"].Offset + 4 * index); }
+
+        int Index(int at, long limit, string what)
+        {
+            long value = U32(at);
+            Demand(value < limit, "the " + what + " " + value + " is not there");
+            return (int)value;
+        }
+
+        string Text(int at)
+        {
+            Part text = parts["TEXT"];
+            int begin = text.Offset + Index(at, text.Count, "text");
+            int end = Array.IndexOf(bytes, (byte)0, begin);
+            return Encoding.UTF8.GetString(bytes, begin, end - begin);
+        }
+
+        long U32(int at) { return (uint)(bytes[at] | bytes[at + 1] << 8 | bytes[at + 2] << 16 | bytes[at + 3] << 24); }
+
+        float F32(int at) { return BitConverter.ToSingle(bytes, at); }
+
+        double F64(int at)
+        {
+            double value = BitConverter.ToDouble(bytes, at);
+            Demand(!double.IsNaN(value) && !double.IsInfinity(value), "a number is not finite");
+            return value;
+        }
+
+        long Crc32(int from)
+        {
+            uint[] table = new uint[256];
+            for (uint number = 0; number < 256; number++)
+            {
+                uint value = number;
+                for (int bit = 0; bit < 8; bit++) value = (value & 1) != 0 ? value >> 1 ^ 0xEDB88320u : value >> 1;
+                table[number] = value;
+            }
+            uint crc = 0xFFFFFFFFu;
+            for (int k = from; k < bytes.Length; k++) crc = crc >> 8 ^ table[(crc ^ bytes[k]) & 0xFF];
+            return crc ^ 0xFFFFFFFFu;
+        }
+
+        static void Demand(bool holds, string fault)
+        {
+            if (!holds) throw new FormatException("The haptic clip cannot be played: " + fault + ".");
+        }
+    }
+}

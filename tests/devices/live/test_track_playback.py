@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx play``: a track is felt at its times, and every way to its end is silence."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_process import BAND, is_loud, rows_of
+from test_render_process import HEADER, STREAMS, felt, places
+
+from hfx_blender import cli
+from hfx_blender.devices.live.live_frame import live_frame_from, live_frame_to
+from hfx_blender.devices.live.played_track import PlayedTrack
+from hfx_blender.engine.scene import TimeBase
+from hfx_blender.engine.track import TrackWriter
+
+RATE_HZ = 20
+
+
+@pytest.fixture
+def track(tmp_path: Path) -> Path:
+    """10 m/s^2 on all skin from 0.5 to 1 s, of 1.5 s."""
+    return written(tmp_path / "buzz.hfxtrack", 1.5, range(10, 20))
+
+
+def written(path: Path, length_s: float, loud: range) -> Path:
+    frames = round(length_s * RATE_HZ)
+    time = TimeBase(Fraction(RATE_HZ), Fraction(RATE_HZ), 1, 1, frames)
+    with TrackWriter(path, replace(HEADER, time=time), full_precision=True) as writer:
+        for index in loud:
+            run = felt(STREAMS[0], 10.0, 100.0)
+            at = np.array([index])
+            writer.append([replace(run, indices=at, times_s=at / RATE_HZ)])
+    return path
+
+
+def arguments(track: Path, *more: str) -> list[str]:
+    return ["play", str(track), "--device", BAND, "--to", "simulator", *more]
+
+
+def test_a_track_is_felt_at_its_times_and_ends_in_silence(track: Path, tmp_path: Path) -> None:
+    log = tmp_path / "band.jsonl"
+    assert cli.run(arguments(track, "--path", str(log))) == 0
+    rows = rows_of(log)
+    loud = [row["time_s"] for row in rows if is_loud(row)]
+    assert max(row["values"][0] for row in rows if "values" in row) == 10.0
+    # Late on a busy machine, never early: half a second is felt, then half a second of nothing.
+    assert loud[0] - rows[0]["time_s"] > 0.45
+    assert rows[-1]["time_s"] - loud[-1] > 0.4
+    assert "stop" in rows[-1]
+
+
+def test_ctrl_c_and_a_kill_end_in_silence(tmp_path: Path) -> None:
+    track = written(tmp_path / "long.hfxtrack", 30.0, range(30 * RATE_HZ))
+    for number in (signal.SIGINT, signal.SIGKILL):
+        log = tmp_path / f"{number.name}.jsonl"
+        command = [sys.executable, "-m", "hfx_blender.cli", *arguments(track, "--path", str(log))]
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        until(partial(sounds, log))
+        process.send_signal(number)
+        assert process.wait() == (130 if number == signal.SIGINT else -signal.SIGKILL)
+        until(partial(has_stopped, log))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+def test_a_serial_device_gets_its_bytes_and_its_stop(track: Path, tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    device = tmp_path / "belt.json"
+    device.write_text(json.dumps(SERIAL))
+    options = ["play", str(track), "--device", str(device), "--port", os.ttyname(slave)]
+    assert cli.run(options) == 0
+    sent = os.read(master, 1 << 20).decode()
+    os.close(master)
+    os.close(slave)
+    assert "m 1000\n" in sent
+    assert sent.endswith("off\n" * 3)
+
+
+def test_a_failure_of_the_device_and_a_time_outside_have_their_exit_codes(
+    track: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run(["play", str(track), "--device", BAND]) == 4  # nothing drives it
+    assert cli.run(arguments(track, "--from", "1.5")) == 2
+    assert cli.run(arguments(tmp_path / "none.hfxtrack")) == 3
+    foreign = tmp_path / "notes"
+    foreign.write_text("not a log")
+    assert cli.run(arguments(track, "--path", str(foreign))) == 4
+    assert foreign.read_text() == "not a log"
+
+
+def test_late_actuators_are_given_later_samples(track: Path) -> None:
+    with PlayedTrack(track) as played:
+        sent = played.frame(0.45, later_s={40.0: 0.49, 60.0: 0.51})
+        assert not sent.runs and not sent.later[40.0]
+        found = live_frame_from(live_frame_to(sent, places()), STREAMS)
+    assert list(found.runs) == [] and list(found.later[40.0]) == []
+    (later,) = found.later[60.0]
+    assert later.parameters.tolist() == [[10.0, 100.0]]
+    assert len(later.vertices) == len(felt(STREAMS[0], 1.0, 1.0).vertices)
+
+
+def until(happened: Callable[[], object]) -> None:
+    end = time.monotonic() + 60.0
+    while not happened():
+        assert time.monotonic() < end, "never happened"
+        time.sleep(0.01)
+
+
+def sounds(log: Path) -> bool:
+    return any(map(is_loud, rows_of(log)))
+
+
+def has_stopped(log: Path) -> bool:
+    return "stop" in rows_of(log)[-1]
+
+
+PLACE = {"parts": ["torso"], "centre_m": [0.0, -0.1, 1.2], "radius_m": 0.1}
+SERIAL = {
+    "schema": "hfx-device",
+    "version": 1,
+    "id": "belt",
+    "name": "Belt",
+    "description": "One motor on a wire.",
+    "actuator_types": {
+        "motor": {
+            "modality": "vibration",
+            "parameters": {
+                "amplitude_m_s2": {"unit": "m/s^2", "minimum": 0, "maximum": 10},
+                "frequency_hz": {"unit": "Hz", "fixed": 150},
+            },
+        }
+    },
+    "actuators": [
+        {"id": "m", "type": "motor", "place": {"placement": PLACE}},
+    ],
+    "output": {
+        "encoder": {"kind": "text", "start": "m ", "full_scale": 1000, "stop": "off"},
+        "transport": {"kind": "serial", "baud": 115200},
+    },
+}

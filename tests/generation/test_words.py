@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces from words: what is understood, how it steers, what is written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hfx_blender.errors import InputError
+from hfx_blender.generation import generated, library_search
+from hfx_blender.generation.wish import read_words
+from hfx_blender.maintenance.bench import words as bench
+
+
+def kind(words: str, negative: str = "") -> str:
+    return read_words(words, negative).choose()[0].kind
+
+
+def test_nine_of_ten_wishes_find_their_kind() -> None:
+    found = bench.kinds()
+    assert found["asked"] == 60
+    assert found["right"] >= 54, found["wrong"]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("iron-grey wool", "fabric"),  # a colour before another material
+        ("a wooden table covered with linen", "fabric"),  # the top is felt
+        ("made of wood but as rough as gravel", "wood"),
+        ("not metal, something like cotton", "fabric"),
+        ("a wool coat with brass buttons", "fabric"),
+        ("gravle", "gravel"),
+        ("Crêpe de Chine", "fabric"),
+    ],
+)
+def test_what_is_meant_is_told_from_what_is_only_named(words: str, expected: str) -> None:
+    assert kind(words) == expected
+
+
+def test_unwanted_kinds_are_left_out_and_unknown_words_are_listed() -> None:
+    assert kind("silver birch and steel") == "metal"
+    assert kind("silver birch and steel", "steel") == "wood"
+    wish = read_words("flurbish gravel, zworp")
+    assert wish.unknown == ["flurbish", "zworp"]
+    with pytest.raises(InputError, match=r"names a material.*gravel, metal.*zworp"):
+        library_search.generate("zworp")
+
+
+def test_degrees_and_denials_steer_by_their_sign() -> None:
+    scale = {words: read_words(words).scale for words in ("coarse", "coarser", "very coarse")}
+    assert 1.0 < scale["coarse"] == scale["coarser"] < scale["very coarse"]
+    assert read_words("less coarse").scale < 1.0 < read_words("not fine").scale
+    assert read_words("deep blue velvet").depth == 1.0  # a colour
+
+
+@pytest.mark.parametrize("row", [0, 6, 11, 16])
+def test_comparatives_move_their_measure(row: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench, "COMPARATIVES", bench.COMPARATIVES[row : row + 1])
+    monkeypatch.setattr(bench, "_TEXELS", 192)
+    (found,) = bench.comparatives()
+    assert found["is_right"], found
+
+
+def waves(made: generated.Generated) -> tuple[float, float]:
+    """Period in metres and direction in degrees of the strongest wave of a relief."""
+    heights = made.height.heights_m
+    power = np.abs(np.fft.rfft2(heights - heights.mean())) ** 2
+    j, i = np.unravel_index(np.argmax(power), power.shape)
+    count, texel = len(heights), made.height.texel_m[0]
+    j = j - count if j > count // 2 else j
+    return count * texel / np.hypot(i, j), float(np.degrees(np.arctan2(j, i)) % 180.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "period_mm", "direction"),
+    [
+        # 40 mm of the library's tile hold 25 ribs along x, so waves go along y.
+        ("corduroy", 1.6, 90.0),
+        ("vertical corduroy", 1.6, 0.0),
+        ("diagonal corduroy", 1.6, 45.0),
+        ("corduroy with ribs of 4 mm", 4.0, 90.0),
+    ],
+)
+def test_direction_and_size_are_those_asked_for(
+    words: str, period_mm: float, direction: float
+) -> None:
+    made = library_search.generate(words, texels=256)
+    period, found = waves(made)
+    assert 1e3 * period == pytest.approx(period_mm, rel=0.01)
+    assert min(abs(found - direction), abs(found - direction - 90.0)) < 1.0 or (
+        direction != 45.0 and abs(found - direction) < 1.0
+    )
+
+
+def test_a_turned_tile_has_no_seam() -> None:
+    heights = library_search.generate("diagonal weathered wood", texels=128).height.heights_m
+    for axis in (0, 1):
+        inside = np.abs(np.diff(heights, axis=axis)).mean()
+        seam = np.abs(np.take(heights, 0, axis) - np.take(heights, -1, axis)).mean()
+        assert seam < 1.5 * inside
+
+
+def test_the_same_words_and_seed_give_the_same_bytes(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("one", "two", "three")]
+    for folder, seed in zip(folders, (3, 3, 4), strict=True):
+        made = library_search.generate("worn oak", seed=seed, texels=64)
+        generated.write(made, folder, "1.0")
+    one, two, three = (sorted(folder.iterdir()) for folder in folders)
+    assert [p.name for p in one] == [p.name for p in two] and len(one) == 7
+    assert all(a.read_bytes() == b.read_bytes() for a, b in zip(one, two, strict=True))
+    assert one[0].read_bytes() != three[0].read_bytes()
+
+
+def test_a_record_tells_how_and_its_files_are_read_again(tmp_path: Path) -> None:
+    made = library_search.generate("wet gravel", negative="smooth", seed=7, texels=64)
+    record = generated.write(made, tmp_path, "1.0").files[-1]
+    told = json.loads(record.read_text())
+    assert (told["words"], told["negative_words"], told["seed"]) == ("wet gravel", "smooth", 7)
+    assert told["back_end"] == "library" and told["searched_not_painted"] is True
+    assert told["versions"]["hfx"] == "1.0" and len(told["files"]) == 6
+    back = generated.read(record)
+    step = np.ptp(made.height.heights_m) / 65535
+    np.testing.assert_allclose(back.height.heights_m, made.height.heights_m, atol=0.51 * step)
+    assert back.height.size_m == pytest.approx(made.height.size_m)
+    picture = tmp_path / f"{made.name}.height.png"
+    picture.write_bytes(picture.read_bytes()[:-20])
+    with pytest.raises(InputError, match=r"height\.png.*hash differs"):
+        generated.read(record)

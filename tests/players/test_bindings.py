@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Players for engines give what ``players/conformance`` expects, where their programs are here."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PLAYERS = Path(__file__).resolve().parents[2] / "players"
+
+
+def test_the_unity_package_plays_the_conformance_clips(tmp_path: Path) -> None:
+    if shutil.which("mcs") is None or shutil.which("mono") is None:
+        pytest.skip("Mono is not installed (mono-mcs, mono-runtime)")
+    program = tmp_path / "conformance.exe"
+    sources = [path for folder in ("Runtime", "Editor", "Tests~") for path in sources_in(folder)]
+    subprocess.run(["mcs", f"-out:{program}", *sources], check=True)
+    subprocess.run(["mono", program, PLAYERS / "conformance"], check=True)
+
+
+def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:
+    godot = shutil.which("godot4") or shutil.which("godot")
+    if godot is None:
+        pytest.skip("Godot 4 is not installed")
+    project = tmp_path / "project"
+    shutil.copytree(PLAYERS / "godot", project)
+    start = [godot, "--headless", "--path", project]
+    subprocess.run([*start, "--import"], check=True)
+    script = ["--script", "tests/conformance.gd", "--", PLAYERS / "conformance"]
+    subprocess.run([*start, *script], check=True)
+
+
+def test_every_file_of_the_unity_package_has_an_identity_of_its_own() -> None:
+    package = PLAYERS / "unity"
+    shown = [path for path in package.rglob("*") if "~" not in str(path.relative_to(package))]
+    assets = {path for path in shown if path.suffix != ".meta"}
+    metas = {path.with_suffix("") for path in shown if path.suffix == ".meta"}
+    assert assets == metas and len(assets) > 5
+    guids = [
+        re.search(r"^guid: ([0-9a-f]{32})$", path.read_text(), re.MULTILINE)
+        for path in shown
+        if path.suffix == ".meta"
+    ]
+    assert all(guids) and len({found[1] for found in guids if found}) == len(assets)
+
+
+def sources_in(folder: str) -> list[Path]:
+    return sorted((PLAYERS / "unity" / folder).glob("*.cs"))
