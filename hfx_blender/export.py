@@ -8,7 +8,7 @@ all of it is complete.
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -28,6 +28,7 @@ from .engine.rendering.devices import misfits, renderers_given
 from .engine.rendering.raster import Raster
 from .engine.rendering.render import Renderer
 from .engine.rendering.room import needs_positions
+from .engine.scene import AnimationBlock
 from .engine.tolerance import Tolerance
 from .engine.track import SUFFIX, TrackHeader, TrackReader
 from .engine.track.excerpt import write_excerpt
@@ -45,7 +46,6 @@ from .export_report import (
 )
 from .formats import gate, registry
 from .formats.curves import CurveTolerance
-from .formats.glb_scene import VolumeRecorder
 from .formats.hjif.perceptions import SUFFIX as HJIF_SUFFIX
 from .formats.signals import DEFAULT_TOLERANCE
 from .formats.written import Written
@@ -54,6 +54,7 @@ from .reading.scene_reader import BLOCK_SIZE, SceneReader
 from .reading.scene_tolerance import scene_tolerance
 from .recording import Recorded, record_track
 from .report import MOST_LINES, shortened
+from .scene_recorders import SceneRecorders
 from .sentences import counted
 from .staging import place, staging
 from .stepwise import Progress, finish
@@ -127,7 +128,7 @@ class SceneExport:
             tolerance=self.tolerance,
             with_positions="positions" in settings.record or "glb" in settings.formats,
             with_velocities="velocities" in settings.record,
-            with_far="glb" in settings.formats,
+            with_far="glb" in settings.formats or "clip" in settings.formats,
         )
         self._settings = settings.without(misfits(self.reader.description, settings.devices))
         self._warnings = self.reader.description.warnings
@@ -138,9 +139,8 @@ class SceneExport:
         if settings.strict:
             _refuse((*self._warnings, *self._settings.missing.values()))
 
-    @property
-    def _wants_volumes(self) -> bool:
-        return "glb" in self._settings.formats
+    def _recorders(self) -> SceneRecorders:
+        return SceneRecorders(self.reader.description, self._settings.formats)
 
     def whole(
         self,
@@ -167,13 +167,11 @@ class SceneExport:
         """:meth:`whole` in steps; see :mod:`.stepwise`. Given up, it leaves nothing."""
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
-            volumes = VolumeRecorder(self.reader.description)
-            recorded, renderers = yield from self._record(
-                track, volumes, None, self._settings.devices
-            )
+            seen = self._recorders()
+            recorded, renderers = yield from self._record(track, seen, None, self._settings.devices)
             with TrackReader(track) as whole:
                 rendered = yield from rendering(whole, renderers)
-            return self._finish(track, volumes, recorded, rendered, folder, made_from or {})
+            return self._finish(track, seen, recorded, rendered, folder, made_from or {})
 
     def record_part(
         self,
@@ -183,9 +181,9 @@ class SceneExport:
         progress: Progress = lambda share: None,
     ) -> ScenePart:
         """Record some samples (first, stop) only, whole chunks of the track."""
-        seen = VolumeRecorder(self.reader.description)
+        seen = self._recorders()
         recorded, _ = finish(self._record(track, seen, part, ()), progress)
-        if self._wants_volumes:
+        if seen.is_any:
             with atomic_file(volumes) as file:
                 np.savez(file, **seen.arrays())
         return ScenePart(track, recorded, volumes)
@@ -205,18 +203,18 @@ class SceneExport:
         with staging(folder, stem, stage_in) as stage:
             track = stage / (stem + SUFFIX)
             merge([part.track for part in parts], track)
-            volumes = VolumeRecorder(self.reader.description)
-            if self._wants_volumes:
-                self._join_volumes(volumes, [part.volumes for part in parts])
+            seen = self._recorders()
+            if seen.is_any:
+                seen.join([part.volumes for part in parts], self._blocks_at)
             with TrackReader(track) as whole:
                 rendered = finish(rendering(whole, renderers_given(whole, self._settings.devices)))
             recorded = Recorded.merged([part.recorded for part in parts])
-            return self._finish(track, volumes, recorded, rendered, folder, made_from or {})
+            return self._finish(track, seen, recorded, rendered, folder, made_from or {})
 
     def _record(
         self,
         track: Path,
-        volumes: VolumeRecorder,
+        seen: SceneRecorders,
         part: tuple[int, int] | None,
         devices: Sequence[DeviceConfig],
     ) -> Generator[float, None, tuple[Recorded, list[tuple[DeviceConfig, Renderer]]]]:
@@ -234,30 +232,20 @@ class SceneExport:
             devices=devices,
             record=settings.record,
             full_precision=settings.full_precision,
-            watch=volumes.add if self._wants_volumes else None,
+            watch=seen.add if seen.is_any else None,
             part=part,
             processes=settings.processes,
         )
         return Recorded.of(self.reader, engine), renderers
 
-    def _join_volumes(self, volumes: VolumeRecorder, files: Sequence[Path]) -> None:
-        """Join the recorded motion of volumes; their shapes are read again where each
-        occurs first.
-        """
-        kept = []
-        for file in files:
-            with np.load(file, allow_pickle=False) as arrays:
-                kept.append(dict(arrays))
-        for first in volumes.first_samples(kept):
-            start = first // BLOCK_SIZE * BLOCK_SIZE
-            for block in self.reader.blocks((start, start + BLOCK_SIZE)):
-                volumes.add(block)
-        volumes.replace(kept)
+    def _blocks_at(self, sample: int) -> Iterable[AnimationBlock]:
+        start = sample // BLOCK_SIZE * BLOCK_SIZE
+        return self.reader.blocks((start, start + BLOCK_SIZE))
 
     def _finish(
         self,
         track: Path,
-        volumes: VolumeRecorder,
+        seen: SceneRecorders,
         recorded: Recorded,
         rendered: Rendered,
         folder: Path,
@@ -274,19 +262,25 @@ class SceneExport:
                 tracks = (track,) if "track" in settings.formats else ()
                 played = _placed(whole.header, rendered.played, stem, stem)
                 written = Written(tracks) + registry.write_all(
-                    settings.formats, played, whole, settings.devices, stem, tolerance
+                    settings.formats,
+                    played,
+                    whole,
+                    settings.devices,
+                    stem,
+                    tolerance,
+                    seen.spatial,
                 )
             written = gate.valid_only(written)
-            if settings.formats and not written.files and not self._wants_volumes:
+            if settings.formats and not written.files and seen.volumes is None:
                 _refuse(written.left_out)
             rasters = [raster for _, raster in rendered.played]
             lost = not_played(whole.header, rasters)
             short = shortfalls(whole.header, rasters)
-            if self._wants_volumes:
+            if seen.volumes is not None:
                 models = [load_model(model.id) for model in whole.header.models]
                 names = {path.name for path in written.files}
                 has_hjif = stem.name + HJIF_SUFFIX in names and not settings.per_clip
-                written += volumes.write(
+                written += seen.volumes.write(
                     models, stem, quote(stem.name + HJIF_SUFFIX) if has_hjif else None
                 )
         silenced = {**settings.missing, **rendered.silent}

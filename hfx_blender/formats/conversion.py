@@ -148,7 +148,7 @@ def _converted(
             ((_, raster),) = rendered.played
             raster_rules.refuse(raster, str(source))
             if kind in PLAYED_FORMATS:
-                written = PLAYED_FORMATS[kind].write(track.header, rendered.played, stem)
+                written = PLAYED_FORMATS[kind].write(track.header, rendered.played, stem, None)
             else:
                 written = write(kind, raster, found, stem, tolerance)
         return written + Written(left_out=rendered.warnings, notes=rendered.notes)

@@ -20,6 +20,7 @@ from . import ahap, csv_raster, haptic, he, jsonl_samples, losses, npz_raster, o
 from .clip import writing as clip_writing
 from .clip.baked import Played
 from .clip.container import SUFFIX as CLIP_SUFFIX
+from .clip.spatial_recorder import SpatialRecorder
 from .curves import CurveTolerance
 from .hjif import from_track
 from .hjif.perceptions import SUFFIX as HJIF_SUFFIX
@@ -75,7 +76,7 @@ class PlayedFormat:
     name: str
     title: str
     suffix: str
-    write: Callable[[TrackHeader, Played, Path], Written]
+    write: Callable[[TrackHeader, Played, Path, SpatialRecorder | None], Written]
 
 
 def write(
@@ -418,6 +419,7 @@ def write_all(
     devices: Sequence[DeviceConfig],
     stem: Path,
     tolerance: CurveTolerance = DEFAULT_TOLERANCE,
+    scene: SpatialRecorder | None = None,
 ) -> Written:
     """Write all formats but the track itself.
 
@@ -436,6 +438,8 @@ def write_all(
         ``folder/stem`` of files that are of no device.
     tolerance : CurveTolerance
         See :func:`write`.
+    scene : SpatialRecorder, optional
+        What the formats of several devices tell of the scene itself.
 
     Raises
     ------
@@ -454,7 +458,7 @@ def write_all(
         if name in PLAYED_FORMATS:
             together = PLAYED_FORMATS[name]
             of_devices = [(device, raster) for _, device, raster in played]
-            made = together.write(track.header, of_devices, stem)
+            made = together.write(track.header, of_devices, stem, scene)
             written += made.of(together.title)
             continue
         if name not in DEVICE_FORMATS:

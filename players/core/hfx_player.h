@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * Plays haptic clips (.hfxclip) in games: C99 and C++17, one include, no allocation, and of the
- * C library only math.h (sqrt, floor, ceil, fabs, exp, log, pow, sin).
+ * C library only math.h (sqrt, floor, ceil, fabs, exp, log, pow, sin,
+ * sqrtf, fabsf).
  *
  *   hfx_clip clip;                    // the bytes stay where they are, and must not change
  *   hfx_player player;
@@ -161,10 +162,29 @@ HFX_API double hfx_player_position(const hfx_player *player);
 /* Space is the clip's: metres, right-handed, Z up; docs/formats/clip.md says how engines differ.
  * Matrices are 3 x 4, row after row. */
 
-typedef struct hfx_body {
+#define HFX_IMPACTS 4 /* that ring at once, of an effect */
+
+typedef struct hfx_impact {
+  double time_s, strength, attack_s, decay_s, ends_s;
+  uint32_t filter;
+} hfx_impact;
+
+typedef struct hfx_felt { /* an effect on a body */
+  double level, response, speeds[16];
+  float matrix[12], before[12], parameters[4];
+  uint32_t model, first_weight; /* HFX_NONE: not felt by this body */
+  uint32_t from, to;            /* vertices outside of these have no weight */
+  int was_on, was_touched, impact_count;
+  hfx_impact impacts[HFX_IMPACTS];
+} hfx_felt;
+
+typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */
   const hfx_clip *clip;
-  uint32_t body, vertex_count;
-  unsigned char *memory;
+  uint32_t body, first_vertex, vertex_count;
+  int is_posed, was_posed;
+  double time_s;
+  hfx_felt *felt;
+  float *matrices, *places, *before, *boxes, *weights, *scratch;
 } hfx_body;
 
 /* Memory that a body needs, aligned as malloc's; 0: there is no such body. */
@@ -172,7 +192,8 @@ HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body);
 /* Begins with volumes where and as strong as in the clip, painted areas off; 0 or an hfx_error. */
 HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
                           size_t size);
-/* Poses the body: for each bone the matrix that takes rest space to the world. */
+/* Poses the body: for each bone the matrix that takes rest space to the world. Each frame, before
+ * evaluate: speeds of skin are measured from one pose to the next. */
 HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices);
 /* Places a volume: shape space to world; 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_body_set_volume(hfx_body *self, uint32_t effect, const float *matrix);
@@ -194,6 +215,10 @@ HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 #endif
 
 #include "hfx_clip.h"
+#include "hfx_facts.h"
 #include "hfx_play.h"
+#include "hfx_skin.h"
+#include "hfx_response.h"
+#include "hfx_body.h"
 
 #endif

@@ -25,7 +25,7 @@ from hfx_blender.engine.track import TrackReader
 
 bpy = pytest.importorskip("bpy")
 
-FORMATS = ("track", "csv", "npz", "wav", "hjif", "jsonl", "glb")
+FORMATS = ("track", "csv", "npz", "wav", "hjif", "jsonl", "glb", "clip")
 FRAMES = 80  # at 25 frames and 100 samples a second: two whole chunks of a track and a bit
 
 

@@ -195,7 +195,9 @@ def _of_track(found: dict[str, list[bytes]], folder: Path) -> None:
                     found[name.removesuffix("-compact")].append(path.read_bytes())
         device = load_device("oculus_touch")
         played = [(d, r.raster()) for d, r in renderers_given(track, [device])]
-        (path,) = registry.PLAYED_FORMATS["clip"].write(track.header, played, folder / "c").files
+        (path,) = (
+            registry.PLAYED_FORMATS["clip"].write(track.header, played, folder / "c", None).files
+        )
         found["clip"].append(path.read_bytes())
 
 

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CORE = ROOT / "players" / "core"
 _PLAYER_BYTES = 512
 _CLIP_BYTES = 1024
+_BODY_BYTES = 256
 _SOURCE = """\
 #ifdef _WIN32
 #define HFX_API __declspec(dllexport)
@@ -79,6 +80,10 @@ def library() -> ctypes.CDLL:
     core = ctypes.CDLL(str(made))
     shutil.rmtree(folder, ignore_errors=True)
     assert core.sizes(0) <= _CLIP_BYTES and core.sizes(1) <= _PLAYER_BYTES
+    assert core.sizes(2) <= _BODY_BYTES
+    core.hfx_body_bytes.restype = ctypes.c_size_t
+    core.hfx_body_weights.restype = ctypes.POINTER(ctypes.c_float)
+    core.hfx_body_level.restype = ctypes.c_double
     core.hfx_clip_seconds.restype = core.hfx_player_position.restype = ctypes.c_double
     core.hfx_error_text.restype = ctypes.c_char_p
     return core
@@ -153,3 +158,49 @@ class Player:
 
     def _values(self) -> object:
         return self._out.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
+
+
+class Body:
+    """Body of the core; ``error`` is what ``hfx_body_open`` returned."""
+
+    def __init__(self, clip: Clip, body: int = 0) -> None:
+        self._core, self._clip = library(), clip
+        self._at = (ctypes.c_uint64 * (_BODY_BYTES // 8))()
+        size = int(self._core.hfx_body_bytes(clip.at, body))
+        self._memory = (ctypes.c_uint64 * (size // 8 + 1))()
+        self._out = np.zeros(max(clip.columns, 1), np.float32)
+        self.error = int(
+            self._core.hfx_body_open(self._at, clip.at, body, self._memory, ctypes.c_size_t(size))
+        )
+
+    def set_bones(self, matrices: npt.NDArray[np.float64]) -> None:
+        """Pose by (B, 3, 4) matrices of the clip's bones, rest space to world."""
+        given = np.ascontiguousarray(matrices, np.float32)
+        self._core.hfx_body_set_bones(self._at, given.ctypes.data_as(ctypes.c_void_p))
+
+    def set_volume(self, effect: int, matrix: npt.NDArray[np.float64]) -> int:
+        given = np.ascontiguousarray(matrix, np.float32)
+        at = given.ctypes.data_as(ctypes.c_void_p)
+        return int(self._core.hfx_body_set_volume(self._at, effect, at))
+
+    def trigger(self, effect: int, level: float) -> int:
+        return int(self._core.hfx_body_trigger(self._at, effect, ctypes.c_double(level)))
+
+    def set_parameter(self, effect: int, parameter: int, value: float) -> int:
+        given = ctypes.c_double(value)
+        return int(self._core.hfx_body_set_parameter(self._at, effect, parameter, given))
+
+    def evaluate(self, seconds: float) -> F32:
+        """Values of all columns, (C,)."""
+        out = self._out.ctypes.data_as(ctypes.c_void_p)
+        self._core.hfx_body_evaluate(self._at, ctypes.c_double(seconds), out)
+        return self._out[: self._clip.columns].copy()
+
+    def weights(self, effect: int) -> F32:
+        """Weights of an effect at the vertices of its model, (V,)."""
+        count = ctypes.c_uint32()
+        found = self._core.hfx_body_weights(self._at, effect, ctypes.byref(count))
+        return np.ctypeslib.as_array(found, (count.value,)) if count.value else np.zeros(0, "f4")
+
+    def level(self, effect: int) -> float:
+        return float(self._core.hfx_body_level(self._at, effect))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from core_library import CORE, ROOT, compiled
 
-_MATH = {"ceil", "exp", "floor", "log", "pow", "sin", "sqrt"}
+_MATH = {"ceil", "exp", "floor", "log", "pow", "sin", "sqrt", "sqrtf"}
 _SOURCES = sorted(CORE.glob("*.h"))
 _OURS = [
     path

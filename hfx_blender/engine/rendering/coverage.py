@@ -38,9 +38,9 @@ class ActuatorCells:
         self, rows: Sequence[I32], vertex_count: int, factors: Sequence[F64] | None = None
     ) -> None:
         self.rows = tuple(rows)
-        self._factors: F32 | None = None
+        self.factors: F32 | None = None
         if factors is not None:
-            self._factors = np.concatenate([np.zeros(0), *factors]).astype(np.float32)
+            self.factors = np.concatenate([np.zeros(0), *factors]).astype(np.float32)
         self.counts = np.array([len(row) for row in rows], np.int64)
         every = np.concatenate([np.zeros(0, np.int32), *rows])
         reached, slots = np.unique(every, return_inverse=True)
@@ -92,7 +92,7 @@ class ActuatorCells:
         order = np.argsort(every, kind="stable")
         counts = np.bincount(every, minlength=len(self._is_reached))
         owners = np.repeat(np.arange(len(self.rows), dtype=np.int32), self.counts)
-        factors = None if self._factors is None else self._factors[order]
+        factors = None if self.factors is None else self.factors[order]
         return np.concatenate(([0], np.cumsum(counts))), owners[order], factors
 
     def _dense(self, offsets: I64, vertices: I32, weights: F32) -> F32:
@@ -115,8 +115,8 @@ class ActuatorCells:
         filled = np.flatnonzero(self.counts)  # reduceat has no identity for an empty row
         starts = (np.cumsum(self.counts) - self.counts)[filled]
         spread = dense[:, self._slots] if self._overlaps else dense
-        if self._factors is not None:
-            spread = spread * self._factors
+        if self.factors is not None:
+            spread = spread * self.factors
         if statistic == "strongest":
             gains[:, filled] = np.maximum.reduceat(spread, starts, axis=1)
         else:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 
@@ -52,6 +53,7 @@ _PHALANGES: Final = ("Proximal", "Intermediate", "Distal")
 _OF_THUMB: Final = ("Metacarpal", "Proximal", "Distal")
 
 
+@cache
 def rig_names(bone: str) -> RigNames:
     """Names of the joint that a bone of the canonical skeleton belongs to."""
     stem, _, side = bone.partition(".")

@@ -287,5 +287,7 @@ def _spatial(sections: Sections) -> list[Finding]:
     reactions = sections["REAC"]
     counts = sections["MODL"]["vertices"][reactions["model"]]
     reached = sections["RCHV"]["vertex"]
+    of = reactions["actuator"].astype(np.int64)
+    found += _first("REAC", "actuator", of, np.diff(of, prepend=0) < 0, "ascending")
     most = np.repeat(counts, reactions["reached"])
     return found + _first("RCHV", "vertex", reached, reached >= most, "a vertex of the model")

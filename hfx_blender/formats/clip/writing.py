@@ -10,12 +10,19 @@ from ...atomic_files import atomic_file
 from ...engine.track.header import TrackHeader
 from .. import losses
 from ..written import Written
-from . import baked, rules
+from . import baked, rules, spatial
 from .container import SUFFIX, Texts, encoded, texts_at
+from .spatial_recorder import SpatialRecorder
 
 
-def write(header: TrackHeader, played: baked.Played, stem: Path) -> Written:
-    """Write ``stem.hfxclip``: what devices play of a track.
+def write(
+    header: TrackHeader,
+    played: baked.Played,
+    stem: Path,
+    scene: SpatialRecorder | None = None,
+    level: int = spatial.LEVEL,
+) -> Written:
+    """Write ``stem.hfxclip``: what devices play of a track, and what avatars can feel of a scene.
 
     Raises
     ------
@@ -27,6 +34,9 @@ def write(header: TrackHeader, played: baked.Played, stem: Path) -> Written:
     texts = Texts()
     path = stem.with_name(stem.name + SUFFIX)
     sections, told = baked.sections_of(header, played, texts, stem.name)
+    if scene is not None:
+        of_scene, told_of_scene = spatial.sections_of(scene, played, texts, level)
+        sections, told = {**sections, **of_scene}, told + told_of_scene
     sections["TEXT"] = texts.records
     content = encoded(sections, str(path))
     with atomic_file(path) as file:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ...atomic_files import atomic_file
 from ...engine.arrays import F64, I64
+from ...engine.body.levels import LEVELS_FILE, Level
 from ...engine.body.model import PerceptualModel
 from ...engine.body.parts import RIGHT
-from .level_files import LEVELS_FILE, Level
 
 SHARES: Final = (4, 16)
 """Divisors of the number of vertices at levels 1, 2 ..."""

@@ -180,7 +180,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
 
 def _level_sizes(model: Any, folder: Path) -> list[int]:
     """Vertices of the model and of its levels."""
-    from ..body_building.level_files import LEVELS_FILE, read_levels
+    from ...engine.body.levels import LEVELS_FILE, read_levels
 
     path = folder / LEVELS_FILE.format(modality=model.modality)
     levels = read_levels(path)[1] if path.is_file() else ()

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from hfx_blender import resources
+from hfx_blender.engine.body import levels as level_files
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import RIGHT
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.body_building import level_files
 from hfx_blender.maintenance.body_building import levels as making
 from hfx_blender.maintenance.body_building.nearest_places import locate
 
@@ -121,7 +121,7 @@ def test_a_level_of_a_model_on_an_avatar_is_on_that_avatar() -> None:
 def test_levels_load_without_scipy() -> None:
     script = (
         "import sys; sys.modules['scipy'] = None\n"
-        "from hfx_blender.maintenance.body_building.level_files import load_level\n"
+        "from hfx_blender.engine.body.levels import load_level\n"
         "from hfx_blender.engine.body.cells import cell_of_skin\n"
         "from hfx_blender.engine.body.model import load_model\n"
         "print(len(load_level('hfx-pressure-1', 1)[0]))\n"

@@ -15,9 +15,9 @@ import pytest
 
 from hfx_blender import resources
 from hfx_blender.engine.body import cells, library, model
+from hfx_blender.engine.body import levels as level_files
 from hfx_blender.engine.retargeting import variants
 from hfx_blender.errors import InputError
-from hfx_blender.maintenance.body_building import level_files
 
 SUFFIX = "+0badcafe"
 

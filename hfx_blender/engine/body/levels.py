@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels of detail of a perceptual model, for quick previews: fewer of the same vertices."""
+"""Levels of detail of a perceptual model: fewer of the same vertices."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.arrays import I32
-from ...engine.body import library
-from ...engine.body.mesh_edges import expand
-from ...engine.body.model import PerceptualModel, SkinWeights, load_model
 from ...errors import InputError
+from ..arrays import I32
+from . import library
+from .mesh_edges import expand
+from .model import PerceptualModel, SkinWeights, load_model
 
 LEVELS_FILE: Final = "{modality}-levels.npz"
 
@@ -57,13 +57,10 @@ def load_level(model_id: str, level: int) -> tuple[PerceptualModel, I32]:
 
 def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
     """Apply :func:`load_level` to a given model, for instance one fitted to an avatar."""
-    if level == 0:
-        return model, np.arange(len(model), dtype=np.int32)
-    levels = _levels_of(model)
-    if not 1 <= level <= len(levels):
-        raise InputError(f"Body model '{model.id}' has levels 0 to {len(levels)}, not {level}.")
-    chosen = levels[level - 1]
+    chosen = level_of(model, level)
     kept = chosen.vertices
+    if level == 0:
+        return model, kept
     areas = np.bincount(chosen.coarse_of, model.areas_m2, minlength=len(kept))
     coarse = replace(
         model,
@@ -81,6 +78,23 @@ def at_level(model: PerceptualModel, level: int) -> tuple[PerceptualModel, I32]:
         avatar_offset_m=model.avatar_offset_m[kept],
     )
     return coarse, chosen.coarse_of
+
+
+def level_of(model: PerceptualModel, level: int) -> Level:
+    """Vertices of a level of a given model; at level 0 all.
+
+    Raises
+    ------
+    InputError
+        The model has no such level.
+    """
+    if level == 0:
+        every = np.arange(len(model), dtype=np.int32)
+        return Level(every, model.triangles, every)
+    levels = _levels_of(model)
+    if not 1 <= level <= len(levels):
+        raise InputError(f"Body model '{model.id}' has levels 0 to {len(levels)}, not {level}.")
+    return levels[level - 1]
 
 
 def level_count(model: PerceptualModel) -> int:

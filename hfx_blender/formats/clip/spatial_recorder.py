@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the spatial part of a clip needs of a scene's animation, kept block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64
+from ...engine.response_filters.controls import WIDTH
+from ...engine.response_filters.filters import within_limits
+from ...engine.scene import (
+    AnimationBlock,
+    EffectBlock,
+    EffectDescription,
+    HapticVolume,
+    PaintedArea,
+    SceneDescription,
+)
+from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
+
+SHAPES: Final = (Cuboid, Sphere, Cylinder, Capsule)
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialEffect:
+    """A volume or painted area of a scene, as a game begins with it."""
+
+    effect: EffectDescription
+    level: float  # the highest
+    parameters: F64  # (P,) at that moment
+    shape: int  # index into SHAPES; painted: 0
+    half_segment: float
+    matrix: F64  # (4, 4) where it is first on
+    controls: F64  # (filters, WIDTH) of its response, there
+
+
+class SpatialRecorder:
+    """Recorder of a scene's volumes and painted areas: their beginnings and highest levels."""
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self.scene = scene
+        self._found: dict[int, dict[str, npt.NDArray[Any]]] = {}
+        self._others: set[int] = set()
+
+    def add(self, block: AnimationBlock) -> None:
+        """Take the next block, in the order of time."""
+        for k, effect in enumerate(self.scene.effects):
+            animated = block.effects[k]
+            rows = np.arange(len(block.indices))[block.own]
+            rows = rows[animated.levels[rows] > 0.0]
+            if not len(rows):
+                continue
+            if _is_spatial(effect, animated):
+                self._keep(k, _seen(effect, animated, rows))
+            else:
+                self._others.add(k)
+
+    def _keep(self, k: int, seen: dict[str, npt.NDArray[Any]]) -> None:
+        """Keep the first moment of an effect, and its strongest."""
+        known = self._found.setdefault(k, seen)
+        if float(seen["level"]) > float(known["level"]):
+            known["level"], known["parameters"] = seen["level"], seen["parameters"]
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """What was recorded, as arrays that one process can hand on to another."""
+        found = {f"{k}.{name}": each for k, of in self._found.items() for name, each in of.items()}
+        return {**found, "others": np.array(sorted(self._others), np.int64)}
+
+    def replace(self, parts: Sequence[Mapping[str, npt.NDArray[Any]]]) -> None:
+        """Replace what was recorded by that of others, given in the order of time."""
+        self._found, self._others = {}, set()
+        for part in parts:
+            self._others |= set(part["others"].tolist())
+            for k in range(len(self.scene.effects)):
+                if f"{k}.level" in part:
+                    names = ("level", "parameters", "shape", "half", "matrix", "controls")
+                    self._keep(k, {name: part[f"{k}.{name}"] for name in names})
+
+    def effects(self) -> list[SpatialEffect]:
+        """Volumes and painted areas that are ever on, in the order of the scene."""
+        return [
+            SpatialEffect(
+                self.scene.effects[k],
+                float(of["level"]),
+                of["parameters"],
+                int(of["shape"]),
+                float(of["half"]),
+                of["matrix"],
+                of["controls"],
+            )
+            for k, of in sorted(self._found.items())
+        ]
+
+    def left_out(self) -> list[str]:
+        """Names of effects that a player cannot evaluate."""
+        return [self.scene.effects[k].name for k in sorted(self._others - set(self._found))]
+
+
+def _is_spatial(effect: EffectDescription, animated: EffectBlock) -> bool:
+    if isinstance(effect.area, PaintedArea):
+        return True
+    is_volume = isinstance(effect.area, HapticVolume) and animated.matrices is not None
+    return is_volume and bool(animated.shapes) and isinstance(animated.shapes[0], SHAPES)
+
+
+def _seen(
+    effect: EffectDescription, animated: EffectBlock, rows: npt.NDArray[np.int64]
+) -> dict[str, npt.NDArray[Any]]:
+    """An effect in some rows of a block."""
+    best = rows[int(np.argmax(animated.levels[rows]))]
+    shape, half, matrix = 0, 0.0, np.eye(4)
+    controls = np.zeros((0, WIDTH))
+    if isinstance(effect.area, HapticVolume) and animated.matrices is not None:
+        first = animated.shapes[0]
+        shape, matrix = SHAPES.index(type(first)), animated.matrices[rows[0]]  # type: ignore[arg-type]
+        half = first.half_segment if isinstance(first, Capsule) else 0.0
+        if animated.response is not None:
+            filters = effect.area.response
+            controls = within_limits(filters, animated.response[rows[:1]])[0]
+    return {
+        "level": np.array(min(float(animated.levels[best]), 1.0)),
+        "parameters": animated.parameters[best],
+        "shape": np.array(shape),
+        "half": np.array(half),
+        "matrix": matrix,
+        "controls": controls,
+    }

@@ -1,0 +1,293 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * A body that feels the effects of a clip, and what its actuators give of it. Included by
+ * hfx_player.h. */
+#ifndef HFX_BODY_H
+#define HFX_BODY_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The model of a body that an effect is felt on; HFX_NONE: there is none. */
+static inline uint32_t hfx_model_of(const hfx_clip *clip, uint32_t body, const unsigned char *effect) {
+  const unsigned char *at = hfx_record(clip, HFX_BODY, body);
+  const uint32_t of = hfx_u32(effect + 12);
+  uint32_t k;
+  if (of != HFX_NONE && of != body) return HFX_NONE;
+  for (k = hfx_u32(at + 12); k < hfx_u32(at + 12) + hfx_u32(at + 16); k++)
+    if (hfx_same(hfx_text(clip, hfx_record(clip, HFX_MODL, k)), hfx_text(clip, effect + 16))) return k;
+  return HFX_NONE;
+}
+
+static inline uint32_t hfx_vertices_of(const hfx_clip *clip, uint32_t model) {
+  return model == HFX_NONE ? 0 : hfx_u32(hfx_record(clip, HFX_MODL, model) + 16);
+}
+
+/* Parts of a body's memory, in bytes; their sum. */
+static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_t parts[7]) {
+  const unsigned char *at = hfx_record(clip, HFX_BODY, body);
+  uint64_t vertices = 0, weights = 0, largest = 0, sum = 0;
+  uint32_t k;
+  for (k = 0; k < hfx_u32(at + 16); k++) {
+    const uint32_t count = hfx_vertices_of(clip, hfx_u32(at + 12) + k);
+    vertices += count;
+    if (count > largest) largest = count;
+  }
+  for (k = 0; k < hfx_clip_effects(clip); k++)
+    weights += hfx_vertices_of(clip, hfx_model_of(clip, body, hfx_record(clip, HFX_EFCT, k)));
+  parts[0] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
+  parts[1] = 48 * (uint64_t)hfx_u32(at + 8);
+  parts[2] = parts[3] = 12 * vertices;
+  parts[4] = 24 * (vertices / HFX_CHUNK + 1);
+  parts[5] = 4 * weights;
+  parts[6] = 4 * (largest + 2 * ((uint64_t)hfx_clip_effects(clip) + clip->parts[HFX_REAC].count));
+  for (k = 0; k < 7; k++) sum += parts[k];
+  return sum;
+}
+
+HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body) {
+  uint64_t parts[7], sum;
+  if (body >= hfx_clip_bodies(clip)) return 0;
+  sum = hfx_parts_of(clip, body, parts) + 1;
+  return sum < (uint64_t)(size_t)-1 ? (size_t)sum : 0;
+}
+
+HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
+                          size_t size) {
+  unsigned char *at = (unsigned char *)memory;
+  uint64_t parts[7], i;
+  uint32_t k, first = 0, painted;
+  self->clip = clip;
+  self->body = HFX_NONE;
+  self->vertex_count = 0;
+  if (body >= hfx_clip_bodies(clip)) return HFX_ERROR_INDEX;
+  if (!memory || hfx_parts_of(clip, body, parts) > size) return HFX_ERROR_MEMORY;
+  for (i = 0; i < size; i++) at[i] = 0;
+  self->felt = (hfx_felt *)memory;
+  at += parts[0];
+  self->matrices = (float *)(void *)at;
+  self->places = (float *)(void *)(at += parts[1]);
+  self->before = (float *)(void *)(at += parts[2]);
+  self->boxes = (float *)(void *)(at += parts[3]);
+  self->weights = (float *)(void *)(at += parts[4]);
+  self->scratch = (float *)(void *)(at += parts[5]);
+  self->body = body;
+  self->vertex_count = (uint32_t)(parts[2] / 12);
+  self->first_vertex = self->vertex_count
+      ? hfx_u32(hfx_record(clip, HFX_MODL, hfx_u32(hfx_record(clip, HFX_BODY, body) + 12)) + 12) : 0;
+  self->is_posed = self->was_posed = 0;
+  self->time_s = 0.0;
+  for (k = 0; k < hfx_clip_effects(clip); k++) {
+    const unsigned char *effect = hfx_record(clip, HFX_EFCT, k);
+    hfx_felt *felt = &self->felt[k];
+    felt->model = hfx_model_of(clip, body, effect);
+    felt->first_weight = first;
+    felt->level = hfx_u32(effect + 4) ? 0.0 : hfx_f32(effect + 36);
+    hfx_floats(effect + 40, 4, felt->parameters);
+    hfx_floats(effect + 76, 12, felt->matrix);
+    for (painted = 0; painted < hfx_u32(effect + 72); painted++) {
+      const unsigned char *each = hfx_record(clip, HFX_PNTD, hfx_u32(effect + 68) + painted);
+      if (hfx_u32(each) < hfx_vertices_of(clip, felt->model))
+        self->weights[first + hfx_u32(each)] = hfx_f32(each + 4);
+    }
+    felt->to = painted ? hfx_vertices_of(clip, felt->model) : 0;
+    first += hfx_vertices_of(clip, felt->model);
+  }
+  return 0;
+}
+
+HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices) {
+  const uint32_t count = 12 * hfx_clip_bones(self->clip, self->body);
+  uint32_t i;
+  for (i = 0; i < count; i++) self->matrices[i] = matrices[i];
+  self->is_posed = count > 0;
+}
+
+static inline int hfx_has_effect(const hfx_body *self, uint32_t effect) {
+  return self->body != HFX_NONE && effect < hfx_clip_effects(self->clip);
+}
+
+HFX_API int hfx_body_set_volume(hfx_body *self, uint32_t effect, const float *matrix) {
+  int i;
+  if (!hfx_has_effect(self, effect)) return HFX_ERROR_INDEX;
+  for (i = 0; i < 12; i++) self->felt[effect].matrix[i] = matrix[i];
+  return 0;
+}
+
+HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t parameter,
+                                   double value) {
+  if (!hfx_has_effect(self, effect) || parameter > 3) return HFX_ERROR_INDEX;
+  if (hfx_is_within(value, -HFX_HUGE_F32, HFX_HUGE_F32))
+    self->felt[effect].parameters[parameter] = (float)value;
+  return 0;
+}
+
+HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double level) {
+  if (!hfx_has_effect(self, effect)) return HFX_ERROR_INDEX;
+  self->felt[effect].level = hfx_clamped(hfx_positive(level), 0.0, 1.0);
+  return 0;
+}
+
+/* Works one effect out for this moment. */
+static inline void hfx_feel(hfx_body *self, uint32_t index, double seconds) {
+  const unsigned char *model, *effect = hfx_record(self->clip, HFX_EFCT, index);
+  hfx_felt *felt = &self->felt[index];
+  const int is_on = felt->model != HFX_NONE && felt->level > 0.0 && self->is_posed;
+  int i;
+  felt->response = 0.0;
+  if (is_on && hfx_u32(effect + 4)) {
+    felt->response = 1.0;
+  } else if (is_on) {
+    hfx_touch touch;
+    touch.felt = felt;
+    touch.effect = effect;
+    touch.places = self->places;
+    touch.before = self->was_posed ? self->before : NULL;
+    touch.boxes = self->boxes;
+    touch.weights = self->scratch;
+    model = hfx_record(self->clip, HFX_MODL, felt->model);
+    touch.first = hfx_u32(model + 12) - self->first_vertex;
+    touch.count = hfx_u32(model + 16);
+    if (hfx_place(&touch.volume, effect, felt->matrix))
+      felt->response = hfx_respond(self, &touch, self->weights + felt->first_weight, seconds);
+    for (i = 0; i < 12; i++) felt->before[i] = felt->matrix[i];
+  }
+  if (!is_on) felt->was_touched = felt->impact_count = 0;
+  felt->was_on = is_on;
+}
+
+/* Vibrations at one place: within 1 Hz they add, else their powers do. The strongest's frequency. */
+static inline double hfx_together(float *strengths, float *hertz, uint32_t count, double *found_hz) {
+  double power = 0.0, group = 0.0, strongest = 0.0, group_hz = 0.0;
+  uint32_t i, k;
+  for (i = 1; i < count; i++)
+    for (k = i; k && hertz[k] < hertz[k - 1]; k--) {
+      const float strength = strengths[k], hz = hertz[k];
+      strengths[k] = strengths[k - 1], hertz[k] = hertz[k - 1];
+      strengths[k - 1] = strength, hertz[k - 1] = hz;
+    }
+  *found_hz = 0.0;
+  for (i = 0; i < count; i++) {
+    if (i == 0 || hertz[i] > group_hz + 1.0) {
+      power += group * group;
+      group = 0.0;
+      group_hz = hertz[i];
+    }
+    group += strengths[i];
+    if (group > strongest) strongest = group, *found_hz = group_hz;
+  }
+  return sqrt(power + group * group);
+}
+
+/* Gain of an actuator for an effect: weights of the vertices that it reaches. */
+static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, const unsigned char *reaction) {
+  const uint32_t first = hfx_u32(reaction + 24), count = hfx_u32(reaction + 28);
+  double strongest = 0.0, sum = 0.0;
+  uint32_t i;
+  if (!count || hfx_u32(hfx_record(self->clip, HFX_RCHV, first)) >= felt->to) return 0.0;
+  if (hfx_u32(hfx_record(self->clip, HFX_RCHV, first + count - 1)) < felt->from) return 0.0;
+  for (i = 0; i < count; i++) {
+    const unsigned char *at = hfx_record(self->clip, HFX_RCHV, first + i);
+    const double value = self->weights[felt->first_weight + hfx_u32(at)] * hfx_f32(at + 4);
+    if (value > strongest) strongest = value;
+    sum += value;
+  }
+  return hfx_u32(reaction + 12) ? sum / count : strongest;
+}
+
+/* What a reaction does at its actuator, and for vibrations at which frequency. */
+static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target, float *strengths,
+                                  float *hertz, double *found_hz) {
+  const uint32_t modality = hfx_u32(at + 8), effects = hfx_clip_effects(self->clip);
+  double sum = 0.0, wind[3] = {0.0, 0.0, 0.0};
+  uint32_t k, count = 0;
+  for (k = 0; k < effects; k++) {
+    const hfx_felt *felt = &self->felt[k];
+    const unsigned char *effect = hfx_record(self->clip, HFX_EFCT, k);
+    double does;
+    int c;
+    if (felt->model != hfx_u32(at + 4) || !(felt->response > 0.0)) continue;
+    if (hfx_u32(effect + 8) != modality) continue;
+    does = hfx_gain(self, felt, at) * felt->response * felt->level;
+    if (!(does > 0.0)) continue;
+    does *= felt->parameters[0] - (modality == HFX_TEMPERATURE ? hfx_f32(effect + 56) : 0.0f);
+    for (c = 0; c < 3; c++) wind[c] += does * felt->parameters[1 + c];
+    strengths[count] = (float)does;
+    hertz[count++] = felt->parameters[1];
+    sum += does;
+  }
+  *found_hz = 0.0;
+  if (modality == HFX_VIBRATION) sum = hfx_together(strengths, hertz, count, found_hz);
+  if (modality == HFX_WIND) sum = sqrt(wind[0] * wind[0] + wind[1] * wind[1] + wind[2] * wind[2]);
+  if (target != HFX_TEMPERATURE) sum = fabs(sum);
+  if (hfx_f32(at + 20) > 0.0f) *found_hz = hfx_f32(at + 20);
+  return sum * hfx_f32(at + 16);
+}
+
+static inline void hfx_drive(hfx_body *self, float *out) {
+  const hfx_clip *clip = self->clip;
+  const unsigned char *body = hfx_record(clip, HFX_BODY, self->body);
+  const uint32_t first = hfx_u32(body + 12), models = hfx_u32(body + 16);
+  const uint32_t reactions = clip->parts[HFX_REAC].count, effects = hfx_clip_effects(clip);
+  float *of_effects = self->scratch, *of_reactions = self->scratch + 2 * (size_t)effects;
+  uint32_t r = 0;
+  while (r < reactions) {
+    const uint32_t index = hfx_u32(hfx_record(clip, HFX_REAC, r));
+    const unsigned char *actuator = hfx_record(clip, HFX_ACTR, index);
+    const unsigned char *column = hfx_record(clip, HFX_COLM, hfx_u32(actuator + 8));
+    const uint32_t target = hfx_u32(actuator + 4);
+    double sum = 0.0, hz = 0.0;
+    uint32_t count = 0;
+    for (; r < reactions && hfx_u32(hfx_record(clip, HFX_REAC, r)) == index; r++) {
+      const unsigned char *at = hfx_record(clip, HFX_REAC, r);
+      double does;
+      if (hfx_u32(at + 4) - first >= models) continue;
+      does = hfx_reaction(self, at, target, of_effects, of_effects + effects, &hz);
+      if (does == 0.0) continue;
+      sum += does;
+      of_reactions[count] = (float)does;
+      of_reactions[reactions + count++] = (float)hz;
+    }
+    if (!count) continue;
+    if (target == HFX_VIBRATION) sum = hfx_together(of_reactions, of_reactions + reactions, count, &hz);
+    if (target == HFX_TEMPERATURE) sum += hfx_f64(column + 32);
+    out[hfx_u32(actuator + 8)] = (float)hfx_clamped(sum, hfx_f64(column + 16), hfx_f64(column + 24));
+    if (target != HFX_VIBRATION || hfx_u32(actuator + 12) < 2) continue;
+    column += 40;
+    out[hfx_u32(actuator + 8) + 1] = (float)hfx_clamped(hz, hfx_f64(column + 16), hfx_f64(column + 24));
+  }
+}
+
+HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
+  float *spare = self->before;
+  uint32_t k;
+  hfx_neutral(self->clip, out);
+  if (self->body == HFX_NONE) return;
+  seconds = hfx_positive(seconds);
+  self->time_s += seconds;
+  if (self->is_posed) {
+    self->before = self->places;
+    self->places = spare;
+    hfx_pose(self);
+  }
+  for (k = 0; k < hfx_clip_effects(self->clip); k++) hfx_feel(self, k, seconds);
+  self->was_posed = self->is_posed;
+  hfx_drive(self, out);
+}
+
+HFX_API const float *hfx_body_weights(const hfx_body *self, uint32_t effect, uint32_t *count) {
+  const int is_there = hfx_has_effect(self, effect);
+  *count = is_there ? hfx_vertices_of(self->clip, self->felt[effect].model) : 0;
+  return *count ? self->weights + self->felt[effect].first_weight : NULL;
+}
+
+HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect) {
+  return hfx_has_effect(self, effect) ? self->felt[effect].level * self->felt[effect].response : 0.0;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,304 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * How an effect is felt by a body: what it touches, and its response to the touch. Included by
+ * hfx_player.h. */
+#ifndef HFX_RESPONSE_H
+#define HFX_RESPONSE_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { HFX_DISTANCE, HFX_SPEED, HFX_IMPACT, HFX_PROXIMITY, HFX_SINE };
+
+#define HFX_TAU 6.283185307179586
+#define HFX_WEAKEST 1e-4 /* a weaker response is silence */
+#define HFX_FADED 1e-3   /* of its peak: an impact has ended */
+
+typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
+  hfx_felt *felt;
+  const unsigned char *effect;
+  hfx_volume volume;
+  const float *places, *before, *boxes; /* of the body */
+  float *weights;                       /* of the model */
+  uint32_t first, count;                /* vertices of the model among the body's */
+  uint32_t from, to;                    /* those of them that were looked at */
+} hfx_touch;
+
+static inline const unsigned char *hfx_filter(const hfx_body *self, const hfx_touch *touch,
+                                              uint32_t index) {
+  return hfx_record(self->clip, HFX_FLTR, hfx_u32(touch->effect + 60) + index);
+}
+
+static inline double hfx_control(const unsigned char *filter, int index) {
+  return hfx_f32(filter + 12 + 4 * index);
+}
+
+static inline int hfx_is_in_space(const unsigned char *filter) {
+  return hfx_u32(filter) == HFX_DISTANCE || (hfx_u32(filter) == HFX_SINE && hfx_u32(filter + 8) != 2);
+}
+
+/* First vertex from `i` on whose chunk may be within reach. */
+static inline uint32_t hfx_next(const hfx_touch *touch, uint32_t i, float reach) {
+  while (i < touch->count) {
+    const uint32_t chunk = (touch->first + i) / HFX_CHUNK;
+    if ((touch->first + i) % HFX_CHUNK && i) return i; /* this chunk was looked at */
+    if (hfx_is_near(&touch->volume, touch->boxes + 6 * (size_t)chunk, reach)) return i;
+    i = (chunk + 1) * HFX_CHUNK - touch->first;
+  }
+  return touch->count;
+}
+
+/* Widens the range that was looked at to a vertex; the chunk's others get no weight. */
+static inline void hfx_look_at(hfx_touch *touch, uint32_t i) {
+  if (i < touch->from) touch->from = i;
+  if (i >= touch->to) touch->to = i + 1;
+}
+
+/* Weights of what is inside; whether anything is. The weights are 0 before. */
+static inline int hfx_inside(hfx_touch *touch) {
+  int is_touched = 0;
+  uint32_t i;
+  for (i = hfx_next(touch, 0, 0.0f); i < touch->count; i = hfx_next(touch, i + 1, 0.0f)) {
+    float p[3];
+    hfx_moved(touch->volume.to_shape, touch->places + 3 * (size_t)(touch->first + i), p);
+    touch->weights[i] = hfx_weight(&touch->volume, hfx_gauge(&touch->volume, p));
+    if (!(touch->weights[i] > 0.0f)) continue;
+    hfx_look_at(touch, i);
+    is_touched = 1;
+  }
+  return is_touched;
+}
+
+/* Mean speed of touched skin against the volume since the moment before, m/s. */
+static inline double hfx_speed(const hfx_touch *touch, double seconds) {
+  float then[12];
+  double sum = 0.0, weights = 0.0;
+  uint32_t i;
+  if (!touch->before || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
+  if (!hfx_inverse(touch->felt->before, then)) return 0.0;
+  for (i = touch->from; i < touch->to; i++) {
+    const size_t at = 3 * (size_t)(touch->first + i);
+    float p[3], q[3], way[3] = {0.0f, 0.0f, 0.0f};
+    int c;
+    if (!(touch->weights[i] > 0.0f)) continue;
+    hfx_moved(touch->volume.to_shape, touch->places + at, p);
+    hfx_moved(then, touch->before + at, q);
+    for (c = 0; c < 3; c++) {
+      const float *row = touch->volume.to_world + 4 * c;
+      way[c] = row[0] * (p[0] - q[0]) + row[1] * (p[1] - q[1]) + row[2] * (p[2] - q[2]);
+    }
+    sum += touch->weights[i] * sqrt((double)way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+    weights += touch->weights[i];
+  }
+  return weights > 0.0 ? sum / weights / seconds : 0.0;
+}
+
+/* How near untouched skin is, 0 to 1 at the boundary, added to the weights where it is felt. */
+static inline double hfx_near(hfx_touch *touch, const unsigned char *filter, int is_touched) {
+  const double range_m = hfx_control(filter, 1), exponent = hfx_control(filter, 2);
+  double peak = is_touched ? 1.0 : 0.0;
+  int pass;
+  if (!(hfx_control(filter, 0) > 0.0)) return peak;
+  for (pass = is_touched; pass < 2; pass++) { /* the peak, then the weights */
+    uint32_t i = hfx_next(touch, 0, (float)range_m);
+    for (; i < touch->count; i = hfx_next(touch, i + 1, (float)range_m)) {
+      float p[3];
+      double away_m, near;
+      hfx_moved(touch->volume.to_shape, touch->places + 3 * (size_t)(touch->first + i), p);
+      away_m = hfx_gauge(&touch->volume, p) <= 1.0f ? 0.0 : hfx_distance(&touch->volume, p);
+      if (!(away_m < range_m)) continue;
+      near = pow(1.0 - away_m / range_m, exponent);
+      if (pass == 0 && near > peak) peak = near;
+      if (pass == 0 || !(near / peak > touch->weights[i])) continue;
+      touch->weights[i] = (float)(near / peak);
+      hfx_look_at(touch, i);
+    }
+    if (!(peak > 0.0)) break;
+  }
+  return peak;
+}
+
+static inline double hfx_wave(double turns, double depth, double phase) {
+  return 1.0 - 0.5 * depth * (1.0 - sin(HFX_TAU * (turns + phase)));
+}
+
+/* Weights times a filter that has a value for each vertex; whether anything is left. */
+static inline int hfx_over_space(const hfx_touch *touch, const unsigned char *filter) {
+  const float *matrix = touch->volume.to_world;
+  const double influence = hfx_control(filter, 0), near = hfx_control(filter, 1);
+  const double far = hfx_control(filter, 2);
+  double axis[3] = {0.0, 0.0, 0.0}, length = 0.0;
+  int is_left = 0, c;
+  uint32_t i;
+  for (c = 0; c < 3; c++) length += (double)matrix[4 * c + 2] * matrix[4 * c + 2];
+  if (hfx_u32(filter + 8) == 1 && length > 0.0)
+    for (c = 0; c < 3; c++) axis[c] = matrix[4 * c + 2] / sqrt(length);
+  for (i = touch->from; i < touch->to; i++) {
+    const float *place = touch->places + 3 * (size_t)(touch->first + i);
+    double along = 0.0, away_m = 0.0, value;
+    if (!(touch->weights[i] > 0.0f)) continue;
+    for (c = 0; c < 3; c++) along += axis[c] * (place[c] - matrix[4 * c + 3]);
+    for (c = 0; c < 3; c++) {
+      const double off = place[c] - matrix[4 * c + 3] - along * axis[c];
+      away_m += off * off;
+    }
+    away_m = sqrt(away_m);
+    if (hfx_u32(filter) == HFX_DISTANCE) {
+      const double share = hfx_clamped((away_m - near) / (far - near > 1e-9 ? far - near : 1e-9), 0, 1);
+      value = hfx_control(filter, 3) + (hfx_control(filter, 4) - hfx_control(filter, 3)) * share;
+    } else {
+      value = hfx_wave(away_m / (near > 1e-6 ? near : 1e-6), far, hfx_control(filter, 3));
+    }
+    touch->weights[i] *= (float)(1.0 + influence * (value - 1.0));
+    if (!(touch->weights[i] > 0.0f)) touch->weights[i] = 0.0f;
+    is_left |= touch->weights[i] > 0.0f;
+  }
+  return is_left;
+}
+
+/* The envelope of an impact, 1 at its peak; without a time: how long it lasts. */
+static inline double hfx_envelope(const hfx_impact *impact, double since_s, int lasts) {
+  const double a = impact->attack_s, d = impact->decay_s;
+  const double slow = a > d ? a : d, fast = a > d ? d : a;
+  double at, peak;
+  if (fast <= 1e-6 * slow) return lasts ? -slow * log(HFX_FADED) : exp(-since_s / slow);
+  if (slow - fast <= 1e-6 * slow)
+    return lasts ? 12.0 * slow : since_s / slow * exp(1.0 - since_s / slow);
+  at = log(slow / fast) * slow * fast / (slow - fast);
+  peak = exp(-at / slow) - exp(-at / fast);
+  if (!lasts) return (exp(-since_s / slow) - exp(-since_s / fast)) / peak;
+  at = -slow * log(HFX_FADED * peak);
+  return at < 12.0 * slow ? at : 12.0 * slow;
+}
+
+/* A new impact, in the place of the one that ends first where there are too many. */
+static inline void hfx_strike(hfx_felt *felt, const unsigned char *filter, uint32_t index,
+                              double time_s, double speed) {
+  int k, chosen = 0;
+  hfx_impact *made;
+  for (k = 1; k < felt->impact_count; k++)
+    if (felt->impacts[k].ends_s < felt->impacts[chosen].ends_s) chosen = k;
+  if (felt->impact_count < HFX_IMPACTS) chosen = felt->impact_count++;
+  made = &felt->impacts[chosen];
+  made->time_s = time_s;
+  made->strength = hfx_clamped(speed / (hfx_control(filter, 3) > 1e-3 ? hfx_control(filter, 3) : 1e-3), 0.0, 1.0);
+  made->attack_s = hfx_clamped(hfx_control(filter, 1), 0.0, 10.0);
+  made->decay_s = hfx_clamped(hfx_control(filter, 2), 1e-3, 10.0);
+  made->filter = index;
+  made->ends_s = time_s + hfx_envelope(made, 0.0, 1);
+}
+
+static inline double hfx_ringing(hfx_felt *felt, uint32_t index, double time_s) {
+  double sum = 0.0;
+  int k;
+  for (k = 0; k < felt->impact_count; k++) {
+    const hfx_impact *each = &felt->impacts[k];
+    if (each->filter == index) sum += each->strength * hfx_envelope(each, time_s - each->time_s, 0);
+  }
+  return sum;
+}
+
+static inline void hfx_forget_ended(hfx_felt *felt, double time_s) {
+  int k = 0;
+  while (k < felt->impact_count) {
+    if (felt->impacts[k].ends_s > time_s) k++;
+    else felt->impacts[k] = felt->impacts[--felt->impact_count];
+  }
+}
+
+static inline void hfx_clear(hfx_felt *felt, float *weights) {
+  for (; felt->from < felt->to; felt->from++) weights[felt->from] = 0.0f;
+}
+
+/* Whether no skin is near enough for a volume to be felt; then its weights are 0. */
+static inline int hfx_is_far(const hfx_body *self, const hfx_touch *touch, float *weights) {
+  float reach = 0.0f;
+  uint32_t i;
+  for (i = 0; i < hfx_u32(touch->effect + 64); i++) {
+    const unsigned char *filter = hfx_filter(self, touch, i);
+    const double range_m = hfx_u32(filter) == HFX_PROXIMITY ? hfx_control(filter, 1) : 0.0;
+    if (range_m > reach) reach = (float)range_m;
+  }
+  hfx_forget_ended(touch->felt, self->time_s);
+  if (touch->felt->impact_count || hfx_next(touch, 0, reach) < touch->count) return 0;
+  hfx_clear(touch->felt, weights);
+  touch->felt->was_touched = 0;
+  return 1;
+}
+
+/* The response of a volume to its touch, 0 to 1; its weights are those of the last touch while
+ * impacts ring. `seconds` since the moment before. */
+static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weights, double seconds) {
+  hfx_felt *felt = touch->felt;
+  const uint32_t count = hfx_u32(touch->effect + 64);
+  double nearness[16], speed, result;
+  int is_touched, is_any, multiplies = 0, rings;
+  uint32_t i, f;
+  if (hfx_is_far(self, touch, weights)) return 0.0;
+  touch->from = touch->count;
+  touch->to = 0;
+  if (felt->impact_count) { /* what rings is felt where it was touched last */
+    for (i = 0; i < touch->count; i++) touch->weights[i] = 0.0f;
+  } else {
+    hfx_clear(felt, weights);
+    touch->weights = weights;
+  }
+  is_touched = is_any = hfx_inside(touch);
+  speed = count && is_touched ? hfx_speed(touch, seconds) : 0.0;
+  for (f = 0; f < count; f++) {
+    const unsigned char *filter = hfx_filter(self, touch, f);
+    if (hfx_u32(filter) == HFX_IMPACT) multiplies |= hfx_u32(filter + 4) == 0;
+    if (hfx_u32(filter) != HFX_PROXIMITY) continue;
+    nearness[f] = hfx_near(touch, filter, is_touched);
+    is_any |= nearness[f] > 0.0;
+  }
+  for (f = 0; f < count && is_any; f++)
+    if (hfx_is_in_space(hfx_filter(self, touch, f))) {
+      is_any = hfx_over_space(touch, hfx_filter(self, touch, f));
+      is_touched &= is_any;
+    }
+  for (f = 0; f < count; f++) {
+    const unsigned char *filter = hfx_filter(self, touch, f);
+    if (hfx_u32(filter) == HFX_IMPACT && is_touched && !felt->was_touched && felt->was_on && speed > 0.0)
+      hfx_strike(felt, filter, f, self->time_s, speed);
+  }
+  rings = felt->impact_count > 0;
+  if (is_any && touch->weights != weights) {
+    hfx_clear(felt, weights);
+    for (i = touch->from; i < touch->to; i++) weights[i] = touch->weights[i];
+  }
+  if (is_any || touch->weights == weights) felt->from = touch->from, felt->to = touch->to;
+  result = is_touched || (rings && multiplies) ? 1.0 : 0.0;
+  for (f = 0; f < count; f++) {
+    const unsigned char *filter = hfx_filter(self, touch, f);
+    const double influence = hfx_control(filter, 0), still = hfx_control(filter, 1);
+    const uint32_t kind = hfx_u32(filter), operation = hfx_u32(filter + 4);
+    double value = 1.0;
+    if (hfx_is_in_space(filter)) continue;
+    if (kind == HFX_SPEED) {
+      const double full = hfx_control(filter, 2) - still;
+      if (is_touched) felt->speeds[f] = hfx_clamped((speed - still) / (full > 1e-9 ? full : 1e-9), 0.0, 1.0);
+      else if (!rings) felt->speeds[f] = 0.0;
+      value = felt->speeds[f];
+    } else if (kind == HFX_IMPACT) {
+      value = hfx_ringing(felt, f, self->time_s);
+    } else if (kind == HFX_PROXIMITY) {
+      value = nearness[f];
+    } else {
+      value = hfx_wave(self->time_s * still, hfx_control(filter, 2), hfx_control(filter, 3));
+    }
+    if (operation == 0) result *= 1.0 + influence * (value - 1.0);
+    else if (operation == 1) result += influence * value;
+    else if (influence * value > result) result = influence * value;
+  }
+  felt->was_touched = is_touched;
+  result = hfx_clamped(result, 0.0, 1.0);
+  return result >= HFX_WEAKEST && (is_any || rings) ? result : 0.0;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compares the spatial core with the engine at tolerance ``paper``, on walking avatars.
+
+``python tests/players/check_spatial.py --walkers 5 --seconds 10`` prints, for volumes alone and
+with responses, the share of samples (an effect, a vertex of the level, a moment at which either
+feels it) whose weight times level is within 1/255 of the engine's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from core_library import Body, Clip
+from walkers import RATE_HZ, Walk, walk
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.body.levels import at_level, level_count
+from hfx_blender.engine.body.model import PerceptualModel, load_model
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.rendering.device import DeviceConfig
+from hfx_blender.engine.rendering.render import Renderer
+from hfx_blender.engine.samples import SampleRun
+from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.engine.track import TrackHeader
+from hfx_blender.formats.clip import rules
+from hfx_blender.formats.clip.container import texts_at
+from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
+from hfx_blender.formats.clip.writing import write
+
+DEVICES = ("oculus_touch", "pressure_vest", "fan_heater")
+
+
+@dataclass
+class Shares:
+    """Samples that were compared."""
+
+    samples: int = 0
+    within: int = 0
+    values: int = 0
+    values_within: int = 0
+
+
+def compare(made: Walk, folder: Path, level: int, shares: Shares) -> None:
+    """Let engine and core feel one walk; at level 0 what each actuator is given, too."""
+    whole = _models(made)
+    coarse = {
+        id: replace(at_level(model, _least(model, level))[0], id=id) for id, model in whole.items()
+    }
+    runs = Engine(made.scene, models=coarse.__getitem__, tolerance=PAPER).evaluate(made.block)
+    path, bones, given = _written(made, folder, level, runs if level == 0 else [])
+    sections = rules.read(path.read_bytes(), str(path))
+    body = Body(Clip(path.read_bytes()))
+    assert body.error == 0
+    felt = {run.stream.effect_id: run for run in runs}
+    models_at = {
+        text: _ranks(sections["VERT"]["id"][int(at["first_vertex"]) :][: int(at["vertices"])])
+        for text, at in zip(
+            texts_at(sections, sections["MODL"]["id"]), sections["MODL"], strict=True
+        )
+    }
+    for row in range(len(made.matrices)):
+        body.set_bones(made.matrices[row, bones])
+        for k, animated in enumerate(made.block.effects):
+            body.set_volume(k, animated.matrices[row, :3])
+            body.trigger(k, float(animated.levels[row]))
+        out = body.evaluate(1.0 / RATE_HZ if row else 0.0)
+        if level == 0:
+            full = sections["COLM"]["highest"] - sections["COLM"]["lowest"]
+            differs = np.abs(out - given[row]) > full / 255.0
+            is_given = (given[row] != sections["COLM"]["neutral"]) | differs
+            shares.values += int(np.count_nonzero(is_given))
+            shares.values_within += int(np.count_nonzero(is_given & ~differs))
+        for k, effect in enumerate(made.scene.effects):
+            found = body.weights(k) * body.level(k)
+            expected = _expected(felt.get(effect.id), row, len(coarse[effect.model_id]))[
+                models_at[effect.model_id]
+            ]
+            is_felt = (found > 0.0) | (expected > 0.0)
+            shares.samples += int(np.count_nonzero(is_felt))
+            is_right = np.abs(found - expected) <= 1.0 / 255.0
+            shares.within += int(np.count_nonzero(is_felt & is_right))
+
+
+def clip_of(made: Walk, folder: Path, level: int) -> tuple[Path, list[int]]:
+    """Clip of a walk, and which bones of the walk it has."""
+    return _written(made, folder, level, [])[:2]
+
+
+def _models(made: Walk) -> dict[str, PerceptualModel]:
+    return {each.model_id: load_model(each.model_id) for each in made.scene.effects}
+
+
+def _written(
+    made: Walk, folder: Path, level: int, runs: list[SampleRun]
+) -> tuple[Path, list[int], np.ndarray]:
+    """Clip of a walk, its bones, and what the devices are given of some runs, (T, C)."""
+    header = TrackHeader.of(made.scene, _models(made), settings={}, tools={})
+    played = []
+    for device in (_unheld(load_device(each)) for each in DEVICES):
+        renderer = Renderer(header, device, compensates_latency=False)
+        renderer.add(runs)
+        played.append((device, renderer.raster()))
+    recorder = SpatialRecorder(made.scene)
+    recorder.add(made.block)
+    (path,) = write(header, played, folder / "walk", recorder, level).files
+    sections = rules.read(path.read_bytes(), str(path))
+    number = {name: k for k, name in enumerate(made.scene.bodies[0].binding.bone_names)}
+    bones = [number[each] for each in texts_at(sections, sections["BONE"]["name"])]
+    return path, bones, np.concatenate([raster.values for _, raster in played], axis=1)
+
+
+def _unheld(device: DeviceConfig) -> DeviceConfig:
+    """A device whose actuators may change at any row: the core leaves holding to the output."""
+    free = tuple(
+        replace(each, type=replace(each.type, update_interval_ms=0.0)) for each in device.actuators
+    )
+    return replace(device, actuators=free)
+
+
+def _ranks(ids: np.ndarray) -> np.ndarray:
+    """Place of each vertex among those of the level, which ascend."""
+    return np.asarray(np.argsort(np.argsort(ids)))
+
+
+def _least(model: PerceptualModel, level: int) -> int:
+    return min(level, level_count(model))
+
+
+def _expected(run: SampleRun | None, row: int, count: int) -> np.ndarray:
+    """Weight times level of each vertex of a model at a row, by the engine."""
+    dense = np.zeros(count)
+    if run is None:
+        return dense
+    at = np.flatnonzero(run.indices == row)
+    if len(at):
+        j = int(run.set_of[at[0]])
+        part = slice(int(run.offsets[j]), int(run.offsets[j + 1]))
+        dense[run.vertices[part]] = run.weights[part] * run.levels[at[0]]
+    return dense
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--walkers", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--level", type=int, default=1)
+    options = parser.parse_args()
+    for responds in (False, True):
+        shares = Shares()
+        with tempfile.TemporaryDirectory() as name:
+            for seed in range(options.walkers):
+                made = walk(seed, options.seconds, responds=responds)
+                compare(made, Path(name), options.level, shares)
+        what = "with responses" if responds else "volumes alone"
+        share = shares.within / max(shares.samples, 1)
+        sys.stdout.write(f"{what}: {shares.samples} samples, {share:.5%} within 1/255\n")
+        if shares.values:
+            share = shares.values_within / shares.values
+            sys.stdout.write(f"  {shares.values} values of actuators, {share:.3%} within 1/255\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * Throws damaged clips at the core: "fuzz SEED INPUTS CLIP..." changes the clips, sets size and
+ * checksum right, opens and plays each, and evaluates a body of it. Compiled with the address and
+ * undefined-behaviour sanitizers, which end the program at the first finding. */
+#include "hfx_player.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static uint64_t state;
+
+static uint32_t drawn(uint32_t below) { /* xorshift64* of Vigna */
+  state ^= state >> 12;
+  state ^= state << 25;
+  state ^= state >> 27;
+  return (uint32_t)((state * 2685821657736338717ull) >> 33) % (below ? below : 1);
+}
+
+static void put(unsigned char *at, uint32_t number) {
+  int i;
+  for (i = 0; i < 4; i++) at[i] = (unsigned char)(number >> 8 * i);
+}
+
+static size_t damaged(const unsigned char *clip, size_t size, unsigned char *found) {
+  static const uint32_t strange[] = {0, 1, 2, 3, 7, 8, 0x7F, 0x80, 0xFF, 0xFFFF, 0x10000,
+                                     0x7FFFFFFF, 0x80000000, 0xFFFFFFFE, 0xFFFFFFFF, 0x7FC00000,
+                                     0x7F800000, 0xFF800000, 0x7F7FFFFF, 0x3F800000};
+  uint32_t changes = 1 + drawn(3);
+  memcpy(found, clip, size);
+  for (; changes; changes--) {
+    const uint32_t way = drawn(16);
+    size_t at = 20 + drawn((uint32_t)size - 23);
+    if (way < 2) found[at] = (unsigned char)drawn(256);
+    else if (way == 2 && size > 48) size = 24 + drawn((uint32_t)size - 24);
+    else {
+      at -= at % 4;
+      if (way < 8) put(found + at, strange[drawn(sizeof strange / sizeof *strange)]);
+      else if (way < 13) put(found + at, hfx_u32(found + at) + drawn(9) - 4);
+      else put(found + at, hfx_u32(found + 24 + 4 * drawn((uint32_t)(size - 24) / 4)));
+    }
+    if (size < 32) break;
+  }
+  put(found + 12, (uint32_t)size);
+  put(found + 16, hfx_crc32(found + 20, size - 20));
+  return size;
+}
+
+static void play(const hfx_clip *clip) {
+  const uint32_t columns = hfx_clip_columns(clip);
+  float *out = (float *)malloc(4 * (size_t)columns + 1);
+  hfx_player player;
+  hfx_named_clip named;
+  hfx_device device;
+  hfx_actuator actuator;
+  hfx_column column;
+  hfx_bone bone;
+  hfx_effect effect;
+  uint32_t i, sum = 0;
+  for (i = 0; !hfx_clip_device(clip, i, &device); i++) sum += (uint32_t)strlen(device.body);
+  for (i = 0; !hfx_clip_actuator(clip, i, &actuator); i++) sum += (uint32_t)strlen(actuator.bone);
+  for (i = 0; !hfx_clip_column(clip, i, &column); i++) sum += (uint32_t)strlen(column.unit);
+  for (i = 0; !hfx_clip_bone(clip, 0, i, &bone); i++) sum += (uint32_t)strlen(bone.human);
+  for (i = 0; !hfx_clip_effect(clip, i, &effect); i++) sum += (uint32_t)strlen(effect.name);
+  hfx_player_play(&player, clip);
+  hfx_player_loop(&player, (int)drawn(2));
+  hfx_player_gain(&player, drawn(4));
+  if (columns) hfx_player_set_parameter(&player, column.parameter, 1.5);
+  for (i = 0; i < 4; i++) hfx_player_advance(&player, drawn(100) * 0.01 * (1 + drawn(50) * i), out);
+  hfx_player_seek(&player, drawn(1000) * 0.01);
+  hfx_player_advance(&player, 1e300, out);
+  if (!hfx_clip_named_clip(clip, 0, &named)) hfx_player_play_named(&player, clip, named.name);
+  hfx_player_advance(&player, 0.05, out);
+  hfx_player_silence(&player, out);
+  for (i = 0; i < columns; i++)
+    if (!(out[i] - out[i] == 0.0f)) abort(); /* no finite number */
+  free(out);
+  (void)sum;
+}
+
+static void feel(const hfx_clip *clip) {
+  const size_t size = hfx_body_bytes(clip, 0);
+  const uint32_t bones = hfx_clip_bones(clip, 0), columns = hfx_clip_columns(clip);
+  float *matrices, *out, turned[12] = {0};
+  uint32_t i, k, count;
+  void *memory;
+  hfx_body body;
+  if (!size || size > 1 << 26) return;
+  memory = malloc(size);
+  out = (float *)malloc(4 * (size_t)columns + 1);
+  matrices = (float *)calloc(12 * (size_t)bones + 1, 4);
+  if (!hfx_body_open(&body, clip, 0, memory, size)) {
+    for (k = 0; k < 3; k++) {
+      for (i = 0; i < 12 * bones; i++)
+        matrices[i] = (i % 12) % 5 == 0 && i % 12 < 11 ? 1.0f : 0.01f * (float)drawn(10);
+      hfx_body_set_bones(&body, matrices);
+      for (i = 0; i < 12; i++) turned[i] = (float)drawn(2000) * 0.001f - 1.0f;
+      if (hfx_clip_effects(clip)) hfx_body_set_volume(&body, drawn(hfx_clip_effects(clip)), turned);
+      for (i = 0; i < hfx_clip_effects(clip); i++) hfx_body_trigger(&body, i, 1.0);
+      hfx_body_evaluate(&body, 0.02, out);
+      for (i = 0; i < hfx_clip_effects(clip); i++) hfx_body_weights(&body, i, &count);
+      for (i = 0; i < columns; i++)
+        if (!(out[i] - out[i] == 0.0f)) abort();
+    }
+  }
+  free(memory);
+  free(out);
+  free(matrices);
+}
+
+int main(int count, char **given) {
+  unsigned long inputs, done, opened = 0;
+  unsigned char *clips[64];
+  size_t sizes[64];
+  int known = 0, k;
+  if (count < 4) return 2;
+  state = strtoull(given[1], NULL, 10) * 2 + 88172645463325253ull;
+  inputs = strtoul(given[2], NULL, 10);
+  for (k = 3; k < count && known < 64; k++, known++) {
+    FILE *file = fopen(given[k], "rb");
+    if (!file) return 2;
+    clips[known] = (unsigned char *)malloc(1 << 22);
+    sizes[known] = fread(clips[known], 1, 1 << 22, file);
+    fclose(file);
+  }
+  for (done = 0; done < inputs; done++) {
+    const uint32_t chosen = drawn((uint32_t)known);
+    /* of just its size, so that each byte past it is found */
+    unsigned char *found = (unsigned char *)malloc(sizes[chosen]), *exact;
+    const size_t size = damaged(clips[chosen], sizes[chosen], found);
+    hfx_clip clip;
+    exact = (unsigned char *)malloc(size);
+    memcpy(exact, found, size);
+    free(found);
+    if (hfx_clip_open(&clip, exact, size) == 0) {
+      opened++;
+      play(&clip);
+      feel(&clip);
+    }
+    free(exact);
+  }
+  for (k = 0; k < known; k++) free(clips[k]);
+  printf("%lu %lu\n", done, opened);
+  return 0;
+}

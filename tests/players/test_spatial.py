@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The spatial core feels what the engine feels, and drives the actuators that reach it."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from check_spatial import Shares, compare
+from core_library import Body, Clip
+from small_clip import write_small_clip
+from walkers import walk
+
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.body.model import load_model, load_skeleton
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.rendering.render import render
+from hfx_blender.engine.scene import (
+    AnimationBlock,
+    BodyDescription,
+    EffectBlock,
+    EffectDescription,
+    PaintedArea,
+    PoseBlock,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.track import TrackHeader
+from hfx_blender.formats.clip import rules
+from hfx_blender.formats.clip.common_rigs import rig_names
+from hfx_blender.formats.clip.container import texts_at
+from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
+from hfx_blender.formats.clip.writing import write
+
+
+@pytest.mark.parametrize(("level", "seconds"), [(2, 0.25), (0, 0.04)])
+def test_a_walker_feels_volumes_as_the_engine_at_tolerance_paper(
+    level: int, seconds: float, tmp_path: Path
+) -> None:
+    shares = Shares()
+    compare(walk(2, seconds, responds=True), tmp_path, level, shares)
+    assert shares.samples > 5000
+    assert shares.within >= 0.999 * shares.samples
+    assert shares.values == shares.values_within  # at level 0: what actuators are given
+    assert (shares.values > 0) == (level == 0)
+
+
+def test_a_painted_area_drives_the_actuators_that_reach_it(tmp_path: Path) -> None:
+    model = load_model("hfx-vibration-1")
+    palm = np.flatnonzero((model.part == PARTS.index("hand_palm")) & (model.vertices[:, 0] > 0.0))
+    area = PaintedArea("b", palm.astype(np.int32), np.full(len(palm), 0.5, np.float32))
+    effect = EffectDescription("e", "Engine", "vibration", model.id, area)
+    binding = SkinBinding(load_skeleton().bone_names)
+    scene = SceneDescription(
+        TimeBase(Fraction(50), Fraction(50), 0, 0, 1),
+        (BodyDescription("b", "Anna", binding),),
+        (effect,),
+    )
+    animated = EffectBlock(np.array([0.25, 1.0]), np.tile([12.0, 90.0], (2, 1)))
+    still = PoseBlock(np.ones(2, np.bool_), np.tile(np.eye(4), (2, 1, 1)))
+    recorder = SpatialRecorder(scene)
+    recorder.add(AnimationBlock(np.arange(2), (animated,), (still,)))
+    header = TrackHeader.of(scene, {model.id: model}, settings={}, tools={})
+    device = load_device("oculus_touch")
+    (path,) = write(header, [(device, render(header, [], device))], tmp_path / "x", recorder).files
+    sections = rules.read(path.read_bytes(), "x")
+    assert sections["EFCT"]["level"].tolist() == [1.0]  # the highest
+    body = Body(Clip(path.read_bytes()))
+    bones = len(sections["BONE"])
+    body.set_bones(np.tile(np.eye(4)[:3], (bones, 1, 1)))
+    assert body.evaluate(0.02).tolist() == [0, 160, 0, 160]  # off until it is triggered
+    assert body.trigger(0, 0.8) == 0
+    # Weight 0.5 * level 0.8 * 12 m/s^2; the motor has 160 Hz only. The right hand feels nothing.
+    assert body.evaluate(0.02).tolist() == pytest.approx([4.8, 160, 0, 160], rel=1e-6)
+    assert body.set_parameter(0, 0, 30.0) == 0
+    assert body.evaluate(0.02)[0] == 10.0  # the motor's limit
+    assert body.trigger(1, 1.0) == -6
+    human = texts_at(sections, sections["BONE"]["human"])
+    assert {"leftHand", "hips", "head", "rightLowerLeg"} <= set(human)
+
+
+def test_bones_have_the_names_of_common_rigs() -> None:
+    found = {
+        name: tuple(vars(rig_names(name)).values())
+        for name in ("upperarm02.L", "finger1-2.R", "finger5-1.L", "root", "wrist.R")
+    }
+    assert found == {
+        "upperarm02.L": ("leftUpperArm", "LeftArm", "upperarm_l"),
+        "finger1-2.R": ("rightThumbProximal", "RightHandThumb2", "thumb_02_r"),
+        "finger5-1.L": ("leftLittleProximal", "LeftHandPinky1", "pinky_01_l"),
+        "root": ("hips", "Hips", "pelvis"),
+        "wrist.R": ("rightHand", "RightHand", "hand_r"),
+    }
+    assert all(rig_names(name).human for name in load_skeleton().bone_names)
+
+
+def test_a_clip_with_every_kind_of_record_is_valid_and_felt(tmp_path: Path) -> None:
+    content = write_small_clip(tmp_path).read_bytes()
+    assert rules.validate(content, "x") == []
+    body = Body(Clip(content))
+    body.set_bones(np.tile(np.eye(4)[:3], (2, 1, 1)))
+    assert body.trigger(4, 1.0) == 0
+    # Painted: weights 0, 0.2 ... 0.8 of vertices 0 to 4; the volumes stand at the origin.
+    body.evaluate(0.02)
+    assert body.weights(4)[:6] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 0])
+    assert body.level(4) == 1.0
